@@ -1,0 +1,75 @@
+"""Every exception that this package raises on purpose.
+
+::
+
+    PyRobocopError
+    ├── ModelError (ValueError)          what the user stated cannot be built
+    │   ├── SchemeError                  a collocation scheme that does not exist or is inconsistent
+    │   ├── MeshError                    element boundaries that are no mesh
+    │   ├── DeclarationError             a state, control, ... or phase option that contradicts itself
+    │   ├── TranscriptionError           equations that do not fit the declared variables
+    │   ├── GuessError                   an initial guess of the wrong shape, or not finite
+    │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
+    ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
+    ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
+    └── TrajectoryError (ValueError)     a trajectory that cannot be read, evaluated or verified
+
+`ModelError` and `TrajectoryError` are `ValueError` as well, so that code which knows nothing of this
+package, Pyomo's own included, treats them as what they are: bad values.
+"""
+
+from __future__ import annotations
+
+
+class PyRobocopError(Exception):
+    """Root of the tree: catching it catches everything that the package raises on purpose."""
+
+
+class ModelError(PyRobocopError, ValueError):
+    """What the user stated cannot be built."""
+
+
+class SchemeError(ModelError):
+    """A collocation scheme that does not exist or whose tableau is inconsistent."""
+
+
+class MeshError(ModelError):
+    """Element boundaries that do not form a mesh."""
+
+
+class DeclarationError(ModelError):
+    """A declaration (state, control, phase option) that contradicts itself or another one."""
+
+
+class TranscriptionError(ModelError):
+    """Equations that do not fit the declared variables."""
+
+
+class GuessError(ModelError):
+    """An initial guess that has the wrong length, the wrong type or values that are not finite."""
+
+
+class ComplementarityError(ModelError):
+    """A pair that cannot be brought into the form ``0 <= a ⟂ b >= 0``."""
+
+
+class SolverNotFoundError(PyRobocopError):
+    """No Ipopt, or no derivatives for it, could be found; the message lists the remedies."""
+
+
+class SolveFailed(PyRobocopError, RuntimeError):
+    """A solve ended without the point that was asked for.
+
+    Attributes
+    ----------
+    result : object or None
+        The result whose ``raise_for_status`` raised; the best point found is on the model.
+    """
+
+    def __init__(self, message: str, result: object = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+class TrajectoryError(PyRobocopError, ValueError):
+    """A trajectory that cannot be read, evaluated or verified."""

@@ -1,0 +1,1 @@
+"""Collocation schemes, Lagrange bases and meshes: NumPy only, no model."""

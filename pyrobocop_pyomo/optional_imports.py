@@ -1,0 +1,22 @@
+"""The only place that tries packages which are not required.
+
+Each name is a deferred module: nothing is imported before its first attribute is used, so
+``import pyrobocop_pyomo`` stays quick and works without any extra. Where the package is missing, that first
+use raises a `ModuleNotFoundError` that names the extra to install.
+"""
+
+from __future__ import annotations
+
+from pyomo.common.dependencies import attempt_import
+
+
+def _remedy(package: str, extra: str) -> str:
+    return f"{package} is needed here and is not installed. Run: pip install 'pyrobocop_pyomo[{extra}]'"
+
+
+casadi, casadi_available = attempt_import("casadi", error_message=_remedy("CasADi", "ipopt"))
+highspy, highspy_available = attempt_import("highspy", error_message=_remedy("HiGHS", "certify"))
+matplotlib, matplotlib_available = attempt_import(
+    "matplotlib", error_message=_remedy("Matplotlib", "plot"), deferred_submodules=["pyplot"]
+)
+pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))

@@ -1,0 +1,1 @@
+"""Finding Ipopt, running it in process, and solving complementarity problems by continuation."""
