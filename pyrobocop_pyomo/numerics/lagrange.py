@@ -1,0 +1,106 @@
+"""Lagrange bases on a few nodes in [0, 1]: values, derivatives and integrals as matrices.
+
+Everything goes through barycentric weights, which keep full precision where monomials lose it: a dozen nodes
+differentiate polynomials of their degree to about 1e-12.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def barycentric_weights(nodes: ArrayLike) -> Array:
+    """Weights ``w[j] = 1 / prod_{k != j} (nodes[j] - nodes[k])``, shape ``(n,)``.
+
+    References
+    ----------
+    Berrut & Trefethen, Barycentric Lagrange interpolation, eq. (3.2), doi:10.1137/S0036144502417715
+    """
+    nodes = np.asarray(nodes, dtype=float)
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    return 1.0 / gaps.prod(axis=1)
+
+
+def evaluation_matrix(nodes: ArrayLike, at: ArrayLike) -> Array:
+    """Matrix ``E`` with ``p(at) = E @ p(nodes)`` for every polynomial of degree below ``len(nodes)``.
+
+    Parameters
+    ----------
+    nodes : array, shape (n,)
+        Distinct interpolation nodes.
+    at : array, shape (m,)
+        Where to evaluate.
+
+    Returns
+    -------
+    array, shape (m, n)
+        ``E[i, j]`` is the Lagrange polynomial of node ``j`` at ``at[i]``.
+    """
+    nodes, at = np.asarray(nodes, dtype=float), np.atleast_1d(np.asarray(at, dtype=float))
+    gaps = at[:, None] - nodes[None, :]
+    hits = gaps == 0.0
+    terms = barycentric_weights(nodes) / np.where(hits, 1.0, gaps)
+    matrix = terms / terms.sum(axis=1, keepdims=True)
+    # On a node the barycentric quotient is infinite: the row is a unit vector there.
+    on_a_node = hits.any(axis=1)
+    matrix[on_a_node] = hits[on_a_node]
+    return matrix
+
+
+def differentiation_matrix(nodes: ArrayLike, at: ArrayLike | None = None) -> Array:
+    """Matrix ``D`` with ``p'(at) = D @ p(nodes)`` for every polynomial of degree below ``len(nodes)``.
+
+    Parameters
+    ----------
+    nodes : array, shape (n,)
+        Distinct interpolation nodes.
+    at : array, shape (m,), optional
+        Where to differentiate; the nodes themselves by default.
+
+    Returns
+    -------
+    array, shape (m, n)
+
+    References
+    ----------
+    Berrut & Trefethen, Barycentric Lagrange interpolation, eqs. (9.4)-(9.5), doi:10.1137/S0036144502417715
+    """
+    nodes = np.asarray(nodes, dtype=float)
+    weights = barycentric_weights(nodes)
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    matrix = (weights[None, :] / weights[:, None]) / gaps
+    np.fill_diagonal(matrix, 0.0)
+    # A constant has derivative zero: the diagonal as minus the row sum keeps that exact to rounding.
+    np.fill_diagonal(matrix, -matrix.sum(axis=1))
+    if at is None:
+        return matrix
+    # p' has lower degree than p, so its values at the nodes determine it everywhere.
+    return evaluation_matrix(nodes, at) @ matrix
+
+
+def integration_matrix(nodes: ArrayLike, upper: ArrayLike) -> Array:
+    """Matrix ``A`` with ``integral of p over [0, upper[i]] = A[i] @ p(nodes)``.
+
+    Exact for polynomials of degree below ``len(nodes)``: each integral is a Gauss-Legendre sum with
+    enough points, which never forms monomials.
+
+    Parameters
+    ----------
+    nodes : array, shape (n,)
+        Distinct interpolation nodes.
+    upper : array, shape (m,)
+        Upper limits.
+
+    Returns
+    -------
+    array, shape (m, n)
+    """
+    nodes, upper = np.asarray(nodes, dtype=float), np.atleast_1d(np.asarray(upper, dtype=float))
+    gauss, weights = np.polynomial.legendre.leggauss(max(1, (len(nodes) + 1) // 2))
+    unit, unit_weights = (gauss + 1.0) / 2.0, weights / 2.0
+    return np.array([end * (unit_weights @ evaluation_matrix(nodes, end * unit)) for end in upper])

@@ -1,0 +1,128 @@
+"""A mesh of elements, and the grid of times that a scheme lays on it. Boundaries are never rounded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import MeshError
+
+from .schemes import CollocationScheme
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Element boundaries ``t_0 < t_1 < ... < t_N``.
+
+    Attributes
+    ----------
+    boundaries : tuple of float, length N + 1
+        Exactly as given; nothing is rounded.
+
+    Raises
+    ------
+    MeshError
+        With fewer than two boundaries, values that are not finite, or boundaries that do not increase.
+    """
+
+    boundaries: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.boundaries) < 2:
+            elements = max(len(self.boundaries) - 1, 0)
+            raise MeshError(
+                f"a mesh of {elements} elements; at least one element, hence two boundaries, is needed."
+            )
+        array = np.asarray(self.boundaries, dtype=float)
+        if not np.isfinite(array).all():
+            i = int(np.flatnonzero(~np.isfinite(array))[0])
+            raise MeshError(f"mesh boundary {i} is {array[i]}; boundaries must be finite numbers.")
+        steps = np.diff(array)
+        if (steps <= 0).any():
+            i = int(np.flatnonzero(steps <= 0)[0])
+            raise MeshError(
+                f"mesh boundaries must increase, but boundary {i} is {array[i]:g} and boundary {i + 1} is "
+                f"{array[i + 1]:g}. Sort them and remove doubles."
+            )
+
+    @classmethod
+    def uniform(cls, start: float, end: float, elements: int) -> Mesh:
+        """``elements`` elements of equal width between ``start`` and ``end``."""
+        if isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or elements < 1:
+            raise MeshError(f"elements = {elements!r}; expected an integer of at least 1.")
+        # Multiply before dividing: 10 * 3 / 100 is 0.3, where 3 * (10 / 100) is not.
+        inner = [start + (end - start) * i / elements for i in range(elements)]
+        return cls((*inner, float(end)))
+
+    @classmethod
+    def given(cls, boundaries: Sequence[float]) -> Mesh:
+        """A mesh on the user's own boundaries."""
+        return cls(tuple(float(value) for value in boundaries))
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return len(self.boundaries) - 1
+
+    @cached_property
+    def widths(self) -> Array:
+        """Width of each element, shape ``(N,)``."""
+        return np.diff(np.asarray(self.boundaries))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The times of a scheme on a mesh.
+
+    Attributes
+    ----------
+    scheme : CollocationScheme
+    mesh : Mesh
+    stage_times : tuple of tuples, N x s
+        Times of the collocation points of each element.
+    """
+
+    scheme: CollocationScheme
+    mesh: Mesh
+
+    @cached_property
+    def stage_times(self) -> tuple[tuple[float, ...], ...]:
+        """Times of the collocation points, one tuple of ``s`` per element."""
+        rows = []
+        for i, width in enumerate(self.mesh.widths):
+            start, end = self.mesh.boundaries[i : i + 2]
+            times = [float(start + width * c) for c in self.scheme.c]
+            if self.scheme.stiffly_accurate:
+                times[-1] = end  # the very same float, so that it is the same index
+            rows.append(tuple(times))
+        return tuple(rows)
+
+    @cached_property
+    def points(self) -> tuple[float, ...]:
+        """All collocation points in order, ``N * s`` of them: where equations hold and controls live."""
+        return tuple(time for row in self.stage_times for time in row)
+
+    @cached_property
+    def times(self) -> tuple[float, ...]:
+        """Boundaries and collocation points in order: where states live."""
+        return tuple(sorted({*self.mesh.boundaries, *self.points}))
+
+    @cached_property
+    def element_of(self) -> dict[float, int]:
+        """Element number of each collocation point."""
+        return {time: i for i, row in enumerate(self.stage_times) for time in row}
+
+    @cached_property
+    def quadrature_weights(self) -> dict[float, float]:
+        """``h_i b_k`` of each collocation point: running costs are sums with these weights."""
+        return {
+            time: float(width * weight)
+            for width, row in zip(self.mesh.widths, self.stage_times, strict=True)
+            for weight, time in zip(self.scheme.b, row, strict=True)
+        }

@@ -1,0 +1,112 @@
+"""Laws of the collocation schemes: exactness, order, symmetry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pyrobocop_pyomo.errors import SchemeError
+from pyrobocop_pyomo.numerics import (
+    CollocationScheme,
+    differentiation_matrix,
+    evaluation_matrix,
+    find_scheme,
+    gauss_legendre,
+    integration_matrix,
+    radau,
+)
+
+STAGES = range(1, 13)
+SCHEMES = [scheme(s) for scheme in (radau, gauss_legendre) for s in STAGES]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+def test_state_polynomials_are_differentiated_exactly(scheme: CollocationScheme) -> None:
+    for degree in range(scheme.stages + 1):
+        values = scheme.state_nodes**degree
+        expected = degree * scheme.c ** max(degree - 1, 0)
+        np.testing.assert_allclose(scheme.D @ values, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+def test_quadrature_is_exact_below_the_order(scheme: CollocationScheme) -> None:
+    for degree in range(scheme.order):
+        assert scheme.b @ scheme.c**degree == pytest.approx(1 / (degree + 1), abs=1e-13)
+
+
+@pytest.mark.parametrize("stages", STAGES)
+def test_computed_order_is_the_known_one(stages: int) -> None:
+    assert radau(stages).order == 2 * stages - 1
+    assert gauss_legendre(stages).order == 2 * stages
+
+
+def test_order_is_computed_from_the_points_and_not_from_the_name() -> None:
+    # One doubled digit in the middle point of radau(3): the order drops from 5 to 3.
+    assert CollocationScheme.from_points("typed", [0.155051, 0.6444949, 1.0]).order == 3
+
+
+@pytest.mark.parametrize("stages", STAGES)
+def test_differential_and_integral_forms_are_inverses(stages: int) -> None:
+    # x_i = x_0 + sum_j A_ij xdot_j  and  xdot_i = sum_j D_ij x_j describe the same polynomial.
+    for scheme in (radau(stages), gauss_legendre(stages)):
+        np.testing.assert_allclose(scheme.D[:, 1:] @ scheme.A, np.eye(stages), atol=1e-9)
+        np.testing.assert_allclose(scheme.end_weights[1:] @ scheme.A, scheme.b, atol=1e-9)
+
+
+@pytest.mark.parametrize("stages", STAGES)
+def test_gauss_points_are_symmetric_and_radau_ends_in_one(stages: int) -> None:
+    gauss = gauss_legendre(stages)
+    np.testing.assert_allclose(gauss.c + gauss.c[::-1], 1.0, atol=1e-15)
+    assert not gauss.stiffly_accurate
+    assert radau(stages).stiffly_accurate
+
+
+def test_one_stage_members_are_the_euler_and_midpoint_rules() -> None:
+    euler, midpoint = find_scheme("implicit_euler"), find_scheme("implicit_midpoint")
+    assert (euler.c[0], euler.A[0, 0], euler.b[0]) == (1.0, 1.0, 1.0)
+    assert (midpoint.c[0], midpoint.A[0, 0], midpoint.b[0]) == pytest.approx((0.5, 0.5, 1.0))
+
+
+@settings(deadline=None)
+@given(
+    nodes=st.lists(st.integers(0, 100), min_size=2, max_size=8, unique=True),
+    coefficients=st.lists(st.floats(-3, 3), min_size=1, max_size=8),
+    at=st.floats(0, 1),
+)
+def test_lagrange_matrices_reproduce_any_polynomial(nodes: list[int], coefficients: list[float], at: float) -> None:
+    tau = np.sort(np.array(nodes) / 100)
+    polynomial = np.polynomial.Polynomial(coefficients[: len(tau)])
+    scale = 1e-6 * (1 + np.abs(evaluation_matrix(tau, [at])).max())
+    assert (evaluation_matrix(tau, [at]) @ polynomial(tau))[0] == pytest.approx(polynomial(at), abs=scale)
+    slope_scale = 1e-9 * (1 + np.abs(differentiation_matrix(tau)).max() ** 2)
+    np.testing.assert_allclose(
+        differentiation_matrix(tau) @ polynomial(tau), polynomial.deriv()(tau), atol=slope_scale
+    )
+    area_scale = 1e-9 * (1 + np.abs(integration_matrix(tau, [at])).max())
+    area = polynomial.integ()(at) - polynomial.integ()(0.0)
+    assert (integration_matrix(tau, [at]) @ polynomial(tau))[0] == pytest.approx(area, abs=area_scale)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("runge", 3), "unknown scheme 'runge'; known are 'radau', 'gauss'"),
+        (("radau", 0), "radau: stages = 0; expected an integer of at least 1"),
+        (("gauss", 2.0), r"gauss: stages = 2\.0; expected an integer"),
+        (("implicit_euler", 2), "'implicit_euler' has one stage, but stages = 2"),
+        ((radau(2), 3), r"radau\(2\) has 2 stages, but stages = 3"),
+    ],
+)
+def test_a_scheme_that_does_not_exist_is_refused(arguments: tuple, message: str) -> None:
+    with pytest.raises(SchemeError, match=message):
+        find_scheme(*arguments)
+
+
+def test_an_inconsistent_tableau_is_refused() -> None:
+    good = radau(2)
+    with pytest.raises(SchemeError, match="row 1 of A differs by"):
+        CollocationScheme("mine", A=good.A + [[0, 0], [0.1, 0]], b=good.b, c=good.c)
+    with pytest.raises(SchemeError, match="must strictly increase"):
+        CollocationScheme.from_points("mine", [0.5, 0.2])
