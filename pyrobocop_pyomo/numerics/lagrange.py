@@ -43,11 +43,11 @@ def evaluation_matrix(nodes: ArrayLike, at: ArrayLike) -> Array:
     nodes, at = np.asarray(nodes, dtype=float), np.atleast_1d(np.asarray(at, dtype=float))
     gaps = at[:, None] - nodes[None, :]
     hits = gaps == 0.0
-    terms = barycentric_weights(nodes) / np.where(hits, 1.0, gaps)
-    matrix = terms / terms.sum(axis=1, keepdims=True)
     # On a node the barycentric quotient is infinite: the row is a unit vector there.
-    on_a_node = hits.any(axis=1)
-    matrix[on_a_node] = hits[on_a_node]
+    matrix = hits.astype(float)
+    between = ~hits.any(axis=1)
+    terms = barycentric_weights(nodes) / gaps[between]
+    matrix[between] = terms / terms.sum(axis=1, keepdims=True)
     return matrix
 
 

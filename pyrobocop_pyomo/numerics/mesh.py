@@ -36,9 +36,7 @@ class Mesh:
     def __post_init__(self) -> None:
         if len(self.boundaries) < 2:
             elements = max(len(self.boundaries) - 1, 0)
-            raise MeshError(
-                f"a mesh of {elements} elements; at least one element, hence two boundaries, is needed."
-            )
+            raise MeshError(f"a mesh of {elements} elements; at least one element, hence two boundaries, is needed.")
         array = np.asarray(self.boundaries, dtype=float)
         if not np.isfinite(array).all():
             i = int(np.flatnonzero(~np.isfinite(array))[0])

@@ -51,9 +51,7 @@ class CollocationScheme:
     def __post_init__(self) -> None:
         if not (np.all(np.diff(self.c) > 0) and self.c[0] > 0.0 and self.c[-1] <= 1.0):
             # A point at 0 would coincide with the element start, which is a node of the state of its own.
-            raise SchemeError(
-                f"{self.name}: collocation points {self.c.tolist()} must strictly increase in (0, 1]."
-            )
+            raise SchemeError(f"{self.name}: collocation points {self.c.tolist()} must strictly increase in (0, 1].")
         gap = np.abs(np.vstack([self.A, self.b]) - integration_matrix(self.c, [*self.c, 1.0])).max(axis=1)
         if gap.max() > 1e-12:
             row = int(gap.argmax())
@@ -186,8 +184,7 @@ def find_scheme(scheme: str | CollocationScheme, stages: int | None = None) -> C
     if isinstance(scheme, CollocationScheme):
         if stages not in (None, scheme.stages):
             raise SchemeError(
-                f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. "
-                "Leave 'stages' out."
+                f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. Leave 'stages' out."
             )
         return scheme
     if scheme in ONE_STAGE_NAMES:

@@ -22,9 +22,7 @@ def test_given_boundaries_are_kept_bit_by_bit(values: list[float]) -> None:
 
 
 @given(elements=st.integers(1, 30), stages=st.integers(1, 6), use_radau=st.booleans())
-def test_a_grid_has_its_counts_and_its_weights_sum_to_the_duration(
-    elements: int, stages: int, use_radau: bool
-) -> None:
+def test_a_grid_has_its_counts_and_its_weights_sum_to_the_duration(elements: int, stages: int, use_radau: bool) -> None:
     grid = Grid((radau if use_radau else gauss_legendre)(stages), Mesh.uniform(1.0, 4.0, elements))
     assert len(grid.points) == elements * stages
     assert len(grid.times) == elements * stages + (1 if use_radau else elements + 1)

@@ -81,9 +81,7 @@ def test_lagrange_matrices_reproduce_any_polynomial(nodes: list[int], coefficien
     scale = 1e-6 * (1 + np.abs(evaluation_matrix(tau, [at])).max())
     assert (evaluation_matrix(tau, [at]) @ polynomial(tau))[0] == pytest.approx(polynomial(at), abs=scale)
     slope_scale = 1e-9 * (1 + np.abs(differentiation_matrix(tau)).max() ** 2)
-    np.testing.assert_allclose(
-        differentiation_matrix(tau) @ polynomial(tau), polynomial.deriv()(tau), atol=slope_scale
-    )
+    np.testing.assert_allclose(differentiation_matrix(tau) @ polynomial(tau), polynomial.deriv()(tau), atol=slope_scale)
     area_scale = 1e-9 * (1 + np.abs(integration_matrix(tau, [at])).max())
     area = polynomial.integ()(at) - polynomial.integ()(0.0)
     assert (integration_matrix(tau, [at]) @ polynomial(tau))[0] == pytest.approx(area, abs=area_scale)
@@ -107,6 +105,6 @@ def test_a_scheme_that_does_not_exist_is_refused(arguments: tuple, message: str)
 def test_an_inconsistent_tableau_is_refused() -> None:
     good = radau(2)
     with pytest.raises(SchemeError, match="row 1 of A differs by"):
-        CollocationScheme("mine", A=good.A + [[0, 0], [0.1, 0]], b=good.b, c=good.c)
+        CollocationScheme("mine", A=good.A + np.array([[0, 0], [0.1, 0]]), b=good.b, c=good.c)
     with pytest.raises(SchemeError, match="must strictly increase"):
         CollocationScheme.from_points("mine", [0.5, 0.2])
