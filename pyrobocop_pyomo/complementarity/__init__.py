@@ -1,1 +1,34 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
+
+from .component import Complementarity, ComplementarityData, Complements, complements
+from .grouping import Grouping, PerElement, PerPair
+from .pairs import CanonicalPair, active_pairs, canonical_pair
+from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
+from .residuals import PairResidual, pair_residuals
+from .schedules import Fixed, FollowBarrier, Geometric, Schedule
+from .transformation import RelaxationToken, RelaxComplementarity
+
+__all__ = [
+    "CanonicalPair",
+    "Complementarity",
+    "ComplementarityData",
+    "Complements",
+    "Fixed",
+    "FollowBarrier",
+    "Geometric",
+    "Grouping",
+    "ObjectiveTerm",
+    "PairResidual",
+    "Penalty",
+    "PerElement",
+    "PerPair",
+    "RelaxComplementarity",
+    "Relaxation",
+    "RelaxationToken",
+    "Schedule",
+    "Scholtes",
+    "active_pairs",
+    "canonical_pair",
+    "complements",
+    "pair_residuals",
+]

@@ -1,0 +1,78 @@
+"""Which products share a bound: each pair its own, or all pairs of one element together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from .pairs import CanonicalPair
+
+
+@runtime_checkable
+class Grouping(Protocol):
+    """What decides which pairs share a row."""
+
+    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:
+        """Split the pairs; every pair comes once, and equal pairs always get the same name."""
+        ...
+
+
+@dataclass(frozen=True)
+class PerPair:
+    """Each product has a row of its own: ``a_l * b_l <= delta`` for each pair l."""
+
+    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:
+        """One group per pair, under the pair's name."""
+        return [(pair.name, [pair]) for pair in pairs]
+
+
+@dataclass(frozen=True)
+class PerElement:
+    """The products of one element share a row: ``sum_l a_l * b_l <= delta``.
+
+    The sum is bounded by delta itself and not by a multiple that grows with the number of pairs, so the bound
+    on a single product is never looser than with `PerPair`.
+
+    An element is what carries the same group label in the same block. A pair without a label belongs with the
+    other unlabelled pairs of its block that have its index: in a block that is indexed by time, all pairs of
+    that time.
+
+    References
+    ----------
+    Raghunathan, Jha & Romeres (2022), PyRoboCOP, section IV-B, doi:10.1109/ICRA46639.2022.9812069
+    """
+
+    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:
+        """One group per block and label, in the order of the first pair of each."""
+        found: dict[str, list[CanonicalPair]] = {}
+        block_names: dict[int, str] = {}
+        for pair in pairs:
+            block = pair.source.parent_block()
+            block_name = block_names.get(id(block))
+            if block_name is None:
+                block_name = block_names[id(block)] = block.name
+            # A label and an index may be equal numbers and yet mean different things: keep them apart.
+            label = f"index {pair.source.index()!r}" if pair.group is None else f"group {pair.group!r}"
+            found.setdefault(f"{block_name}, {label}", []).append(pair)
+        return list(found.items())
+
+
+GROUPINGS: dict[str, type] = {"pair": PerPair, "element": PerElement}
+
+
+def as_grouping(choice: str | Grouping) -> Grouping:
+    """Turn "pair", "element" or a grouping object into the object.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a known word nor an object with a method ``groups(pairs)``.
+    """
+    if isinstance(choice, str):
+        if choice not in GROUPINGS:
+            raise ValueError(f"unknown grouping {choice!r}. Known: {', '.join(map(repr, GROUPINGS))}.")
+        return GROUPINGS[choice]()
+    if isinstance(choice, type) or not isinstance(choice, Grouping):
+        raise ValueError(f"{choice!r} is no grouping: it needs a method groups(pairs). Pass an object or a word.")
+    return choice

@@ -1,0 +1,302 @@
+"""The transformation `pyrobocop.relax_complementarity`: pairs become rows that a nonlinear solver can hold."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.common.config import ConfigDict, ConfigValue, PositiveFloat
+from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base import Objective, SortComponents, Transformation, TransformationFactory
+
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .grouping import PerPair, as_grouping
+from .pairs import BLOCK_TYPES, CanonicalPair, active_sources, canonical_pair
+from .record import Application, Record, record_of, record_on, records_above, records_below
+from .relaxations import ObjectiveTerm, Scholtes, as_relaxation
+from .residuals import PairResidual, pair_residuals
+from .rows import add_pairs, new_record, remove_pairs
+
+logger = logging.getLogger(__name__)
+
+
+def _finite_positive(number: Any) -> float:
+    number = PositiveFloat(number)
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite number, found {number}")
+    return number
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxationToken:
+    """What `RelaxComplementarity.revert` needs to undo one application.
+
+    Attributes
+    ----------
+    model : Block
+        The model that was transformed.
+    block : Block
+        The generated block on it, with ``delta``, ``rows`` and ``sides``.
+    application : int
+        Which application on this block the token stands for.
+    """
+
+    model: Any
+    block: Any
+    application: int
+
+
+@TransformationFactory.register(
+    "pyrobocop.relax_complementarity", doc="Bound (or charge) the products of complementarity pairs, reversibly."
+)
+class RelaxComplementarity(Transformation):
+    """Replace complementarity pairs by rows ``a * b <= delta`` that any nonlinear solver can hold.
+
+    Pairs of this package and of `pyomo.mpec` are taken. They are deactivated and never changed. What is
+    generated sits on one block with the mutable parameter ``delta``; only the rows of pairs inside a
+    `Disjunct` sit on a block in that disjunct, so that they hold only where it is chosen.
+
+    Options of ``apply_to`` and ``create_using``: ``relaxation`` ("scholtes", "penalty" or an object),
+    ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2) and ``targets``
+    (blocks, components or single pairs; default all). An application to a model that is relaxed already
+    adds what is new, under the same delta.
+    """
+
+    CONFIG = ConfigDict("pyrobocop.relax_complementarity")
+    CONFIG.declare(
+        "relaxation",
+        ConfigValue(default=Scholtes(), domain=as_relaxation, description="How one product is bounded."),
+    )
+    CONFIG.declare(
+        "grouping",
+        ConfigValue(default=PerPair(), domain=as_grouping, description="Which products share a bound."),
+    )
+    CONFIG.declare(
+        "delta",
+        ConfigValue(default=1e-2, domain=_finite_positive, description="First bound of the products."),
+    )
+    CONFIG.declare(
+        "targets",
+        ConfigValue(default=None, description="Blocks, Complementarity components or pairs to take; default all."),
+    )
+
+    def _apply_to(self, model: Any, **options: Any) -> RelaxationToken:
+        options = {**options.pop("options", {}), **options}
+        config = self.CONFIG(options)
+        with PauseGC():
+            sources = active_sources(model, config.targets)
+            record = record_on(model)
+            if record is None:
+                if not sources:
+                    raise ComplementarityError(_nothing_found(model, config.targets))
+                _refuse_second_delta(model)
+                objective = _objective_of(model) if isinstance(config.relaxation, ObjectiveTerm) else None
+                record = new_record(config.delta, config.relaxation, config.grouping, objective)
+            else:
+                _refuse_other_options(model, record, config, options)
+            return self._relax(model, record, sources, config.delta if "delta" in options else None)
+
+    def _relax(self, model: Any, record: Record, sources: list[Any], delta: float | None) -> RelaxationToken:
+        # A pair that is known already was activated again by hand: it only has to go back to sleep.
+        pairs = [canonical_pair(source) for source in sources if source not in record.pairs]
+        if pairs:
+            add_pairs(record, model, pairs)
+        previous = None
+        if delta is not None and record.applications:
+            previous = record.main.delta.value
+            record.main.delta.set_value(delta)
+        _put_to_sleep(sources)
+        application = record.next_application
+        record.next_application += 1
+        record.applications[application] = Application([pair.source for pair in pairs], sources, previous)
+        logger.debug("'%s': relaxed %d complementarity pairs", model.name, len(pairs))
+        return RelaxationToken(model, record.main, application)
+
+    def revert(self, model: Any, token: RelaxationToken | None = None) -> None:
+        """Undo one application, or all of them.
+
+        Parameters
+        ----------
+        model : Block
+            The model that `apply_to` was called with.
+        token : RelaxationToken, optional
+            What `apply_to` returned. Without it everything on this model is undone, which also serves a
+            clone: a token belongs to the model that it was made for.
+
+        Raises
+        ------
+        ComplementarityError
+            If the model is not relaxed, or if the token is used up or belongs to another model.
+        """
+        record = record_on(model)
+        if token is not None and token.model is not model:
+            raise ComplementarityError(
+                f"'{model.name}': the token was made for another model, '{token.model.name}'. "
+                "On a clone, call revert(model) without a token."
+            )
+        if record is None or (token is not None and record.main is not token.block):
+            raise ComplementarityError(
+                f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before."
+            )
+        if token is None:
+            wanted = list(record.applications)
+        elif token.application in record.applications:
+            wanted = [token.application]
+        else:
+            raise ComplementarityError(f"'{model.name}': this application was reverted before.")
+        with PauseGC():
+            for number in reversed(wanted):
+                application = record.applications.pop(number)
+                if application.previous_delta is not None:
+                    record.main.delta.set_value(application.previous_delta)
+                if application.sources:
+                    remove_pairs(record, application.sources)
+                for source in application.deactivated:
+                    source.activate()
+
+    def get_source(self, row: Any) -> list[Any]:
+        """Return the pairs, as declared, that a generated row or side came from."""
+        record = record_of_row(row)
+        if record is None or row not in record.sources:
+            raise ComplementarityError(f"'{row.name}': was not generated by pyrobocop.relax_complementarity.")
+        return list(record.sources[row])
+
+    def get_rows(self, source: Any) -> list[Any]:
+        """Return the generated rows of a pair: the one that bounds its product, then those of its sides."""
+        for record in records_above(source):
+            if source in record.pairs:
+                row = record.groups[record.group_names[source]].row
+                return [*([] if row is None else [row]), *record.side_rows[source]]
+        raise ComplementarityError(
+            f"'{source.name}': is not relaxed. Apply pyrobocop.relax_complementarity to its model first."
+        )
+
+    def get_delta(self, model: Any) -> Any:
+        """Return the mutable parameter delta of a relaxed model."""
+        return self._only_record(model).main.delta
+
+    def get_relaxation(self, model: Any) -> Any:
+        """Return the relaxation object of a relaxed model."""
+        return self._only_record(model).relaxation
+
+    def relaxed_rows(self, model: Any) -> list[Any]:
+        """Return the active rows ``... <= shift(delta)`` whose bound may move while a solver runs."""
+        found = []
+        for record in records_below(model):
+            if record.objective is not None or record.relaxation.shift(record.main.delta) is None:
+                continue
+            awake = {id(home) for home, block in record.blocks.items() if _seen_by_a_solver(block, model)}
+            found += [group.row for group in record.groups.values() if id(group.home) in awake and group.row.active]
+        return found
+
+    def get_pairs(self, model: Any) -> list[CanonicalPair]:
+        """Return all pairs of a model in canonical form: the relaxed ones, then those still active."""
+        known: dict[int, CanonicalPair] = {}
+        for record in records_below(model):
+            known.update((id(pair.source), pair) for pair in record.pairs.values())
+        for record in records_above(model):
+            known.update(
+                (id(pair.source), pair) for pair in record.pairs.values() if _is_inside(pair.source, model)
+            )
+        for source in active_sources(model):
+            if id(source) not in known:
+                known[id(source)] = canonical_pair(source)
+        return list(known.values())
+
+    def residuals(self, model: Any) -> list[PairResidual]:
+        """Evaluate all pairs, relaxed or still active, at the current values.
+
+        Raises
+        ------
+        ComplementarityError
+            If a variable of a pair has no value.
+        """
+        return pair_residuals(self.get_pairs(model))
+
+    def _only_record(self, model: Any) -> Record:
+        records = list(records_below(model))
+        if len(records) != 1:
+            names = ", ".join(f"'{record.main.name}'" for record in records) or "none"
+            raise ComplementarityError(f"'{model.name}': expected one relaxation in it, found {names}.")
+        return records[0]
+
+
+def record_of_row(row: Any) -> Record | None:
+    """Return the record behind a generated row, None for a row of somebody else."""
+    block = record_of(row.parent_block()).main
+    return None if block is None else record_of(block)
+
+
+def _put_to_sleep(sources: Iterable[Any]) -> None:
+    parents = {}
+    for source in sources:
+        source.deactivate()
+        parent = source.parent_component()
+        parents[id(parent)] = parent
+    for parent in parents.values():
+        # Pyomo leaves the flag of the component to whoever changes its parts.
+        if not any(source.active for source in parent.values()):
+            parent.deactivate()
+
+
+def _nothing_found(model: Any, targets: Any) -> str:
+    where = "it" if targets is None else "the targets"
+    return f"'{model.name}': no active complementarity pair in {where}; there is nothing to relax."
+
+
+def _refuse_second_delta(model: Any) -> None:
+    for records, remedy in (
+        (records_above(model), "Apply to that model with targets= this block."),
+        (records_below(model), "Revert there first, so that one delta governs all pairs."),
+    ):
+        for record in records:
+            raise ComplementarityError(
+                f"'{model.name}': pairs of '{record.main.parent_block().name}' are relaxed already, with a delta "
+                f"of their own on '{record.main.name}'. {remedy}"
+            )
+
+
+def _refuse_other_options(model: Any, record: Record, config: Any, given: dict[str, Any]) -> None:
+    for option in ("relaxation", "grouping"):
+        known, wanted = getattr(record, option), config[option]
+        if option in given and wanted != known:
+            raise ComplementarityError(
+                f"'{model.name}': is relaxed with {option} {known}; {wanted} cannot be added beside it. "
+                "Revert first, or leave the option out."
+            )
+
+
+def _objective_of(model: Any) -> Any:
+    objectives = list(
+        model.component_data_objects(
+            Objective, active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic
+        )
+    )
+    if len(objectives) != 1:
+        names = ", ".join(f"'{objective.name}'" for objective in objectives) or "none"
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the one active objective, found {names}. Apply it to the model "
+            "that has the objective, with targets= the blocks that are meant."
+        )
+    return objectives[0]
+
+
+def _seen_by_a_solver(block: Any, model: Any) -> bool:
+    while block is not None:
+        if not block.active:
+            return False
+        if block is model:
+            return True
+        block = block.parent_block()
+    return True
+
+
+def _is_inside(component: Any, block: Any) -> bool:
+    parent = component.parent_block()
+    while parent is not None and parent is not block:
+        parent = parent.parent_block()
+    return parent is block
