@@ -6,6 +6,7 @@ from .pairs import CanonicalPair, active_pairs, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
 from .residuals import PairResidual, pair_residuals
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
+from .sides import canonical_side
 from .transformation import RelaxationToken, RelaxComplementarity
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "Scholtes",
     "active_pairs",
     "canonical_pair",
+    "canonical_side",
     "complements",
     "pair_residuals",
 ]

@@ -206,8 +206,7 @@ class Complementarity(ActiveIndexedComponent):
                 return
             if rule.constant() and self.is_indexed():
                 raise ComplementarityError(
-                    f"'{self.name}': one pair cannot serve all indices. "
-                    "Pass a rule, or a mapping from index to pair."
+                    f"'{self.name}': one pair cannot serve all indices. Pass a rule, or a mapping from index to pair."
                 )
             block = self.parent_block()
             if rule.contains_indices():

@@ -53,9 +53,7 @@ def check_side(side: Any, choice: str | None, pair: Any) -> None:
         If the side is not a one-sided relation of an expression with a variable, nor a plain variable.
     """
     if choice not in BOUND_CHOICES:
-        raise ComplementarityError(
-            f"'{pair.name}': unknown bound {choice!r} of a side. Say 'lower', 'upper' or None."
-        )
+        raise ComplementarityError(f"'{pair.name}': unknown bound {choice!r} of a side. Say 'lower', 'upper' or None.")
     kind = side.__class__
     if kind is InequalityExpression:
         if side.strict:
@@ -79,8 +77,7 @@ def _why_no_side(side: Any) -> str:
     kind = side.__class__
     if side is None:
         return (
-            "a side is None; a pair needs two sides such as 'x >= 0'. "
-            "To leave a pair out, return Complementarity.Skip."
+            "a side is None; a pair needs two sides such as 'x >= 0'. To leave a pair out, return Complementarity.Skip."
         )
     if kind in native_types:
         return (

@@ -139,9 +139,7 @@ class RelaxComplementarity(Transformation):
                 "On a clone, call revert(model) without a token."
             )
         if record is None or (token is not None and record.main is not token.block):
-            raise ComplementarityError(
-                f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before."
-            )
+            raise ComplementarityError(f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before.")
         if token is None:
             wanted = list(record.applications)
         elif token.application in record.applications:
@@ -199,9 +197,7 @@ class RelaxComplementarity(Transformation):
         for record in records_below(model):
             known.update((id(pair.source), pair) for pair in record.pairs.values())
         for record in records_above(model):
-            known.update(
-                (id(pair.source), pair) for pair in record.pairs.values() if _is_inside(pair.source, model)
-            )
+            known.update((id(pair.source), pair) for pair in record.pairs.values() if _is_inside(pair.source, model))
         for source in active_sources(model):
             if id(source) not in known:
                 known[id(source)] = canonical_pair(source)

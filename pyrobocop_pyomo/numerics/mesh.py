@@ -89,6 +89,9 @@ class Grid:
     scheme: CollocationScheme
     mesh: Mesh
 
+    def __deepcopy__(self, memo: dict[int, object]) -> Grid:
+        return self  # nothing in it can change, so that cloned models share it
+
     @cached_property
     def stage_times(self) -> tuple[tuple[float, ...], ...]:
         """Times of the collocation points, one tuple of ``s`` per element."""

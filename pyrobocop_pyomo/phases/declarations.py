@@ -1,0 +1,140 @@
+"""What a user declares on a phase: states, algebraics, controls, parameters, and how long it lasts.
+
+A declaration is plain frozen data. Assigned to a name of a phase, it becomes Pyomo variables there::
+
+    phase.theta = State(initial=0, final=pi)       # phase.theta[t] is a Var from then on
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Union
+
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.transcription import Guess
+
+Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
+BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007
+
+UNBOUNDED: Bounds = (None, None)
+_PACKAGE = str(Path(__file__).parents[1])
+
+
+def _call_site() -> str:
+    """File and line of the user's statement, so that a message can point at it."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
+        frame = frame.f_back
+    return f"{Path(frame.f_code.co_filename).name}:{frame.f_lineno}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declaration:
+    """What all declarations share.
+
+    Attributes
+    ----------
+    bounds : (lower, upper), or function of the time index that returns such a pair
+        None where there is no bound.
+    guess : number, array, function of the time index, or None
+        Where the solver starts; 0 by default.
+    declared_at : str
+        File and line of the declaration, quoted in messages.
+    """
+
+    bounds: BoundsInTime = UNBOUNDED
+    guess: Guess = None
+    declared_at: str = field(default_factory=_call_site, repr=False, compare=False)
+
+    def bounds_at(self, time: float, name: str) -> Bounds:
+        """Bounds at one time, checked.
+
+        Raises
+        ------
+        DeclarationError
+            When they are no pair of numbers, or cross.
+        """
+        bounds = self.bounds(time) if callable(self.bounds) else self.bounds
+        return check_bounds(bounds, f"{name} (declared at {self.declared_at})", "bounds")
+
+
+@dataclass(frozen=True, kw_only=True)
+class State(Declaration):
+    """A differential variable: it has a derivative, hence an equation, and is continuous in time.
+
+    Attributes
+    ----------
+    initial, final : number, (lower, upper) or None
+        The value at the start and at the end of the phase: fixed, within bounds, or free.
+    derivative_bounds : (lower, upper) or None
+        Bounds on the time derivative. They keep the derivative as a variable of its own, which is
+        otherwise eliminated.
+    """
+
+    initial: float | Bounds | None = None
+    final: float | Bounds | None = None
+    derivative_bounds: Bounds | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Algebraic(Declaration):
+    """A variable without derivative that the equations determine: a force, a slip speed, a slack."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control(Declaration):
+    """A variable that the optimiser chooses.
+
+    Attributes
+    ----------
+    parametrization : {"collocated", "piecewise_constant"}
+        One value per collocation point (the default), or one per element.
+    """
+
+    parametrization: str = "collocated"
+
+    def __post_init__(self) -> None:
+        if self.parametrization not in ("collocated", "piecewise_constant"):
+            raise DeclarationError(
+                f"control declared at {self.declared_at}: parametrization {self.parametrization!r} is unknown; "
+                "choose 'collocated' or 'piecewise_constant'."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter(Declaration):
+    """A number that the optimiser chooses once for the whole phase: a mass, a stiffness."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duration(Declaration):
+    """A duration that the optimiser chooses; its bounds must be positive.
+
+    The phase is then stated in normalised time: its time indices run from 0 to 1, and
+    ``phase.clock(t)`` is the time they stand for.
+    """
+
+
+def check_bounds(bounds: object, name: str, what: str) -> Bounds:
+    """A pair (lower, upper) of finite numbers or None, in this order.
+
+    Raises
+    ------
+    DeclarationError
+        Naming the variable and the values.
+    """
+    try:
+        lower, upper = (None if value is None or math.isinf(value) else float(value) for value in bounds)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise DeclarationError(
+            f"{name}: {what} = {bounds!r}; expected a pair (lower, upper) of numbers or None."
+        ) from None
+    if any(value is not None and math.isnan(value) for value in (lower, upper)):
+        raise DeclarationError(f"{name}: {what} = {bounds!r} hold a NaN.")
+    if lower is not None and upper is not None and lower > upper:
+        raise DeclarationError(f"{name}: the lower of its {what}, {lower:g}, exceeds the upper, {upper:g}.")
+    return lower, upper

@@ -1,0 +1,178 @@
+"""From the user's rules to Pyomo rows: differential equations, residuals, path constraints, complementarity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
+
+from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.transcription import collocation_rows
+
+from .declarations import State, check_bounds
+from .record import PhaseRecord
+
+Rule = Callable[..., Any]
+
+
+def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
+    """Rows for the states whose derivatives a rule gives."""
+    what = f"phase '{block.name}': ode '{rule.__name__}'"
+    rates: dict[str, dict[float, Any]] = {}
+    for time in record.grid.points:
+        answer = rule(block, time)
+        if not isinstance(answer, Mapping):
+            raise TranscriptionError(
+                f"{what} returned a {type(answer).__name__} at t = {time:g}; expected a dict "
+                "{state: right-hand side}. Is the return statement missing?"
+            )
+        for state, rate in answer.items():
+            rates.setdefault(block.state_name(state), {})[time] = rate
+    for name, values in rates.items():
+        if len(values) != len(record.grid.points):
+            missing = next(time for time in record.grid.points if time not in values)
+            raise TranscriptionError(
+                f"{what} gives no derivative of '{name}' at t = {missing:g}; it must at every point."
+            )
+        if name in record.equation_of:
+            raise TranscriptionError(
+                f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one."
+            )
+        _add_state_equation(block, record, name, values)
+        record.equation_of[name] = rule.__name__
+
+
+def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
+    declaration = record.declarations[name]
+    assert isinstance(declaration, State)
+    kept = block.component(f"{name}_derivative")
+    if kept is None and declaration.derivative_bounds is not None:
+        kept = add_derivative(block, record, name)
+    if kept is None:
+        _add_collocation(block, record, name, rates)
+        record.rates[name] = rates
+        return
+    rows = Constraint(block.points)
+    block.add_component(f"{name}_equation", rows)
+    for time, rate in rates.items():
+        rows.add(time, (kept[time] - rate, 0))
+
+
+def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
+    """The derivative of a state as a variable of its own, tied to the state by linear collocation rows."""
+    declaration = record.declarations[name]
+    assert isinstance(declaration, State)
+    what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
+    bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
+    derivative = Var(block.points, bounds=bounds, initialize=0.0)
+    block.add_component(f"{name}_derivative", derivative)
+    _add_collocation(block, record, name, derivative)
+    return derivative
+
+
+def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
+    widths = record.grid.mesh.widths.tolist()
+    if block.has_free_duration:
+        widths = [width * block.duration for width in widths]
+    rows = Constraint(block.points)
+    block.add_component(f"{name}_collocation", rows)
+    for time, row in collocation_rows(block.component(name), rates, record.grid, widths):
+        rows.add(time, row)
+
+
+def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
+    """Rows for implicit and algebraic equations."""
+    what = f"phase '{block.name}': residual '{rule.__name__}'"
+    answers = _collect(block, record, rule, what)
+    for time, rows in answers.items():
+        for label, row in rows.items():
+            if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
+                raise TranscriptionError(
+                    f"{what} states the inequality {row} at t = {time:g}; use 'constraint' for it."
+                )
+            if not isinstance(row, RelationalExpression):
+                if not _is_expression(row):
+                    raise TranscriptionError(
+                        f"{what} returned {row!r} at t = {time:g}; expected an equality in variables."
+                    )
+                rows[label] = row == 0
+    record.residuals_per_point += _add_rows(block, rule, answers)
+
+
+def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
+    """Rows for path constraints."""
+    what = f"phase '{block.name}': constraint '{rule.__name__}'"
+    answers = _collect(block, record, rule, what)
+    for time, rows in answers.items():
+        for row in rows.values():
+            if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
+                raise TranscriptionError(
+                    f"{what} returned {row!r} at t = {time:g}; expected a relation such as 'expression <= 1'."
+                )
+    _add_rows(block, rule, answers)
+
+
+def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
+    """A Complementarity component whose pairs know their element and their quadrature weight."""
+    what = f"phase '{block.name}': complementarity '{rule.__name__}'"
+    answers = _collect(block, record, rule, what, single=tuple)
+    pairs = {_index(time, label): pair for time, rows in answers.items() for label, pair in rows.items()}
+    times = {_index(time, label): time for time, rows in answers.items() for label in rows}
+    _check_name(block, rule.__name__, what)
+    component = Complementarity(
+        list(pairs),
+        rule=pairs,
+        group={index: record.grid.element_of[time] for index, time in times.items()},
+        weight={index: record.grid.quadrature_weights[time] for index, time in times.items()},
+    )
+    block.add_component(rule.__name__, component)
+
+
+def _collect(
+    block: Any, record: PhaseRecord, rule: Rule, what: str, single: type | tuple[type, ...] = ()
+) -> dict[float, dict[Hashable, Any]]:
+    """Answers of a rule at each point as {time: {label: row}}; label None where there is just one."""
+    answers: dict[float, dict[Hashable, Any]] = {}
+    for time in record.grid.points:
+        answer = rule(block, time)
+        if answer is None:
+            raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
+        if isinstance(answer, Mapping):
+            answers[time] = dict(answer)
+        elif isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
+            answers[time] = dict(enumerate(answer))
+        else:
+            answers[time] = {None: answer}
+    return answers
+
+
+def _add_rows(block: Any, rule: Rule, answers: dict[float, dict[Hashable, Any]]) -> int:
+    """One indexed constraint named after the rule; returns the largest number of rows at a point."""
+    what = f"phase '{block.name}': rule '{rule.__name__}'"
+    _check_name(block, rule.__name__, what)
+    rows = Constraint([_index(time, label) for time, labelled in answers.items() for label in labelled])
+    block.add_component(rule.__name__, rows)
+    for time, labelled in answers.items():
+        for label, row in labelled.items():
+            rows.add(_index(time, label), row)
+    return max(len(labelled) for labelled in answers.values())
+
+
+def _index(time: float, label: Hashable) -> Hashable:
+    return time if label is None else (time, label)
+
+
+def _check_name(block: Any, name: str, what: str) -> None:
+    if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():
+        raise DeclarationError(
+            f"{what}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
+            "Rename the function."
+        )
+
+
+def _is_expression(row: object) -> bool:
+    return getattr(row, "is_potentially_variable", lambda: False)()

@@ -1,0 +1,435 @@
+"""`PhaseBlock`: one horizon with its states, controls and equations, as an ordinary Pyomo block."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any
+
+from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
+from pyomo.core.base.set import Set
+
+from pyrobocop_pyomo.errors import DeclarationError, ModelError, PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh, find_scheme
+from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import quadrature
+
+from .consistency import check_phase
+from .declarations import Declaration, Duration, check_bounds
+from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual
+from .extraction import extract_trajectory
+from .record import PhaseRecord, Statement
+from .variables import add_duration, add_variables
+from .verification import Verification, verify
+
+Rule = Callable[..., Any]
+
+
+class PhaseBlockData(BlockData):
+    """One phase; see `PhaseBlock` for how to make one.
+
+    Attributes
+    ----------
+    time : Set
+        Times at which the states live: element boundaries and collocation points.
+    points : Set
+        Collocation points: where equations hold and where algebraics and controls live.
+    duration : float or Var
+        How long the phase lasts.
+    """
+
+    def __init__(self, component: Any) -> None:
+        super().__init__(component)
+        self._record: PhaseRecord | None = None
+
+    # ---------------------------------------------------------------- declarations
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if isinstance(value, Declaration):
+            self.declare(name, value)
+        else:
+            super().__setattr__(name, value)
+
+    def declare(self, name: str, declaration: Declaration) -> None:
+        """Add the variables of a declaration; ``phase.name = declaration`` does the same.
+
+        Raises
+        ------
+        DeclarationError
+            When the name is taken or the declaration contradicts itself.
+        GuessError
+            When the guess has the wrong length or is not finite.
+        """
+        if isinstance(declaration, Duration):
+            raise DeclarationError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
+        if self.component(name) is not None or hasattr(type(self), name):
+            raise DeclarationError(
+                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
+            )
+        with self._all_or_nothing():
+            add_variables(self, self.record, name, declaration)
+            self.record.declarations[name] = declaration
+
+    # ---------------------------------------------------------------- statements
+
+    def ode(self, rule: Rule) -> Rule:
+        """State explicit differential equations: ``rule(phase, t)`` returns ``{state: right-hand side}``.
+
+        Usable as a decorator. Several rules may share the states among them. The right-hand side is substituted
+        into the collocation rows, unless the state's derivative is kept as a variable.
+
+        Parameters
+        ----------
+        rule : callable
+            Called at each collocation point ``t``; keys of its answer are states (or their names).
+
+        Raises
+        ------
+        TranscriptionError
+            When a key is no state, or a state gets a second equation.
+        """
+        return self._state("ode", rule, add_ode)
+
+    def residual(self, rule: Rule) -> Rule:
+        """State implicit or algebraic equations: ``rule(phase, t)`` returns one or several equalities.
+
+        Usable as a decorator. A bare expression means ``expression == 0``; a list, tuple or dict
+        states several equations. ``phase.derivative(phase.x)[t]`` is the derivative of a state.
+
+        Raises
+        ------
+        TranscriptionError
+            When an answer is no equality.
+        """
+        return self._state("residual", rule, add_residual)
+
+    def constraint(self, rule: Rule) -> Rule:
+        """State path constraints: ``rule(phase, t)`` returns one or several relations.
+
+        Usable as a decorator. They hold at each collocation point. Unlike residuals they do not
+        count as equations that determine states and algebraics.
+
+        Raises
+        ------
+        TranscriptionError
+            When an answer is no relation.
+        """
+        return self._state("constraint", rule, add_constraint)
+
+    def complementarity(self, rule: Rule) -> Rule:
+        """State complementarity: ``rule(phase, t)`` returns ``complements(a >= 0, b >= 0)``, or a list of such.
+
+        Usable as a decorator. The component carries the element of each pair, so that
+        relaxations can be grouped per element.
+        """
+        return self._state("complementarity", rule, add_complementarity)
+
+    def derivative(self, state: Any) -> Mapping[float, Any]:
+        """The time derivative of a state at each collocation point.
+
+        Parameters
+        ----------
+        state : Var or str
+            A state of this phase.
+
+        Returns
+        -------
+        mapping of collocation point to expression or variable
+            The substituted right-hand side once an `ode` gave it; otherwise a variable of its own,
+            named ``<state>_derivative``, which is made when first asked for.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is no state of this phase.
+        """
+        name = self.state_name(state)
+        if name in self.record.rates:
+            return MappingProxyType(self.record.rates[name])
+        kept = self.component(f"{name}_derivative")
+        return add_derivative(self, self.record, name) if kept is None else kept
+
+    def integral(self, integrand: Rule) -> Any:
+        """Integral of ``integrand(phase, t)`` over the phase, by the quadrature of the scheme.
+
+        Returns
+        -------
+        expression
+            For an objective or a constraint; in real time also when the duration is a variable.
+        """
+        scale = self.duration if self.has_free_duration else 1.0
+        return quadrature(lambda time: integrand(self, time), self.record.grid, scale)
+
+    def clock(self, t: float) -> Any:
+        """The time that the index ``t`` stands for: ``t`` itself, or an expression in a free duration."""
+        return self.record.start + self.duration * t if self.has_free_duration else t
+
+    # ---------------------------------------------------------------- facts and answers
+
+    @property
+    def record(self) -> PhaseRecord:
+        """Grid, declarations and rules behind this phase."""
+        if self._record is None:
+            raise TranscriptionError(f"{self._what} is not constructed yet: add it to a ConcreteModel first.")
+        return self._record
+
+    @property
+    def grid(self) -> Grid:
+        """Scheme, mesh and the times they give."""
+        return self.record.grid
+
+    @property
+    def initial_time(self) -> float:
+        """First index of ``time``."""
+        return self.grid.mesh.boundaries[0]
+
+    @property
+    def final_time(self) -> float:
+        """Last index of ``time``."""
+        return self.grid.mesh.boundaries[-1]
+
+    @property
+    def has_free_duration(self) -> bool:
+        """True when the duration is a variable and time indices are normalised to [0, 1]."""
+        return isinstance(self.record.duration, Duration)
+
+    def state_name(self, state: Any) -> str:
+        """Name of a state given by its variable or its name.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is no state of this phase.
+        """
+        name = state if isinstance(state, str) else getattr(state, "local_name", repr(state))
+        declared = self.record.names_of_states
+        known = name in declared and (isinstance(state, str) or self.component(name) is state)
+        if not known:
+            raise TranscriptionError(
+                f"{self._what}: '{name}' is no state; its states are {', '.join(declared) or 'none'}."
+            )
+        return name
+
+    def check(self) -> None:
+        """Check that the equations fit the declared variables.
+
+        Raises
+        ------
+        TranscriptionError
+            Naming the state without equation, the counts that do not match, or the variable that
+            appears nowhere.
+        """
+        check_phase(self, self.record)
+
+    def trajectory(self) -> Trajectory:
+        """The current values, as a trajectory that can be read, plotted, verified and saved."""
+        return extract_trajectory(self, self.record)
+
+    def verify(self, trajectory: Trajectory) -> Verification:
+        """Judge a trajectory by this phase's equations, recomputed; see `Verification`."""
+        return verify(self, self.record, trajectory)
+
+    # ---------------------------------------------------------------- construction
+
+    @property
+    def _what(self) -> str:
+        return f"phase '{self.name}'"
+
+    def _state(self, kind: str, rule: Rule, add: Callable[..., None]) -> Rule:
+        with self._all_or_nothing(), PauseGC():
+            add(self, self.record, rule)
+            self.record.statements.append(Statement(kind, rule.__name__, rule))
+        return rule
+
+    @contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """On any error, remove what was added since: nothing half-built stays on the user's model."""
+        components = set(self.component_map())
+        record = self.record.snapshot()
+        try:
+            yield
+        except BaseException:
+            for name in [name for name in self.component_map() if name not in components]:
+                self.del_component(name)
+            self._record = record
+            raise
+
+    def _build(
+        self,
+        *,
+        duration: float | Duration,
+        elements: int | None,
+        mesh: Any,
+        scheme: str | CollocationScheme,
+        stages: int | None,
+        start: float,
+    ) -> None:
+        """Set up grid, index sets and duration; every argument is checked before anything is added."""
+        if not (isinstance(start, (int, float)) and math.isfinite(start)):
+            raise DeclarationError(f"{self._what}: start = {start!r}; expected a finite number.")
+        if isinstance(duration, Duration):
+            bounds = check_bounds(duration.bounds, self._what, "duration bounds")
+            if bounds[0] is None or bounds[0] <= 0:
+                raise DeclarationError(
+                    f"{self._what}: the lower bound of the duration is {bounds[0]}; it must be positive. "
+                    "Give Duration(bounds=(0.1, 10), guess=1)."
+                )
+            first, last = 0.0, 1.0
+        else:
+            if isinstance(duration, bool) or not isinstance(duration, (int, float)) or not 0 < duration < math.inf:
+                raise DeclarationError(
+                    f"{self._what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...)."
+                )
+            first, last = float(start), float(start + duration)
+        try:
+            grid = Grid(find_scheme(scheme, stages), _make_mesh(first, last, elements, mesh))
+        except ModelError as error:
+            raise type(error)(f"{self._what}: {error}") from None
+        self._record = PhaseRecord(grid=grid, start=float(start), duration=duration)
+        self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
+        self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
+        add_duration(self, self._record)
+
+
+def _make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mesh:
+    if mesh is None:
+        return Mesh.uniform(first, last, 10 if elements is None else elements)
+    made = mesh if isinstance(mesh, Mesh) else Mesh.given(mesh)
+    if elements not in (None, made.elements):
+        raise DeclarationError(f"elements = {elements}, but the given mesh has {made.elements}. Leave 'elements' out.")
+    if (made.boundaries[0], made.boundaries[-1]) != (first, last):
+        raise DeclarationError(
+            f"the mesh runs from {made.boundaries[0]:g} to {made.boundaries[-1]:g}, the phase from {first:g} to "
+            f"{last:g}. A phase with a free duration takes a mesh from 0 to 1."
+        )
+    return made
+
+
+class _BuildPhase:
+    """The block rule: our build first, then the user's own rule. A class, because it must survive pickling."""
+
+    def __init__(self, options: dict[str, Any], rule: Rule | None) -> None:
+        self.options = options
+        self.rule = rule
+
+    def __call__(self, block: PhaseBlockData, *index: Hashable) -> None:
+        block._build(**self.options)
+        if self.rule is not None:
+            self.rule(block, *index)
+
+
+@ModelComponentFactory.register("A phase of motion: states, controls and equations over one horizon.")
+class PhaseBlock(Block):
+    """One horizon with its states, algebraics, controls, parameters and equations, transcribed by collocation.
+
+    Parameters
+    ----------
+    *indexes
+        Index sets, as for any Pyomo block.
+    duration : float or Duration
+        How long the phase lasts. With `Duration` it is a variable, and time indices run from 0 to 1.
+    elements : int, optional
+        Number of elements of a uniform mesh; 10 by default.
+    mesh : sequence of float or Mesh, optional
+        Element boundaries, from start to end, kept exactly as given. In normalised time with a free duration.
+    scheme : str or CollocationScheme
+        ``"radau"`` (default), ``"gauss"``, ``"implicit_euler"``, ``"implicit_midpoint"``, or a scheme object.
+    stages : int, optional
+        Collocation points per element; 3 by default.
+    start : float
+        Time at which the phase starts.
+    rule : callable, optional
+        ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
+
+    Raises
+    ------
+    DeclarationError, MeshError, SchemeError
+        When the arguments make no grid; the block is then not added to the model.
+
+    Notes
+    -----
+    The equations hold at the collocation points ``t_{i,k} = t_i + c_k h_i``. States live at element boundaries
+    and collocation points, everything else at collocation points only, so that no value is left undetermined.
+
+    References
+    ----------
+    Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
+    ICRA 2022, sec. III, doi:10.1109/ICRA46639.2022.9812069
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.cart = rcp.PhaseBlock(duration=1.0, elements=20)
+    >>> m.cart.position = rcp.State(initial=0, final=1)
+    >>> m.cart.velocity = rcp.State(initial=0, final=0)
+    >>> m.cart.force = rcp.Control(bounds=(-10, 10))
+    >>> @m.cart.ode
+    ... def newton(b, t):
+    ...     return {b.position: b.velocity[t], b.velocity: b.force[t]}
+    >>> m.effort = pyo.Objective(expr=m.cart.integral(lambda b, t: b.force[t] ** 2))
+    """
+
+    _ComponentDataClass = PhaseBlockData
+
+    def __new__(cls, *args: Any, **kwds: Any) -> PhaseBlock:
+        """Choose the scalar or the indexed class."""
+        if cls is not PhaseBlock:
+            return super().__new__(cls)
+        scalar = not args or (args[0] is UnindexedComponent_set and len(args) == 1)
+        made: type[PhaseBlock] = ScalarPhaseBlock if scalar else IndexedPhaseBlock
+        return Block.__new__(made)
+
+    def __init__(
+        self,
+        *indexes: Any,
+        duration: float | Duration = 1.0,
+        elements: int | None = None,
+        mesh: Any = None,
+        scheme: str | CollocationScheme = "radau",
+        stages: int | None = None,
+        start: float = 0.0,
+        rule: Rule | None = None,
+        **kwds: Any,
+    ) -> None:
+        options = {
+            "duration": duration,
+            "elements": elements,
+            "mesh": mesh,
+            "scheme": scheme,
+            "stages": stages,
+            "start": start,
+        }
+        super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
+
+    def construct(self, data: Any = None) -> None:
+        """Build the phase; on an error in what the user stated, take it off the model again."""
+        try:
+            super().construct(data)
+        except PyRobocopError:
+            parent = self.parent_block()
+            if parent is not None and parent.component(self.local_name) is self:
+                parent.del_component(self)
+            raise
+
+
+class ScalarPhaseBlock(PhaseBlockData, PhaseBlock):
+    """A single phase."""
+
+    def __init__(self, *args: Any, **kwds: Any) -> None:
+        PhaseBlockData.__init__(self, component=self)
+        PhaseBlock.__init__(self, *args, **kwds)
+        self._data[None] = self
+        self._index = UnindexedComponent_index
+
+    display = Block.display
+
+
+class IndexedPhaseBlock(PhaseBlock):
+    """Phases over an index set."""

@@ -1,0 +1,128 @@
+"""From declarations to Pyomo variables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.reference import Reference
+from pyomo.core.base.set import RangeSet
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.errors import DeclarationError, GuessError
+from pyrobocop_pyomo.transcription import continuity_rows, element_guess, number_guess, stage_guess, state_guess
+
+from .declarations import Algebraic, Bounds, Control, Declaration, Duration, Parameter, State, check_bounds
+from .record import PhaseRecord
+
+
+def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Declaration) -> None:
+    """Add the variables of one declaration to a phase block.
+
+    Raises
+    ------
+    DeclarationError, GuessError
+        When bounds, boundary values or the guess do not fit.
+    """
+    what = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
+    if isinstance(declaration, State):
+        _add_state(block, record, name, declaration, what)
+    elif isinstance(declaration, Control) and declaration.parametrization == "piecewise_constant":
+        _add_held_control(block, record, name, declaration, what)
+    elif isinstance(declaration, (Algebraic, Control)):
+        _add_indexed(block, name, declaration, block.points, stage_guess(declaration.guess, record.grid, what), what)
+    elif isinstance(declaration, Parameter):
+        bounds = declaration.bounds_at(record.start, what)
+        guess = number_guess(declaration.guess, what)
+        block.add_component(name, Var(bounds=bounds, initialize=_within(guess, bounds)))
+    else:
+        raise DeclarationError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
+
+
+def add_duration(block: Any, record: PhaseRecord) -> None:
+    """The duration: a number, or a variable within its bounds."""
+    duration = record.duration
+    if not isinstance(duration, Duration):
+        block.duration = float(duration)
+        return
+    what = f"phase '{block.name}': duration"
+    lower, upper = check_bounds(duration.bounds, what, "bounds")
+    if duration.guess is None:
+        assert lower is not None  # the caller has refused a duration without positive lower bound
+        guess = lower if upper is None else (lower * upper) ** 0.5  # durations spread over magnitudes
+    else:
+        guess = number_guess(duration.guess, what)
+        if guess <= 0:
+            raise GuessError(f"{what}: the guess is {guess:g}; it must be positive.")
+    block.duration = Var(bounds=(lower, upper), initialize=guess)
+
+
+def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: str) -> None:
+    grid = record.grid
+    _add_indexed(block, name, state, block.time, state_guess(state.guess, grid, what), what)
+    variable = block.component(name)
+    for given, time, where in ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final")):
+        _impose_boundary_value(variable[time], given, f"{what} (declared at {state.declared_at})", where)
+    rows = dict(continuity_rows(variable, grid))
+    if rows:
+        continuity = Constraint(list(rows))
+        block.add_component(f"{name}_continuity", continuity)
+        for time, row in rows.items():
+            continuity.add(time, row)
+
+
+def _add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, what: str) -> None:
+    bounds = {time: declaration.bounds_at(time, what) for time in index} if callable(declaration.bounds) else None
+    common = declaration.bounds_at(0.0, what) if bounds is None else None
+    values = {
+        time: _within(value, common if bounds is None else bounds[time])
+        for time, value in zip(index, guess.tolist(), strict=True)
+    }
+    block.add_component(name, Var(index, bounds=common if bounds is None else bounds, initialize=values))
+
+
+def _add_held_control(block: Any, record: PhaseRecord, name: str, control: Control, what: str) -> None:
+    """One variable per element, seen at each collocation point of it: no extra rows are needed."""
+    grid = record.grid
+    starts = grid.mesh.boundaries[:-1]
+    bounds = [control.bounds_at(time, what) for time in starts]
+    guess = element_guess(control.guess, grid, what).tolist()
+    values = {i: _within(value, bounds[i]) for i, value in enumerate(guess)}
+    held = Var(RangeSet(0, grid.mesh.elements - 1), bounds=dict(enumerate(bounds)), initialize=values)
+    block.add_component(f"{name}_per_element", held)
+    block.add_component(name, Reference({time: held[element] for time, element in grid.element_of.items()}))
+
+
+def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: str, where: str) -> None:
+    if given is None:
+        return
+    if isinstance(given, tuple):
+        lower, upper = check_bounds(given, what, f"{where} bounds")
+        tightest_lower = max((b for b in (lower, variable.lb) if b is not None), default=None)
+        tightest_upper = min((b for b in (upper, variable.ub) if b is not None), default=None)
+        if tightest_lower is not None and tightest_upper is not None and tightest_lower > tightest_upper:
+            raise DeclarationError(
+                f"{what}: its {where} bounds {given} leave nothing of its bounds ({variable.lb}, {variable.ub})."
+            )
+        variable.setlb(tightest_lower)
+        variable.setub(tightest_upper)
+        variable.set_value(_within(variable.value, (tightest_lower, tightest_upper)))
+        return
+    value, _ = check_bounds((given, None), what, f"{where} value")
+    if value is None:
+        raise DeclarationError(f"{what}: its {where} value is {given}; expected a finite number.")
+    outside = (variable.lb is not None and value < variable.lb) or (variable.ub is not None and value > variable.ub)
+    if outside:
+        raise DeclarationError(
+            f"{what}: its {where} value {value:g} lies outside its bounds ({variable.lb}, {variable.ub}). "
+            "Widen the bounds or change the value."
+        )
+    variable.fix(value)
+
+
+def _within(value: float, bounds: Bounds | None) -> float:
+    """The value, moved onto the nearest bound if it lies outside."""
+    lower, upper = bounds or (None, None)
+    if lower is not None and value < lower:
+        return lower
+    return upper if upper is not None and value > upper else float(value)

@@ -1,0 +1,284 @@
+"""Judging a trajectory by the stated equations, recomputed without the rows or the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.relational_expr import RelationalExpression
+from scipy.integrate import solve_ivp
+
+from pyrobocop_pyomo.complementarity import canonical_side
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .point_model import PointModel
+from .record import PhaseRecord, Statement
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What was recomputed from a trajectory; every number is a maximum over time, in the model's own units.
+
+    Attributes
+    ----------
+    defect : float
+        How far the derivative of the state polynomial is from the stated right-hand side.
+    continuity : float
+        Jump of a state between elements.
+    equations : float
+        Violation of residual equations and path constraints at the collocation points.
+    bounds : float
+        Violation of declared bounds and boundary values.
+    natural_residual : float
+        Largest ``|min(a, b)|`` over all complementarity pairs.
+    product : float
+        Largest ``|a b|`` over all complementarity pairs.
+    element_error : float or None
+        Re-integration of each element from its own start by SciPy: largest difference at its end. This is the
+        local discretisation error. None where it cannot be computed; then see `remarks`.
+    horizon_error : float or None
+        Re-integration of the whole horizon in one go: largest difference at any element end.
+    remarks : tuple of str
+        What could not be judged, and why.
+    """
+
+    defect: float
+    continuity: float
+    equations: float
+    bounds: float
+    natural_residual: float
+    product: float
+    element_error: float | None
+    horizon_error: float | None
+    remarks: tuple[str, ...] = field(default=())
+
+    @property
+    def largest_violation(self) -> float:
+        """The worst of defect, continuity, equations, bounds and natural residual."""
+        return max(self.defect, self.continuity, self.equations, self.bounds, self.natural_residual)
+
+    def __str__(self) -> str:
+        def show(number: float | None) -> str:
+            return "not available" if number is None else f"{number:.2e}"
+
+        lines = [
+            f"collocation defect          {show(self.defect)}",
+            f"continuity                  {show(self.continuity)}",
+            f"equations and constraints   {show(self.equations)}",
+            f"bounds                      {show(self.bounds)}",
+            f"complementarity min(a, b)   {show(self.natural_residual)}",
+            f"complementarity a * b       {show(self.product)}",
+            f"re-integration, per element {show(self.element_error)}",
+            f"re-integration, horizon     {show(self.horizon_error)}",
+        ]
+        return "\n".join([*lines, *self.remarks])
+
+
+def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verification:
+    """Recompute everything that a trajectory promises; see `Verification`.
+
+    Raises
+    ------
+    TrajectoryError
+        When the trajectory has other variables than the phase.
+    """
+    expected = set(record.names_of_states)
+    if set(trajectory.states) != expected:
+        raise TrajectoryError(
+            f"trajectory '{trajectory.name}' has the states {sorted(trajectory.states)}, phase '{block.name}' has "
+            f"{sorted(expected)}."
+        )
+    judge = _Judge(block, record, trajectory)
+    defect, equations, natural, product = judge.at_collocation_points()
+    element_error, horizon_error = judge.reintegrate()
+    return Verification(
+        defect=defect,
+        continuity=judge.continuity(),
+        equations=equations,
+        bounds=judge.bounds(),
+        natural_residual=natural,
+        product=product,
+        element_error=element_error,
+        horizon_error=horizon_error,
+        remarks=tuple(judge.remarks),
+    )
+
+
+class _Judge:
+    def __init__(self, block: Any, record: PhaseRecord, trajectory: Trajectory) -> None:
+        self.record = record
+        self.trajectory = trajectory
+        self.grid = trajectory.grid
+        self.point = PointModel(block, record, trajectory.duration)
+        self.point.set_values(trajectory.parameters)
+        # Rules are asked at time indices, which are normalised where the duration was a variable.
+        self.free_duration = block.has_free_duration
+        self.states = {name: trajectory.element_states(name) for name in trajectory.states}
+        self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
+        self.remarks: list[str] = []
+
+    def _index(self, time: float) -> float:
+        return (time - self.record.start) / self.trajectory.duration if self.free_duration else time
+
+    def _statements(self, kind: str) -> list[Statement]:
+        return [statement for statement in self.record.statements if statement.kind == kind]
+
+    def _rates(self, time: float) -> dict[str, float]:
+        """Stated derivatives at the values that the point model holds."""
+        return {
+            self.point.state_name(state): float(value(rate))
+            for statement in self._statements("ode")
+            for state, rate in self.point.ask(statement, time).items()
+        }
+
+    def at_collocation_points(self) -> tuple[float, float, float, float]:
+        scheme, widths = self.grid.scheme, self.grid.mesh.widths
+        slopes = {name: values @ scheme.D.T / widths[:, None] for name, values in self.states.items()}
+        defect = equations = natural = product = 0.0
+        for i, times in enumerate(self.grid.stage_times):
+            for k, real_time in enumerate(times):
+                time = self._index(real_time)
+                values = {name: each[i, k + 1] for name, each in self.states.items()}
+                values |= {name: each[i, k] for name, each in self.signals.items()}
+                slope = {name: each[i, k] for name, each in slopes.items()}
+                self.point.set_values(values, slope)
+                self.point.set_bounds(time)
+                for name, rate in self._rates(time).items():
+                    defect = max(defect, abs(slope[name] - rate))
+                for statement in self._statements("residual") + self._statements("constraint"):
+                    for row in _rows(self.point.ask(statement, time)):
+                        equations = max(equations, _violation(row))
+                for statement in self._statements("complementarity"):
+                    answer = self.point.ask(statement, time)
+                    for pair in answer if isinstance(answer, list) else _rows(answer, single=tuple):
+                        a, b = _sides(pair, statement)
+                        natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
+        return defect, equations, natural, product
+
+    def continuity(self) -> float:
+        end_weights = self.grid.scheme.end_weights
+        ends = (values @ end_weights for values in self.states.values())
+        starts = ([*values[1:, 0], self.trajectory.states[name][-1]] for name, values in self.states.items())
+        return max((float(np.abs(end - start).max()) for end, start in zip(ends, starts, strict=True)), default=0.0)
+
+    def bounds(self) -> float:
+        worst = 0.0
+        for name, declaration in self.record.declarations.items():
+            if name in self.trajectory.parameters:
+                samples = [(0.0, self.trajectory.parameters[name])]
+            elif name in self.trajectory.states:
+                samples = list(zip(self.grid.times, self.trajectory.states[name], strict=True))
+                for given, reached in (
+                    (getattr(declaration, "initial", None), samples[0][1]),
+                    (getattr(declaration, "final", None), samples[-1][1]),
+                ):
+                    lower, upper = given if isinstance(given, tuple) else (given, given)
+                    worst = max(worst, _outside(reached, lower, upper))
+            else:
+                samples = list(zip(self.grid.points, self.trajectory.signals[name], strict=True))
+            for time, sample in samples:
+                worst = max(worst, _outside(sample, *declaration.bounds_at(self._index(time), name)))
+        return worst
+
+    def reintegrate(self) -> tuple[float | None, float | None]:
+        """Errors at element ends of an adaptive integration with the trajectory's controls and algebraics."""
+        names = list(self.states)
+        if set(self.record.equation_of) != set(names):
+            implicit = sorted(set(names) - set(self.record.equation_of))
+            self.remarks.append(
+                f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}."
+            )
+            return None, None
+        rates = self._rate_function(names)
+        boundaries = self.grid.mesh.boundaries
+        element_error = horizon_error = 0.0
+        carried = np.array([self.states[name][0, 0] for name in names])
+        for i in range(self.grid.mesh.elements):
+            start, end = boundaries[i : i + 2]
+            own = np.array([self.states[name][i, 0] for name in names])
+            position = len(self.grid.times) - 1 if i + 1 == self.grid.mesh.elements else None
+            reached = np.array(
+                [
+                    self.trajectory.states[name][position] if position is not None else self.states[name][i + 1, 0]
+                    for name in names
+                ]
+            )
+            carried_is_own = np.array_equal(carried, own)
+            single = _integrate(rates, i, start, end, own)
+            carried = single if carried_is_own else _integrate(rates, i, start, end, carried)
+            element_error = max(element_error, float(np.abs(single - reached).max()))
+            horizon_error = max(horizon_error, float(np.abs(carried - reached).max()))
+        if not np.isfinite(horizon_error):
+            self.remarks.append(
+                "re-integration over the whole horizon left the finite numbers: the motion is unstable."
+            )
+        return element_error, horizon_error
+
+    def _rate_function(self, names: list[str]) -> Callable[[int, float, Array], Array]:
+        scheme, mesh = self.grid.scheme, self.grid.mesh
+
+        def rates(element: int, time: float, state: Array) -> Array:
+            local = (time - mesh.boundaries[element]) / mesh.widths[element]
+            weights = scheme.stage_polynomial_at([local])[0]
+            values: Mapping[str, float] = {
+                **dict(zip(names, state, strict=True)),
+                **{name: weights @ each[element] for name, each in self.signals.items()},
+            }
+            self.point.set_values(values)
+            answer = self._rates(self._index(time))
+            return np.array([answer[name] for name in names])
+
+        return rates
+
+
+def _integrate(rates: Callable[[int, float, Array], Array], i: int, start: float, end: float, initial: Array) -> Array:
+    if not np.isfinite(initial).all():
+        return np.full_like(initial, np.inf)
+    try:
+        answer = solve_ivp(lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11)
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return np.full_like(initial, np.inf)
+    return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)
+
+
+def _rows(answer: Any, single: type | tuple[type, ...] = ()) -> list[Any]:
+    if isinstance(answer, Mapping):
+        return list(answer.values())
+    if isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
+        return list(answer)
+    return [answer]
+
+
+def _violation(row: Any) -> float:
+    """How far a stated relation is from holding."""
+    if row is Constraint.Skip:
+        return 0.0
+    if isinstance(row, RelationalExpression):
+        lower, body, upper = row.to_bounded_expression(evaluate_bounds=True)
+        return _outside(float(value(body)), lower, upper)
+    if isinstance(row, tuple):
+        lower, body, upper = (row[1], row[0], row[1]) if len(row) == 2 else row
+        return _outside(*(None if each is None else float(value(each)) for each in (body, lower, upper)))  # type: ignore[arg-type]
+    return abs(float(value(row)))
+
+
+def _outside(number: float, lower: float | None, upper: float | None) -> float:
+    below = lower - number if lower is not None else 0.0
+    above = number - upper if upper is not None else 0.0
+    return float(max(below, above, 0.0))
+
+
+def _sides(pair: Any, statement: Statement) -> tuple[float, float]:
+    first, second, *choices = pair
+    choices = choices or [None, None]
+    sides = (canonical_side(side, choice, statement) for side, choice in zip((first, second), choices, strict=True))
+    a, b = (float(value(side.expression)) for side in sides)
+    return a, b

@@ -1,0 +1,6 @@
+"""Pictures from plain arrays: the only reader of Matplotlib."""
+
+from .planar_pushing import draw_planar_pushing
+from .signals import plot_signals
+
+__all__ = ["draw_planar_pushing", "plot_signals"]

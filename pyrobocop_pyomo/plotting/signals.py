@@ -1,0 +1,60 @@
+"""Signals over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.optional_imports import matplotlib
+
+Array = NDArray[np.float64]
+
+
+def plot_signals(
+    title: str,
+    time: Array,
+    values: Mapping[str, Array],
+    nodes: Mapping[str, tuple[Array, Array]],
+    steps: set[str],
+) -> Any:
+    """One panel per signal, the interpolation as a line, the nodes as dots.
+
+    Parameters
+    ----------
+    title : str
+    time : array, shape (m,)
+        Where the interpolation was evaluated.
+    values : mapping of name to array, shape (m,)
+    nodes : mapping of name to (times, values)
+    steps : set of str
+        Names drawn as steps.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not shown: that is the caller's choice.
+    """
+    columns = 1 if len(values) <= 4 else 2
+    rows = -(-len(values) // columns)
+    # The object interface, not pyplot: no global figure list grows, and no display is asked for.
+    figure = matplotlib.figure.Figure(figsize=(4.2 * columns + 1, 1.5 * rows + 0.8), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
+    for axis, name in zip(axes, values, strict=False):
+        if name in steps:
+            # A value belongs to the element that ends at its time, hence a step before the point.
+            axis.step(time, values[name], where="pre", linewidth=1.4)
+        else:
+            axis.plot(time, values[name], linewidth=1.4)
+            axis.plot(*nodes[name], ".", markersize=3, color="0.35")
+        axis.set_ylabel(name)
+        axis.grid(alpha=0.3)
+    for axis in axes[len(values) :]:
+        axis.set_visible(False)
+    for axis in axes[max(len(values) - columns, 0) : len(values)]:
+        axis.set_xlabel("time")
+        axis.tick_params(labelbottom=True)
+    figure.suptitle(title)
+    return figure

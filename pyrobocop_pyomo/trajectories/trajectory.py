@@ -1,0 +1,239 @@
+"""`Trajectory`: the values of a phase over time, read by name and interpolated by the scheme's polynomial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh
+from pyrobocop_pyomo.plotting import plot_signals
+
+from .exchange import as_data_frame, as_time_series
+from .storage import read_archive, write_archive
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The values of one phase.
+
+    Attributes
+    ----------
+    name : str
+        Name of the phase.
+    grid : Grid
+        Scheme and mesh in real time, also where the duration was a variable.
+    states : dict of name to array, shape (len(time),)
+        Values at every element boundary and collocation point.
+    signals : dict of name to array, shape (len(points),)
+        Algebraics and controls, at the collocation points.
+    held : frozenset of str
+        Those of the signals that are constant over each element.
+    parameters : dict of name to float
+        Values that do not change in time.
+    pairs : dict of name to array, shape (2, len(points))
+        Both sides of each complementarity pair, in canonical form ``0 <= a ⟂ b >= 0``.
+    phase : PhaseBlock or None
+        Where the values came from; None after loading from a file.
+
+    Notes
+    -----
+    Values are attributes too: ``trajectory.theta``. Called with times, the trajectory interpolates all signals.
+    """
+
+    name: str
+    grid: Grid
+    states: Mapping[str, Array]
+    signals: Mapping[str, Array]
+    parameters: Mapping[str, float]
+    pairs: Mapping[str, Array]
+    held: frozenset[str] = frozenset()
+    phase: Any = field(default=None, repr=False)
+
+    def __getattr__(self, name: str) -> Any:
+        if not name.startswith("_"):
+            for values in (self.states, self.signals, self.parameters):
+                if name in values:
+                    return values[name]
+        raise AttributeError(f"trajectory '{self.__dict__.get('name', '?')}' has no '{name}'.")
+
+    @cached_property
+    def time(self) -> Array:
+        """Times of the states, shape ``(T,)``."""
+        return np.array(self.grid.times)
+
+    @cached_property
+    def points(self) -> Array:
+        """Collocation points, the times of algebraics and controls, shape ``(N * s,)``."""
+        return np.array(self.grid.points)
+
+    @property
+    def duration(self) -> float:
+        """Length of the horizon."""
+        return self.grid.mesh.boundaries[-1] - self.grid.mesh.boundaries[0]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of everything that changes in time."""
+        return [*self.states, *self.signals]
+
+    def __call__(self, t: ArrayLike) -> dict[str, Any]:
+        """Values of every state, algebraic and control at given times.
+
+        At an element boundary the element that ends there is asked, as the equations of a stiffly
+        accurate scheme are.
+
+        Parameters
+        ----------
+        t : float or array, shape (m,)
+            Times within the horizon.
+
+        Returns
+        -------
+        dict of name to float, or to array of shape (m,)
+
+        Raises
+        ------
+        TrajectoryError
+            When a time lies outside the horizon.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        boundaries = np.array(self.grid.mesh.boundaries)
+        slack = 1e-9 * self.duration
+        if (times < boundaries[0] - slack).any() or (times > boundaries[-1] + slack).any():
+            raise TrajectoryError(
+                f"trajectory '{self.name}' runs from {boundaries[0]:g} to {boundaries[-1]:g}; asked was t = "
+                f"{times[np.argmax(np.abs(times - boundaries.mean()))]:g}."
+            )
+        element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, self.grid.mesh.elements - 1)
+        local = np.clip((times - boundaries[element]) / self.grid.mesh.widths[element], 0.0, 1.0)
+        state_weights = self.grid.scheme.state_at(local)
+        stage_weights = self.grid.scheme.stage_polynomial_at(local)
+        values = {name: self._interpolate(self.element_states(name), state_weights, element) for name in self.states}
+        values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
+        return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
+
+    @staticmethod
+    def _interpolate(per_element: Array, weights: Array, element: NDArray[np.int64]) -> Array:
+        return np.einsum("tk,tk->t", weights, per_element[element])
+
+    def element_states(self, name: str) -> Array:
+        """A state per element at its start and its stages, shape ``(N, s + 1)``."""
+        return self.states[name][self._state_positions]
+
+    def element_signals(self, name: str) -> Array:
+        """An algebraic or control per element at the stages, shape ``(N, s)``."""
+        return self.signals[name].reshape(self.grid.mesh.elements, self.grid.scheme.stages)
+
+    @cached_property
+    def _state_positions(self) -> NDArray[np.int64]:
+        position = {time: i for i, time in enumerate(self.grid.times)}
+        starts = self.grid.mesh.boundaries[:-1]
+        return np.array(
+            [
+                [position[time] for time in (start, *stages)]
+                for start, stages in zip(starts, self.grid.stage_times, strict=True)
+            ]
+        )
+
+    def verify(self, phase: Any = None) -> Any:
+        """Judge these values by the equations of a phase, recomputed independently of the solver.
+
+        Parameters
+        ----------
+        phase : PhaseBlock, optional
+            The phase to judge by; the one that the trajectory came from by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When the trajectory was loaded from a file and no phase is given.
+        """
+        judge = self.phase if phase is None else phase
+        if judge is None:
+            raise TrajectoryError(
+                f"trajectory '{self.name}' was loaded from a file and knows no equations. "
+                f"Use verify(phase=model.{self.name})."
+            )
+        return judge.verify(self)
+
+    def plot(self, names: list[str] | None = None) -> Any:
+        """Draw signals over time; returns the Matplotlib figure.
+
+        Parameters
+        ----------
+        names : list of str, optional
+            What to draw; everything by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When a name is unknown.
+        """
+        chosen = self.names if names is None else names
+        unknown = [name for name in chosen if name not in self.names]
+        if unknown:
+            raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
+        dense = np.unique(np.concatenate([self.time, np.linspace(self.time[0], self.time[-1], 400)]))
+        values = self(dense)
+        nodes = {
+            name: (self.time, self.states[name]) if name in self.states else (self.points, self.signals[name])
+            for name in chosen
+        }
+        # A polynomial of degree zero jumps at element ends; drawn as a step it looks like what it is.
+        steps = {
+            name for name in chosen if name in self.signals and (self.grid.scheme.stages == 1 or name in self.held)
+        }
+        return plot_signals(self.name, dense, {name: values[name] for name in chosen}, nodes, steps)
+
+    def to_pandas(self) -> Any:
+        """A data frame: one row per time, one column per state, algebraic and control.
+
+        What lives at collocation points only is evaluated by its polynomial at the other times.
+        """
+        return as_data_frame(self.time, self(self.time))
+
+    def to_time_series(self) -> Any:
+        """The same as `pyomo.contrib.mpc.TimeSeriesData`, with keys such as ``push.theta[*]``."""
+        return as_time_series(self.name, self.time, self(self.time))
+
+    def save(self, path: str | Path) -> Path:
+        """Write a ``.npz`` file of arrays and JSON (no pickle); returns the file written."""
+        facts = {
+            "name": self.name,
+            "scheme": self.grid.scheme.name,
+            "parameters": dict(self.parameters),
+            "held": sorted(self.held),
+        }
+        grid = {"boundaries": np.array(self.grid.mesh.boundaries), "points": self.grid.scheme.c}
+        return write_archive(
+            path, facts, {"grid": grid, "states": self.states, "signals": self.signals, "pairs": self.pairs}
+        )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Read what `save` wrote; to verify it, a phase has to be named.
+
+        Raises
+        ------
+        TrajectoryError
+            When the file is not there or holds no trajectory.
+        """
+        facts, groups = read_archive(path)
+        grid = groups.pop("grid")
+        scheme = CollocationScheme.from_points(facts["scheme"], grid["points"])
+        return cls(
+            name=facts["name"],
+            grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
+            parameters=facts["parameters"],
+            held=frozenset(facts["held"]),
+            **groups,
+        )

@@ -1,0 +1,95 @@
+"""Initial guesses: a constant, a function of time, or an array on the mesh, spread over a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.numerics import Grid
+
+Guess = Union[float, Sequence[float], NDArray[np.float64], Callable[[float], float], None]  # noqa: UP007
+Array = NDArray[np.float64]
+
+
+def state_guess(guess: Guess, grid: Grid, name: str) -> Array:
+    """Values at every time of the grid.
+
+    An array has either one value per time of the grid, or one per element boundary; the latter is
+    interpolated linearly.
+
+    Raises
+    ------
+    GuessError
+        On another length, or values that are not finite numbers.
+    """
+    boundaries, times = grid.mesh.boundaries, grid.times
+    values = _values(guess, times, {len(times), len(boundaries)}, name, f"{len(boundaries)} element boundaries")
+    return values if len(values) == len(times) else np.interp(times, boundaries, values)
+
+
+def stage_guess(guess: Guess, grid: Grid, name: str) -> Array:
+    """Values at every collocation point; an array has one value per point, or one per element.
+
+    Raises
+    ------
+    GuessError
+        On another length, or values that are not finite numbers.
+    """
+    elements, points = grid.mesh.elements, grid.points
+    values = _values(guess, points, {len(points), elements}, name, f"{elements} elements")
+    return values if len(values) == len(points) else np.repeat(values, grid.scheme.stages)
+
+
+def element_guess(guess: Guess, grid: Grid, name: str) -> Array:
+    """Values per element; a function of time is asked at the middle of each.
+
+    Raises
+    ------
+    GuessError
+        On another length, or values that are not finite numbers.
+    """
+    boundaries = np.asarray(grid.mesh.boundaries)
+    middles = tuple(((boundaries[:-1] + boundaries[1:]) / 2).tolist())
+    return _values(guess, middles, {len(middles)}, name, f"{len(middles)} elements")
+
+
+def number_guess(guess: Guess, name: str) -> float:
+    """A single number, for what does not change in time.
+
+    Raises
+    ------
+    GuessError
+        When it is no finite number.
+    """
+    if callable(guess):
+        raise GuessError(f"{name}: the guess is a function of time, but '{name}' is one number.")
+    return float(_values(guess, (0.0,), {1}, name, "one number")[0])
+
+
+def _values(guess: Guess, times: Sequence[float], lengths: set[int], name: str, expected: str) -> Array:
+    try:
+        if guess is None:
+            values = np.zeros(len(times))
+        elif callable(guess):
+            values = np.array([float(guess(time)) for time in times])
+        else:
+            values = np.asarray(guess, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise GuessError(f"{name}: the guess is not made of numbers ({error}).") from error
+    if values.ndim == 0:
+        values = np.full(len(times), float(values))
+    if values.ndim != 1 or len(values) not in lengths:
+        shape = f"{len(values)} values" if values.ndim == 1 else f"shape {values.shape}"
+        needed = " or ".join(str(length) for length in sorted(lengths))
+        raise GuessError(
+            f"{name}: the guess has {shape}; {expected} need {needed}. Give {needed} values, a number, "
+            "or a function of time."
+        )
+    if not np.isfinite(values).all():
+        i = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise GuessError(f"{name}: value {i} of the guess is {values[i]}; guesses must be finite.")
+    return values
