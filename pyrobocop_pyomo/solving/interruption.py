@@ -25,6 +25,7 @@ class Interruption:
         self._previous: Any = None
 
     def __enter__(self) -> Interruption:
+        """Watch for Ctrl-C from here on."""
         in_main_thread = threading.current_thread() is threading.main_thread()
         # None: a handler that C code installed, which Python could not put back. Ignored: leave it ignored.
         if in_main_thread and signal.getsignal(signal.SIGINT) not in (None, signal.SIG_IGN):
@@ -43,4 +44,5 @@ class Interruption:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Put the former handler back."""
         self._restore()

@@ -66,6 +66,7 @@ class IpoptLibrary:
     functions: ctypes.CDLL
 
     def __str__(self) -> str:
+        """Name, version and file, for logs and messages."""
         version = ".".join(map(str, self.version)) if self.version else "older than 3.14"
         return f"Ipopt {version} ({self.path})"
 
@@ -118,7 +119,7 @@ def load_ipopt_library(path: str | None = None) -> IpoptLibrary:
     return _load(path)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _load(path: str) -> IpoptLibrary:
     try:
         functions = ctypes.CDLL(path)

@@ -52,11 +52,11 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
 
 def _last_explanation(text: str) -> str:
     """The sentence about the last attempt, and the allowed range, out of all that Ipopt printed."""
-    paragraphs = [" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip()]
-    sentences = [p for p in paragraphs if p.startswith(("Tried to set", "Setting:"))]
-    ranges = [line for line in text.splitlines() if "<" in line and "(" in line]
+    lines = [line.strip() for line in text.splitlines()]
+    sentences = [line for line in lines if line.startswith(("Tried to set", "Setting:"))]
+    ranges = [line for line in lines if "<" in line and "(" in line]
     told = sentences[-1] if sentences else "Ipopt gives no reason."
-    return f"{told} Allowed, with the default in brackets: {ranges[-1].strip()}." if ranges else told
+    return f"{told} Allowed, with the default in brackets: {ranges[-1]}." if ranges else told
 
 
 def _version(library: IpoptLibrary) -> str:

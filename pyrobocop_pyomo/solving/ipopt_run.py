@@ -21,8 +21,6 @@ from .ipopt_options import set_options
 from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord
 from .nonlinear_program import FloatArray, NonlinearProgram
 
-USER_REQUESTED_STOP = 5
-
 
 def run_ipopt(
     library: IpoptLibrary,
@@ -96,7 +94,7 @@ def run_ipopt(
         raise callbacks.failure
     status = STATUS_OF_RETURN_CODE.get(code, IpoptStatus.INTERNAL_ERROR)
     if interruption.requested:
-        # Also when Ipopt happened to end by itself at that moment: whoever pressed Ctrl-C wants the program to stop.
+        # Also when Ipopt ended by itself at that moment: whoever pressed Ctrl-C wants the program to stop.
         status = IpoptStatus.INTERRUPTED
     if np.isnan(objective.value) or np.isnan(g).any():
         # Ipopt hands out nothing when it stops before its first iteration.
