@@ -83,7 +83,7 @@ class AslProgram:
             bounds[np.abs(bounds) >= 1e19] = np.copysign(np.inf, bounds[np.abs(bounds) >= 1e19])
         self.x_start = np.empty(self.n)
         self._asl.get_init_x(self.x_start)
-        self.g_multipliers_start = None
+        self.g_multipliers_start: FloatArray | None = None
         jacobian = np.empty((2, self._asl.get_nnz_jac_g()), dtype=np.intc)
         hessian = np.empty((2, self._asl.get_nnz_hessian_lag()), dtype=np.intc)
         self._asl.struct_jac_g(jacobian[0], jacobian[1])

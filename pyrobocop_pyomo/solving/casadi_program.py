@@ -53,7 +53,7 @@ class CasadiProgram:
         self.x_lower, self.x_upper = np.array(builder.x_lb, dtype=float), np.array(builder.x_ub, dtype=float)
         self.g_lower, self.g_upper = np.array(builder.g_lb, dtype=float), np.array(builder.g_ub, dtype=float)
         self.x_start = np.array(builder.x_init, dtype=float)
-        self.g_multipliers_start = None
+        self.g_multipliers_start: FloatArray | None = None
         self._differentiate(builder)
 
     def _differentiate(self, builder: Any) -> None:
@@ -113,8 +113,8 @@ class _Buffered:
         self._result = np.zeros(function.nnz_out(0))
         self._buffer, self._evaluate = function.buffer()
         for i, argument in enumerate(self._arguments):
-            self._buffer.set_arg(i, memoryview(argument))
-        self._buffer.set_res(0, memoryview(self._result))
+            self._buffer.set_arg(i, argument.data)
+        self._buffer.set_res(0, self._result.data)
 
     def __call__(self, *arguments: FloatArray) -> FloatArray:
         for held, argument in zip(self._arguments, arguments, strict=True):

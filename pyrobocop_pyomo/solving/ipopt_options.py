@@ -87,8 +87,8 @@ def _readings(value: Any) -> list[str | int | float]:
         # ctypes would wrap an integer beyond 32 bits silently.
         return [int(value), float(value)] if abs(int(value)) < 2**31 else [float(value)]
     if isinstance(value, numbers.Real):
-        whole = float(value).is_integer() and abs(float(value)) < 2**31
-        return [float(value), int(value)] if whole else [float(value)]
+        number = float(value)
+        return [number, int(number)] if number.is_integer() and abs(number) < 2**31 else [number]
     return []
 
 

@@ -209,9 +209,13 @@ class _Callbacks:
             return _write_structure(self.nlp.hessian_structure, rows, columns)
         return self._write(values, self.nlp.hessian, _view(x, n), factor, _view(multipliers, m))
 
-    def _intermediate(self, mode: int, iteration: int, *numbers: Any) -> int:
-        *values, trials, _ = numbers
-        record = IterationRecord(iteration, mode == 1, *values, trials)
+    def _intermediate(
+        self, mode: int, iteration: int, objective: float, primal: float, dual: float, mu: float, step: float,
+        regularization: float, dual_step: float, primal_step: float, trials: int, data: Any,
+    ) -> int:  # fmt: skip
+        record = IterationRecord(
+            iteration, mode == 1, objective, primal, dual, mu, step, regularization, dual_step, primal_step, trials
+        )
         try:
             self.records.append(record)
             if self.after_record is not None:
@@ -230,11 +234,11 @@ def _view(address: int | None, size: int) -> FloatArray:
     """Ipopt's memory as an array, valid during one callback."""
     if not size or not address:
         return np.empty(0)
-    return np.frombuffer((ctypes.c_double * size).from_address(address))
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
 
 
 def _write_structure(structure: tuple[Any, Any], rows: int, columns: int) -> int:
     for indices, address in zip(structure, (rows, columns), strict=True):
         if indices.size:
-            np.frombuffer((ctypes.c_int * indices.size).from_address(address), dtype=np.intc)[:] = indices
+            np.ctypeslib.as_array((ctypes.c_int * indices.size).from_address(address))[:] = indices
     return 1

@@ -7,6 +7,7 @@ import logging
 import re
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,7 @@ class WrittenModel:
     """
 
     def __init__(self, model: BlockData, derivatives: str | None = None) -> None:
-        build = _program_class(derivatives)
+        build = _program_builder(derivatives)
         self.model = model
         self.objective = _single_objective(model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
@@ -120,7 +121,7 @@ def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram
     return CasadiProgram(path)
 
 
-def _program_class(derivatives: str | None):  # type: ignore[no-untyped-def]
+def _program_builder(derivatives: str | None) -> Callable[[Path, list[str]], NonlinearProgram]:
     if derivatives not in (None, "asl", "casadi"):
         raise ValueError(f"derivatives is {derivatives!r}; it must be 'asl', 'casadi' or None (the best present).")
     if derivatives != "casadi" and asl_available():
@@ -151,15 +152,15 @@ def _single_objective(model: BlockData) -> ObjectiveData | None:
 def _refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
     if not variables:
         raise ModelError(
-            f"'{model.name}' has no free variable in any active constraint or objective: there is nothing to solve. "
-            "Unfix a variable, or activate what uses it."
+            f"'{model.name}' has no free variable in any active constraint or objective: there is nothing to "
+            "solve. Unfix a variable, or activate what uses it."
         )
     discrete = [variable.name for variable in variables if not variable.is_continuous()]
     if discrete:
         shown = ", ".join(f"'{name}'" for name in discrete[:5]) + (", ..." if len(discrete) > 5 else "")
         raise ModelError(
-            f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems only. "
-            "Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
+            f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems "
+            "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
         )
 
 
