@@ -11,6 +11,8 @@
     │   ├── GuessError                   an initial guess of the wrong shape, or not finite
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
+    ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
+    ├── EvaluationError (ArithmeticError) the functions of a problem have no finite value at a point
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
     └── TrajectoryError (ValueError)     a trajectory that cannot be read, evaluated or verified
 
@@ -55,6 +57,14 @@ class ComplementarityError(ModelError):
 
 class SolverNotFoundError(PyRobocopError):
     """No Ipopt, or no derivatives for it, could be found; the message lists the remedies."""
+
+
+class SolverOptionError(PyRobocopError, ValueError):
+    """An option that Ipopt does not know, or a value that it refuses."""
+
+
+class EvaluationError(PyRobocopError, ArithmeticError):
+    """A function or a derivative of a nonlinear program has no finite value at the point asked for."""
 
 
 class SolveFailed(PyRobocopError, RuntimeError):

@@ -1,0 +1,175 @@
+"""Derivatives from the AMPL Solver Library, through PyNumero's compiled interface."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+from pyomo.contrib.pynumero.asl import AmplInterface
+
+from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
+
+from .nonlinear_program import FloatArray
+
+ASL_REMEDY = (
+    "Run 'python -m pyrobocop_pyomo build-asl' (Debian, Ubuntu), or install conda-forge's pynumero_libraries, "
+    "or run 'pyomo build-extensions'"
+)
+
+
+def find_asl_library() -> str | None:
+    """Path of PyNumero's ``pynumero_ASL`` library, or None.
+
+    Pyomo's own places come first (its configuration folder, LD_LIBRARY_PATH, PATH); then the library folder of
+    this Python environment, where ``python -m pyrobocop_pyomo build-asl`` puts it.
+    """
+    if AmplInterface.available():
+        return str(AmplInterface.libname)
+    for name in ("libpynumero_ASL.so", "libpynumero_ASL.dylib", "pynumero_ASL.dll"):
+        path = Path(sys.prefix) / "lib" / name
+        if path.is_file():
+            return str(path)
+    return None
+
+
+def asl_available() -> bool:
+    """Whether `AslProgram` can be built on this machine."""
+    return find_asl_library() is not None
+
+
+class AslProgram:
+    """The nonlinear program in a ``.nl`` file, evaluated by the AMPL Solver Library.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; it may be removed afterwards.
+    external_functions : str
+        Libraries with the model's external functions, in the form of the variable ``AMPLFUNC``.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When PyNumero's library is not found.
+    ModelError
+        When the file has no continuous variable, discrete variables, or not exactly one objective.
+    """
+
+    derivatives = "ASL through PyNumero"
+
+    def __init__(self, path: str | Path, external_functions: str = "") -> None:
+        library = find_asl_library()
+        if library is None:
+            raise SolverNotFoundError(
+                f"PyNumero's library pynumero_ASL is not found, so ASL cannot give derivatives. {ASL_REMEDY}; "
+                "or use CasADi: pip install 'pyrobocop_pyomo[ipopt]'."
+            )
+        _refuse_what_would_end_the_process(path)
+        if not AmplInterface.available():
+            AmplInterface.libname = library  # Pyomo itself found none: nothing of the user's is overruled
+        self._asl = _open(str(path), external_functions)
+        self.n = self._asl.get_n_vars()
+        self.m = self._asl.get_n_constraints()
+        self.x_lower, self.x_upper = np.empty(self.n), np.empty(self.n)
+        self.g_lower, self.g_upper = np.empty(self.m), np.empty(self.m)
+        self._asl.get_x_lower_bounds(self.x_lower)
+        self._asl.get_x_upper_bounds(self.x_upper)
+        self._asl.get_g_lower_bounds(self.g_lower)
+        self._asl.get_g_upper_bounds(self.g_upper)
+        for bounds in (self.x_lower, self.x_upper, self.g_lower, self.g_upper):
+            # ASL's infinity is 1.7e308 on some builds; beyond 1e19 a bound is no bound to Ipopt either.
+            bounds[np.abs(bounds) >= 1e19] = np.copysign(np.inf, bounds[np.abs(bounds) >= 1e19])
+        self.x_start = np.empty(self.n)
+        self._asl.get_init_x(self.x_start)
+        self.g_multipliers_start: FloatArray | None = None
+        jacobian = np.empty((2, self._asl.get_nnz_jac_g()), dtype=np.intc)
+        hessian = np.empty((2, self._asl.get_nnz_hessian_lag()), dtype=np.intc)
+        self._asl.struct_jac_g(jacobian[0], jacobian[1])
+        self._asl.struct_hes_lag(hessian[0], hessian[1])
+        self.jacobian_structure = (jacobian[0] - 1, jacobian[1] - 1)  # the interface counts from one
+        # ASL stores the upper triangle by rows; mirrored it is the lower one.
+        self.hessian_structure = (hessian.max(axis=0) - 1, hessian.min(axis=0) - 1)
+        self._objective_at: FloatArray | None = None
+        self._constraints_at: FloatArray | None = None
+
+    def objective(self, x: FloatArray) -> float:
+        """Value of f."""
+        self._objective_at = None
+        try:
+            value = self._asl.eval_f(x)
+        except ArithmeticError as error:
+            raise EvaluationError(f"ASL cannot evaluate the objective: {error}") from None
+        self._objective_at = x.copy()
+        return value
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Gradient of f."""
+        values = np.empty(self.n)
+        try:
+            self._asl.eval_deriv_f(x, values)
+        except ArithmeticError as error:
+            raise EvaluationError(f"ASL cannot evaluate the gradient of the objective: {error}") from None
+        return values
+
+    def constraints(self, x: FloatArray) -> FloatArray:
+        """Values of g."""
+        self._constraints_at = None
+        values = np.empty(self.m)
+        try:
+            self._asl.eval_g(x, values)
+        except ArithmeticError as error:
+            raise EvaluationError(f"ASL cannot evaluate the constraints: {error}") from None
+        self._constraints_at = x.copy()
+        return values
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Values of the Jacobian of g."""
+        values = np.empty(self.jacobian_structure[0].size)
+        try:
+            self._asl.eval_jac_g(x, values)
+        except ArithmeticError as error:
+            raise EvaluationError(f"ASL cannot evaluate the Jacobian of the constraints: {error}") from None
+        return values
+
+    def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
+        """Values of the Hessian of the Lagrangian."""
+        # ASL takes second derivatives at the point where it last evaluated the functions, whatever x it is given.
+        if self._objective_at is None or not np.array_equal(self._objective_at, x):
+            self.objective(x)
+        if self._constraints_at is None or not np.array_equal(self._constraints_at, x):
+            self.constraints(x)
+        values = np.empty(self.hessian_structure[0].size)
+        self._asl.eval_hes_lag(x, multipliers, values, objective_factor)
+        return values
+
+
+def _open(path: str, external_functions: str) -> AmplInterface:
+    """Read the file; the interface takes AMPLFUNC out of the environment, so it is put back afterwards."""
+    kept = os.environ.get("AMPLFUNC")
+    try:
+        if external_functions:
+            os.environ["AMPLFUNC"] = external_functions
+        return AmplInterface(path)
+    finally:
+        if kept is None:
+            os.environ.pop("AMPLFUNC", None)
+        else:
+            os.environ["AMPLFUNC"] = kept
+
+
+def _refuse_what_would_end_the_process(path: str | Path) -> None:
+    """PyNumero's library calls exit() on a file that it does not support: the whole Python session would go."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        header = [file.readline().partition("#")[0].split() for _ in range(10)]
+    if not header[0] or not header[0][0].startswith("g"):
+        raise ModelError(f"'{path}' is not a .nl file in text format: it starts with {' '.join(header[0])!r}.")
+    variables, objectives = int(header[1][0]), int(header[1][2])
+    discrete = sum(map(int, header[6][:5]))
+    if variables == 0:
+        raise ModelError(f"'{path}' has no variables. Free at least one variable that a constraint or cost uses.")
+    if discrete:
+        raise ModelError(f"'{path}' has {discrete} discrete variables; Ipopt solves continuous problems only.")
+    if objectives != 1:
+        raise ModelError(f"'{path}' has {objectives} objectives; exactly one is needed.")

@@ -1,0 +1,44 @@
+"""What C code prints: it goes to file descriptor 1 and knows nothing of `sys.stdout`."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+
+
+def flush_c_streams() -> None:
+    """Push out what C code has printed and not yet written; where the C library is not reachable, do nothing."""
+    with contextlib.suppress(TypeError, OSError, AttributeError):
+        ctypes.CDLL(None).fflush(None)
+
+
+@contextlib.contextmanager
+def c_output_kept() -> Iterator[list[str]]:
+    """Keep what C code prints from the terminal; the list holds it, as one text, when the context ends.
+
+    For calls of microseconds: what another thread prints meanwhile is kept as well. Pyomo's ``capture_output``
+    starts threads and passes on what arrives, which is right for a whole solve and too much here.
+    """
+    kept: list[str] = []
+    with contextlib.suppress(ValueError, OSError):
+        sys.stdout.flush()
+    flush_c_streams()
+    try:
+        original = os.dup(1)
+    except OSError:  # no standard output at all, as in a service
+        yield kept
+        return
+    with tempfile.TemporaryFile() as file:
+        try:
+            os.dup2(file.fileno(), 1)
+            yield kept
+        finally:
+            flush_c_streams()
+            os.dup2(original, 1)
+            os.close(original)
+            file.seek(0)
+            kept.append(file.read().decode(errors="replace"))

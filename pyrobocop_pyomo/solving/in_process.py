@@ -1,0 +1,222 @@
+"""Ipopt in this process as a Pyomo solver: ``SolverFactory("pyrobocop.ipopt")``."""
+
+from __future__ import annotations
+
+import datetime
+import logging
+from typing import Any
+
+from pyomo.common.config import ADVANCED_OPTION, ConfigValue, In
+from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.common.timing import HierarchicalTimer, default_timer
+from pyomo.contrib.solver.common.base import Availability, SolverBase
+from pyomo.contrib.solver.common.config import SolverConfig
+from pyomo.contrib.solver.common.factory import SolverFactory
+from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
+from pyomo.contrib.solver.common.solution_loader import NoSolutionSolutionLoader
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
+from pyomo.core.base.block import BlockData
+from pyomo.core.staleflag import StaleFlagManager
+
+from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+
+from .asl_program import asl_available
+from .casadi_program import casadi_available
+from .ipopt_library import find_ipopt_library, load_ipopt_library
+from .ipopt_outcome import IpoptOutcome, IpoptStatus
+from .ipopt_run import run_ipopt
+from .multipliers import InProcessSolutionLoader, starting_multipliers
+from .written_model import WrittenModel
+
+logger = logging.getLogger(__name__)
+
+# As Pyomo reads the executable's codes; only what it calls "limit" or "failure" is told apart further here.
+CONDITIONS = {
+    IpoptStatus.SOLVED: (TerminationCondition.convergenceCriteriaSatisfied, SolutionStatus.optimal),
+    IpoptStatus.ACCEPTABLE: (TerminationCondition.convergenceCriteriaSatisfied, SolutionStatus.optimal),
+    IpoptStatus.FEASIBLE_POINT: (TerminationCondition.convergenceCriteriaSatisfied, SolutionStatus.optimal),
+    IpoptStatus.INFEASIBLE: (TerminationCondition.locallyInfeasible, SolutionStatus.infeasible),
+    IpoptStatus.TINY_STEP: (TerminationCondition.minStepLength, SolutionStatus.unknown),
+    IpoptStatus.DIVERGING: (TerminationCondition.unbounded, SolutionStatus.unknown),
+    IpoptStatus.INTERRUPTED: (TerminationCondition.interrupted, SolutionStatus.unknown),
+    IpoptStatus.STOPPED: (TerminationCondition.interrupted, SolutionStatus.unknown),
+    IpoptStatus.ITERATION_LIMIT: (TerminationCondition.iterationLimit, SolutionStatus.unknown),
+    IpoptStatus.TIME_LIMIT: (TerminationCondition.maxTimeLimit, SolutionStatus.unknown),
+}
+
+
+class InProcessIpoptConfig(SolverConfig):
+    """Options of `InProcessIpopt`."""
+
+    def __init__(
+        self,
+        description: str | None = None,
+        doc: str | None = None,
+        implicit: bool = False,
+        implicit_domain: Any = None,
+        visibility: int = 0,
+    ) -> None:
+        super().__init__(description, doc, implicit, implicit_domain, visibility)
+        self.derivatives: str | None = self.declare(
+            "derivatives",
+            ConfigValue(
+                default=None,
+                domain=In([None, "asl", "casadi"]),
+                description="Where derivatives come from; by default ASL where PyNumero's library is found, else "
+                "CasADi.",
+            ),
+        )
+        self.on_iteration = self.declare(
+            "on_iteration",
+            ConfigValue(
+                default=None,
+                description="Called with the record of each iteration; stops Ipopt by returning False.",
+            ),
+        )
+
+
+class InProcessIpopt(SolverBase):
+    """Ipopt's shared library in this process, with derivatives from ASL or CasADi.
+
+    It needs no executable. The last point is in ``results.solution_loader`` whatever stopped Ipopt: a limit,
+    Ctrl-C, a failure; where an exception is raised instead, it carries the results as its attribute ``results``.
+    """
+
+    CONFIG = InProcessIpoptConfig()
+
+    def available(self) -> Availability:
+        """Whether there is an Ipopt library and something to take derivatives with."""
+        try:
+            found = find_ipopt_library()
+        except SolverNotFoundError:
+            return Availability.NotFound
+        if found is None:
+            return Availability.NotFound
+        usable = {"asl": asl_available, "casadi": casadi_available}
+        wanted = [self.config.derivatives] if self.config.derivatives else list(usable)
+        if not any(usable[name]() for name in wanted):
+            return Availability.NeedsCompiledExtension
+        return Availability.FullLicense
+
+    def version(self) -> tuple[int, int, int] | None:
+        """Version of the Ipopt library; None when there is none or it cannot tell."""
+        try:
+            return load_ipopt_library().version
+        except SolverNotFoundError:
+            return None
+
+    def solve(self, model: BlockData, **kwds: Any) -> Results:
+        """Solve a Pyomo model.
+
+        Parameters
+        ----------
+        model : Block
+            The model: continuous, with at most one active objective.
+        **kwds
+            Options of this call: ``tee``, ``load_solutions``, ``raise_exception_on_nonoptimal_result``,
+            ``time_limit`` (seconds, elapsed), ``solver_options`` (Ipopt's), ``derivatives``, ``on_iteration``.
+
+        Returns
+        -------
+        Results
+            ``extra_info`` holds ``iteration_count``, ``iteration_log`` (records with mu), ``derivatives``,
+            ``ipopt_library``, ``ipopt_status`` and ``solver_message``.
+        """
+        started = default_timer()
+        config = self.config(value=kwds, preserve_implicit=True)
+        timer = config.timer = config.timer or HierarchicalTimer()
+        results = Results()
+        results.timing_info.start_timestamp = datetime.datetime.now(datetime.timezone.utc)
+        results.solver_name = self.name
+        results.solver_config = config
+        library = load_ipopt_library()
+        results.solver_version = library.version
+        results.extra_info.ipopt_library = library.path
+        StaleFlagManager.mark_all_as_stale()
+        timer.start("write_and_build")
+        try:
+            written = WrittenModel(model, config.derivatives)
+        except InfeasibleConstraintException as error:
+            _report_proven_infeasible(results, model, str(error))
+        else:
+            timer.stop("write_and_build")
+            results.extra_info.derivatives = written.nlp.derivatives
+            logger.info("'%s': %s, derivatives by %s", model.name, library, written.nlp.derivatives)
+            start = starting_multipliers(written)
+            timer.start("ipopt")
+            outcome = run_ipopt(
+                library,
+                written.nlp,
+                _ipopt_options(config),
+                g_multipliers=start.g_multipliers,
+                lower_multipliers=start.lower_multipliers,
+                upper_multipliers=start.upper_multipliers,
+                on_iteration=config.on_iteration,
+                output=config.tee,
+            )
+            timer.stop("ipopt")
+            _report(results, written, outcome)
+        finally:
+            if "write_and_build" in timer.stack:
+                timer.stop("write_and_build")
+        _raise_or_load(results, config)
+        results.timing_info.timer = timer
+        results.timing_info.wall_time = default_timer() - started
+        return results
+
+
+def _ipopt_options(config: InProcessIpoptConfig) -> dict[str, Any]:
+    options = dict(config.solver_options.value())
+    for name in ("option_file_name", "wantsol"):
+        if name in options:
+            raise SolverOptionError(
+                f"Ipopt option '{name}' belongs to the executable. Give Ipopt's options by name."
+            )
+    if config.threads and config.threads != 1:
+        logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
+    if config.time_limit is not None:
+        options["max_wall_time"] = float(config.time_limit)
+    return options
+
+
+def _report(results: Results, written: WrittenModel, outcome: IpoptOutcome) -> None:
+    failure = (TerminationCondition.error, SolutionStatus.unknown)
+    results.termination_condition, results.solution_status = CONDITIONS.get(outcome.status, failure)
+    results.solution_loader = InProcessSolutionLoader(written, outcome)
+    results.solver_log = outcome.log
+    if results.solution_status is SolutionStatus.optimal:
+        results.incumbent_objective = written.sign * outcome.objective
+    results.extra_info.solver_message = outcome.status.value
+    results.extra_info.ipopt_status = outcome.status
+    results.extra_info.iteration_count = outcome.iterations
+    results.extra_info.add("iteration_log", ConfigValue(outcome.records, visibility=ADVANCED_OPTION))
+    results.timing_info.ipopt = outcome.seconds
+    results.timing_info.evaluations = outcome.evaluation_seconds
+
+
+def _report_proven_infeasible(results: Results, model: BlockData, reason: str) -> None:
+    """A row without free variables contradicts itself: the writer found it before Ipopt was asked."""
+    results.termination_condition = TerminationCondition.provenInfeasible
+    results.solution_status = SolutionStatus.noSolution
+    results.solution_loader = NoSolutionSolutionLoader(model, reason)
+    results.extra_info.solver_message = reason
+    results.extra_info.iteration_count = 0
+
+
+def _raise_or_load(results: Results, config: InProcessIpoptConfig) -> None:
+    """As Pyomo's ipopt_v2 does it: an exception leaves the model as it was. The results go with the exception."""
+    if config.raise_exception_on_nonoptimal_result and results.solution_status is not SolutionStatus.optimal:
+        error = NoOptimalSolutionError(
+            f"{NoOptimalSolutionError.default_message} {results.extra_info.solver_message}"
+        )
+        error.results = results
+        raise error
+    if config.load_solutions:
+        if results.solution_status is SolutionStatus.noSolution:
+            raise NoSolutionError(results.extra_info.solver_message)
+        results.solution_loader.load_solution()
+
+
+SolverFactory.register(
+    name="pyrobocop.ipopt", legacy_name="pyrobocop.ipopt", doc="Ipopt in this process: no executable needed"
+)(InProcessIpopt)

@@ -1,0 +1,100 @@
+"""Passing options to Ipopt, whose C interface wants to know the type of each one."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Mapping
+from typing import Any
+
+from pyrobocop_pyomo.errors import SolverOptionError
+
+from .c_output import c_output_kept
+from .ipopt_library import IpoptLibrary
+
+
+def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any], *, silent: bool) -> None:
+    """Hand options to Ipopt's problem.
+
+    Parameters
+    ----------
+    library : IpoptLibrary
+        The library that `problem` belongs to.
+    problem : int
+        Address of Ipopt's problem.
+    options : mapping of str to str, int, float or bool
+        Each value is tried as what it is and then as what it can stand for: ``1`` as a number, ``"100"`` and
+        ``100.0`` as integers, as the ``ipopt`` executable takes them.
+    silent : bool
+        Print nothing, whatever ``print_level`` says.
+
+    Raises
+    ------
+    SolverOptionError
+        When Ipopt refuses one.
+    """
+    settings = dict(options)
+    if silent:
+        settings |= {"print_level": 0, "sb": "yes"}
+    refused = None
+    # Ipopt prints an explanation of each refused attempt, also of those that merely guessed the wrong type.
+    with c_output_kept() as explanations:
+        for name, value in settings.items():
+            if not _set(library, problem, name, value):
+                refused = name
+                break
+    if refused is not None:
+        raise SolverOptionError(
+            f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by Ipopt {_version(library)}. "
+            f"{_last_explanation(explanations[0])} See https://coin-or.github.io/Ipopt/OPTIONS.html for names and "
+            "values."
+        )
+
+
+def _last_explanation(text: str) -> str:
+    """The sentence about the last attempt, and the allowed range, out of all that Ipopt printed."""
+    lines = [line.strip() for line in text.splitlines()]
+    sentences = [line for line in lines if line.startswith(("Tried to set", "Setting:"))]
+    ranges = [line for line in lines if "<" in line and "(" in line]
+    told = sentences[-1] if sentences else "Ipopt gives no reason."
+    return f"{told} Allowed, with the default in brackets: {ranges[-1]}." if ranges else told
+
+
+def _version(library: IpoptLibrary) -> str:
+    return ".".join(map(str, library.version)) if library.version else "(before 3.14)"
+
+
+def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
+    functions, key = library.functions, name.encode()
+    for attempt in _readings(value):
+        if isinstance(attempt, str):
+            accepted = functions.AddIpoptStrOption(problem, key, attempt.encode())
+        elif isinstance(attempt, int):
+            accepted = functions.AddIpoptIntOption(problem, key, attempt)
+        else:
+            accepted = functions.AddIpoptNumOption(problem, key, attempt)
+        if accepted:
+            return True
+    return False
+
+
+def _readings(value: Any) -> list[str | int | float]:
+    """What a value can mean to Ipopt, most literal first."""
+    if isinstance(value, bool):
+        return ["yes" if value else "no"]
+    if isinstance(value, str):
+        return [value, *_numeric_readings(value)]
+    if isinstance(value, numbers.Integral):
+        # ctypes would wrap an integer beyond 32 bits silently.
+        return [int(value), float(value)] if abs(int(value)) < 2**31 else [float(value)]
+    if isinstance(value, numbers.Real):
+        number = float(value)
+        return [number, int(number)] if number.is_integer() and abs(number) < 2**31 else [number]
+    return []
+
+
+def _numeric_readings(text: str) -> list[int | float]:
+    try:
+        number = float(text)
+    except ValueError:
+        return []
+    return [int(number), number] if number.is_integer() and abs(number) < 2**31 else [number]

@@ -1,0 +1,140 @@
+"""Multipliers between Ipopt's signs and those of Pyomo's suffixes.
+
+Ipopt's Lagrangian is that of a minimisation, with every multiplier of a bound not negative. Pyomo's suffixes follow
+AMPL: ``dual`` is the change of the objective, as the user stated it, per unit of the row's right-hand side. So with
+``sign`` 1 for minimising and -1 for maximising, as the ``ipopt`` executable has it::
+
+    dual = -sign * g_multipliers
+    ipopt_zL_out = sign * lower_multipliers
+    ipopt_zU_out = -sign * upper_multipliers
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pyomo.common.collections import ComponentMap
+from pyomo.contrib.solver.common.solution_loader import SolutionLoader
+from pyomo.core.base.block import BlockData
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.enums import TraversalStrategy
+from pyomo.core.base.suffix import Suffix
+from pyomo.core.base.var import VarData
+
+from .ipopt_outcome import IpoptOutcome
+from .nonlinear_program import FloatArray
+from .written_model import WrittenModel
+
+
+@dataclass(frozen=True, eq=False)
+class StartingMultipliers:
+    """Multipliers that the model exports, in Ipopt's signs; None where it exports none."""
+
+    g_multipliers: FloatArray | None = None
+    lower_multipliers: FloatArray | None = None
+    upper_multipliers: FloatArray | None = None
+
+
+def starting_multipliers(written: WrittenModel) -> StartingMultipliers:
+    """Read the suffixes ``dual``, ``ipopt_zL_in`` and ``ipopt_zU_in`` that are declared for export.
+
+    Entries that a suffix leaves out are 0, as the ``ipopt`` executable reads them.
+    """
+    sign, model = written.sign, written.model
+    lower = _exported(model, "ipopt_zL_in", written.variables)
+    upper = _exported(model, "ipopt_zU_in", written.variables)
+    rows = _exported(model, "dual", written.constraints)
+    return StartingMultipliers(
+        g_multipliers=None if rows is None else -sign * rows,
+        lower_multipliers=None if lower is None else sign * lower,
+        upper_multipliers=None if upper is None else -sign * upper,
+    )
+
+
+def _exported(model: BlockData, name: str, components: Sequence[Any]) -> FloatArray | None:
+    """Values of an export suffix, wherever in the model it is declared; the one closest to the root wins."""
+    values: ComponentMap | None = None
+    for suffix in model.component_objects(
+        Suffix, active=True, descend_into=True, descent_order=TraversalStrategy.BreadthFirstSearch
+    ):
+        if suffix.local_name == name and suffix.export_enabled():
+            values = ComponentMap() if values is None else values
+            for component, value in suffix.items():
+                for data in component.values() if component.is_indexed() else (component,):
+                    values.setdefault(data, value)
+    if not values:
+        # An empty suffix, as before the first solve, is no statement that all multipliers are zero.
+        return None
+    return np.array([values.get(component, 0.0) for component in components], dtype=float)
+
+
+class InProcessSolutionLoader(SolutionLoader):
+    """The last point and multipliers of a run, in terms of the model's components.
+
+    Parameters
+    ----------
+    written : WrittenModel
+        What was solved.
+    outcome : IpoptOutcome
+        What Ipopt returned.
+    """
+
+    def __init__(self, written: WrittenModel, outcome: IpoptOutcome) -> None:
+        self._pyomo_model = written.model
+        self._written = written
+        self._outcome = outcome
+
+    def get_number_of_solutions(self) -> int:
+        """Always one: the last point exists whatever stopped Ipopt."""
+        return 1
+
+    def load_vars(self, vars_to_load: Sequence[VarData] | None = None) -> None:
+        """Put values into the model's variables."""
+        if vars_to_load is None:
+            self._written.load_point(self._outcome.x)
+        else:
+            super().load_vars(vars_to_load)
+
+    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Values of variables."""
+        return _selected(self._written.variables, self._outcome.x, vars_to_load)
+
+    def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
+        """Multipliers of constraints, in the sign of Pyomo's ``dual``."""
+        duals = -self._written.sign * self._outcome.g_multipliers
+        if cons_to_load is None:
+            return dict(zip(self._written.constraints, duals.tolist(), strict=True))
+        return {constraint: float(duals[self._written.row_of[constraint]]) for constraint in cons_to_load}
+
+    def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Multipliers of bounds: that of the lower or of the upper one, whichever is larger in size."""
+        lower, upper = self._bound_multipliers()
+        return _selected(
+            self._written.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load
+        )
+
+    def load_import_suffixes(self) -> None:
+        """Fill ``dual``, ``rc``, ``ipopt_zL_out`` and ``ipopt_zU_out`` where they are declared for import."""
+        suffixes = self._collect_and_clear_import_suffixes()
+        lower, upper = self._bound_multipliers()
+        if "dual" in suffixes:
+            suffixes["dual"].update(self.get_duals())
+        if "rc" in suffixes:
+            suffixes["rc"].update(self.get_reduced_costs())
+        if "ipopt_zL_out" in suffixes:
+            suffixes["ipopt_zL_out"].update(_selected(self._written.variables, lower, None))
+        if "ipopt_zU_out" in suffixes:
+            suffixes["ipopt_zU_out"].update(_selected(self._written.variables, upper, None))
+
+    def _bound_multipliers(self) -> tuple[FloatArray, FloatArray]:
+        sign = self._written.sign
+        # Adding zero turns -0.0 into 0.0, which reads better in a report.
+        return sign * self._outcome.lower_multipliers + 0.0, -sign * self._outcome.upper_multipliers + 0.0
+
+
+def _selected(variables: Sequence[VarData], values: FloatArray, wanted: Sequence[VarData] | None) -> ComponentMap:
+    everything = ComponentMap(zip(variables, values.tolist(), strict=True))
+    return everything if wanted is None else ComponentMap((variable, everything[variable]) for variable in wanted)

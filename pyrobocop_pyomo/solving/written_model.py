@@ -1,0 +1,190 @@
+"""A Pyomo model as numbers: written to a ``.nl`` file once, evaluated from memory ever after."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pyomo.common.collections import ComponentMap
+from pyomo.core.base.block import BlockData
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.objective import Objective, ObjectiveData
+from pyomo.core.base.var import VarData
+from pyomo.core.staleflag import StaleFlagManager
+from pyomo.repn.plugins.nl_writer import NLWriter
+
+from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
+
+from .asl_program import ASL_REMEDY, AslProgram, asl_available
+from .casadi_program import CasadiProgram, casadi_available
+from .nonlinear_program import FloatArray, NonlinearProgram
+
+logger = logging.getLogger(__name__)
+
+# Suffixes stand between the header and the first expression. CasADi refuses them, and nothing here needs them:
+# multipliers are read from the model itself.
+_SUFFIX_SEGMENT = re.compile(r"^S\d+ (\d+) .*\n", re.MULTILINE)
+_HEADER_LINES = 10
+
+
+class WrittenModel:
+    """A Pyomo model with its nonlinear program, which can be solved many times without writing it again.
+
+    What was fixed, active or the value of a mutable Param when the model was written stays as it was: write a new
+    one after changing them. Values of variables are free to change; `current_point` reads them.
+
+    Parameters
+    ----------
+    model : Block
+        The model, with at most one active objective; without any, the objective is zero.
+    derivatives : {"asl", "casadi"}, optional
+        Where derivatives come from; by default ASL where PyNumero's library is found, else CasADi.
+
+    Attributes
+    ----------
+    model : Block
+        The model as given.
+    nlp : NonlinearProgram
+        The program; a maximised objective appears negated.
+    variables : list of VarData
+        In the order of the program's variables. Fixed variables and those that nothing uses are absent.
+    constraints : list of ConstraintData
+        In the order of the program's rows; a range constraint is one row. Constraints without free variables are
+        absent.
+    row_of : ComponentMap
+        From constraint to its row.
+    objective : ObjectiveData or None
+        The active objective.
+    sign : float
+        1 for a minimised objective, -1 for a maximised one.
+    seconds_writing, seconds_building : float
+        Time spent in Pyomo's writer, and in reading the file and preparing derivatives.
+
+    Raises
+    ------
+    ModelError
+        For several active objectives, no continuous variable, or discrete ones.
+    SolverNotFoundError
+        When there is nothing on this machine that gives the derivatives asked for.
+    """
+
+    def __init__(self, model: BlockData, derivatives: str | None = None) -> None:
+        build = _program_builder(derivatives)
+        self.model = model
+        self.objective = _single_objective(model)
+        self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
+        started = time.perf_counter()
+        text = io.StringIO()
+        info = NLWriter().write(model, text, linear_presolve=False, scale_model=False)
+        self.variables: list[VarData] = info.variables
+        self.constraints: list[ConstraintData] = info.constraints
+        _refuse_discrete(model, self.variables)
+        self.row_of = ComponentMap((constraint, row) for row, constraint in enumerate(self.constraints))
+        self.seconds_writing = time.perf_counter() - started
+        started = time.perf_counter()
+        # Both readers take everything from the file at once: it can go as soon as the program exists.
+        with tempfile.TemporaryDirectory(prefix="pyrobocop_") as folder:
+            path = Path(folder) / "model.nl"
+            with path.open("w", encoding="utf-8", newline="\n") as file:
+                file.write(_plain(text.getvalue(), has_objective=self.objective is not None))
+            self.nlp: NonlinearProgram = build(path, info.external_function_libraries)
+        self.seconds_building = time.perf_counter() - started
+        logger.debug(
+            "'%s': %d variables, %d rows, derivatives by %s; %.3f s writing, %.3f s building",
+            model.name, self.nlp.n, self.nlp.m, self.nlp.derivatives, self.seconds_writing, self.seconds_building,
+        )  # fmt: skip
+
+    def current_point(self) -> FloatArray:
+        """Values of the model's variables in the program's order; 0 where a variable has none."""
+        return np.array([0.0 if variable.value is None else variable.value for variable in self.variables])
+
+    def load_point(self, x: FloatArray) -> None:
+        """Put a point into the model's variables; all others become stale, as after any solve."""
+        StaleFlagManager.mark_all_as_stale()
+        for variable, value in zip(self.variables, np.asarray(x, dtype=float).tolist(), strict=True):
+            # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
+            variable.set_value(value, skip_validation=True)
+        StaleFlagManager.mark_all_as_stale(delayed=True)
+
+
+def _build_asl(path: Path, external_libraries: list[str]) -> NonlinearProgram:
+    return AslProgram(path, "\n".join(external_libraries))
+
+
+def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram:
+    return CasadiProgram(path)
+
+
+def _program_builder(derivatives: str | None) -> Callable[[Path, list[str]], NonlinearProgram]:
+    if derivatives not in (None, "asl", "casadi"):
+        raise ValueError(f"derivatives is {derivatives!r}; it must be 'asl', 'casadi' or None (the best present).")
+    if derivatives != "casadi" and asl_available():
+        return _build_asl
+    if derivatives == "asl":
+        raise SolverNotFoundError(
+            f"derivatives='asl' was asked for, but PyNumero's library pynumero_ASL is not found. {ASL_REMEDY}."
+        )
+    if casadi_available():
+        return _build_casadi
+    raise SolverNotFoundError(
+        "there is nothing on this machine to take derivatives of a .nl file: neither CasADi nor PyNumero's library "
+        f"pynumero_ASL is found. Run: pip install 'pyrobocop_pyomo[ipopt]' (CasADi). {ASL_REMEDY} (ASL, faster)."
+    )
+
+
+def _single_objective(model: BlockData) -> ObjectiveData | None:
+    objectives = list(model.component_data_objects(Objective, active=True, descend_into=True))
+    if len(objectives) > 1:
+        names = ", ".join(f"'{objective.name}'" for objective in objectives)
+        raise ModelError(
+            f"'{model.name}' has {len(objectives)} active objectives ({names}); Ipopt takes one. Deactivate the "
+            "others, or add them up in a single one."
+        )
+    return objectives[0] if objectives else None
+
+
+def _refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
+    if not variables:
+        raise ModelError(
+            f"'{model.name}' has no free variable in any active constraint or objective: there is nothing to "
+            "solve. Unfix a variable, or activate what uses it."
+        )
+    discrete = [variable.name for variable in variables if not variable.is_continuous()]
+    if discrete:
+        shown = ", ".join(f"'{name}'" for name in discrete[:5]) + (", ..." if len(discrete) > 5 else "")
+        raise ModelError(
+            f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems "
+            "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
+        )
+
+
+def _plain(text: str, has_objective: bool) -> str:
+    """The file without suffix segments, and with the objective zero where there is none (both readers want one)."""
+    lines_end = 0
+    for _ in range(_HEADER_LINES):
+        lines_end = text.index("\n", lines_end) + 1
+    header, body = text[:lines_end], text[lines_end:]
+    kept, position = [], 0
+    while body[position : position + 1] in ("S", "F"):  # F declares an external function, and may come in between
+        after = body.index("\n", position) + 1
+        segment = _SUFFIX_SEGMENT.match(body, position)
+        if segment is None:
+            kept.append(body[position:after])
+        else:
+            for _ in range(int(segment.group(1))):
+                after = body.index("\n", after) + 1
+        position = after
+    if not has_objective:
+        lines = header.split("\n")
+        counts = lines[1].split()
+        counts[2] = "1"
+        lines[1] = " " + " ".join(counts)
+        header = "\n".join(lines)
+        kept.append("O0 0\nn0\n")
+    return header + "".join(kept) + body[position:]
