@@ -14,6 +14,7 @@ from pyrobocop_pyomo.complementarity import (
     complements,
 )
 from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
+from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh, find_scheme, gauss_legendre, radau
 from pyrobocop_pyomo.phases import (
     Algebraic,
@@ -46,6 +47,7 @@ __all__ = [
     "PyRobocopError",
     "Scholtes",
     "SolveFailed",
+    "SquareSlider",
     "State",
     "Trajectory",
     "Verification",

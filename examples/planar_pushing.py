@@ -1,0 +1,65 @@
+"""Push a square slider across a table with one finger that may stick or slip."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+
+SLIDER = rcp.SquareSlider()
+FRICTION = 0.3
+GOALS = {"turn": (0.0, 0.0, pi), "turn-and-shift": (0.0, 0.5, pi)}
+
+
+def build(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100, duration: float = 10.0):
+    """The pusher-slider with sticking and slipping contact, transcribed by implicit Euler."""
+    m = pyo.ConcreteModel(name="planar pushing")
+    m.push = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
+    step = duration / elements
+
+    b.x = rcp.State(initial=0, final=goal[0], bounds=(-5, 5))
+    b.y = rcp.State(initial=0, final=goal[1], bounds=(-5, 5))
+    b.theta = rcp.State(initial=0, final=goal[2], bounds=(-2 * pi, 2 * pi))
+    b.contact = rcp.State(initial=0, final=(-0.5, 0.5), bounds=(-1, 1))  # along the left face, in half sides
+    b.normal = rcp.Control(bounds=(0, 0.5))
+    b.tangential = rcp.Control(bounds=(-1, 1))
+    b.cone_up = rcp.Algebraic(bounds=(0, None))  # distance of the force from the two edges of the friction cone
+    b.cone_down = rcp.Algebraic(bounds=(0, None))
+    b.slip_up = rcp.Algebraic(bounds=(0, 0.5))
+    b.slip_down = rcp.Algebraic(bounds=(0, 0.5))
+
+    @b.ode
+    def pusher_slider(b, t):
+        slip = b.slip_up[t] - b.slip_down[t]
+        # The contact acts where it will be after the slip of this step: the look-ahead of the published model.
+        contact = (-SLIDER.half_side, SLIDER.half_side * (b.contact[t] + step * slip))
+        v_x, v_y, omega = SLIDER.velocity(b.theta[t], contact, (b.normal[t], b.tangential[t]))
+        return {b.x: v_x, b.y: v_y, b.theta: omega, b.contact: slip}
+
+    @b.residual
+    def friction_cone(b, t):
+        return [
+            b.cone_down[t] == b.tangential[t] + FRICTION * b.normal[t],
+            b.cone_up[t] == -b.tangential[t] + FRICTION * b.normal[t],
+        ]
+
+    @b.complementarity
+    def slip_only_at_the_edge_of_the_cone(b, t):
+        return [
+            rcp.complements(b.cone_up[t] >= 0, b.slip_up[t] >= 0),
+            rcp.complements(b.cone_down[t] >= 0, b.slip_down[t] >= 0),
+        ]
+
+    m.cost = pyo.Objective(
+        expr=b.integral(
+            lambda b, t: (
+                (b.x[t] - goal[0]) ** 2
+                + (b.y[t] - goal[1]) ** 2
+                + (b.theta[t] - goal[2]) ** 2
+                + b.contact[t] ** 2
+            )
+        )
+    )
+    return m

@@ -1,0 +1,5 @@
+"""Reusable models of contact mechanics."""
+
+from .planar_pushing import SquareSlider
+
+__all__ = ["SquareSlider"]
