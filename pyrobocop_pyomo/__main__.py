@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.solving.build_asl import build_asl
-from pyrobocop_pyomo.solving.doctor import quiet_pyomo, report
+from pyrobocop_pyomo.solving.doctor import pyomo_silenced, report
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,8 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.write(f"build-asl: {error}\n")
             return 1
         return 0
-    quiet_pyomo()
-    text, works = report()
+    with pyomo_silenced():
+        text, works = report()
     _say(text)
     return 0 if works else 1
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import logging
 import platform
@@ -9,7 +10,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -147,7 +148,8 @@ def _solve_legacy(model: pyo.ConcreteModel) -> int:
 
 
 def _solve_new(model: pyo.ConcreteModel) -> int:
-    return NewSolverFactory("ipopt_v2").solve(model).extra_info.iteration_count
+    # Registered as "ipopt" there; "ipopt_v2" is its name in the older factory.
+    return NewSolverFactory("ipopt").solve(model).extra_info.iteration_count
 
 
 def _small_problem() -> pyo.ConcreteModel:
@@ -161,6 +163,13 @@ def _small_problem() -> pyo.ConcreteModel:
     return model
 
 
-def quiet_pyomo() -> None:
-    """Keep Pyomo's warnings about missing solvers out of the report, which says the same in its own words."""
-    logging.getLogger("pyomo").setLevel(logging.CRITICAL)
+@contextlib.contextmanager
+def pyomo_silenced() -> Iterator[None]:
+    """Keep Pyomo's warnings about solvers out of the report, which says the same in its own words."""
+    logger = logging.getLogger("pyomo")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
