@@ -11,6 +11,7 @@
     │   ├── GuessError                   an initial guess of the wrong shape, or not finite
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
+    ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
     ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
     ├── EvaluationError (ArithmeticError) the functions of a problem have no finite value at a point
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
@@ -57,6 +58,10 @@ class ComplementarityError(ModelError):
 
 class SolverNotFoundError(PyRobocopError):
     """No Ipopt, or no derivatives for it, could be found; the message lists the remedies."""
+
+
+class BuildFailed(PyRobocopError, RuntimeError):
+    """A step of building the ipopt executable or PyNumero's library failed; the message holds its output."""
 
 
 class SolverOptionError(PyRobocopError, ValueError):

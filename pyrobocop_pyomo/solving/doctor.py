@@ -1,0 +1,175 @@
+"""What of the solver stack is present and works on this machine, and how to get the rest."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import logging
+import platform
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyomo.environ as pyo
+from pyomo.common import Executable
+from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
+
+from pyrobocop_pyomo._version import __version__
+
+from .asl_program import ASL_REMEDY, find_asl_library
+from .casadi_program import casadi_available
+from .in_process import InProcessIpopt
+from .ipopt_executable import configure_ipopt_executable, ipopt_executable_version
+from .ipopt_library import load_ipopt_library
+from .routes import NO_IPOPT
+
+OPTIMUM = 17.0140172891520542  # of Hock and Schittkowski's problem 71
+
+_EXECUTABLE_REMEDY = (
+    "conda install -c conda-forge ipopt, or (Debian, Ubuntu) python -m pyrobocop_pyomo build-asl, or set "
+    "PYROBOCOP_IPOPT_EXECUTABLE"
+)
+_CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
+
+
+@dataclass(frozen=True)
+class RouteDiagnosis:
+    """One way to Ipopt.
+
+    Attributes
+    ----------
+    name : str
+        As the user asks for it.
+    where : str
+        Path and version, empty when it is not found.
+    works : bool
+        Whether it solved a small problem to 1e-6.
+    result : str
+        What the small problem gave, or why it failed.
+    remedy : str
+        How to get it, when it does not work.
+    """
+
+    name: str
+    where: str
+    works: bool
+    result: str
+    remedy: str
+
+
+def diagnose() -> list[RouteDiagnosis]:
+    """Look for every way to Ipopt and solve a small problem on each."""
+    return [
+        *(_executable_route(name) for name in ("ipopt", "ipopt_v2")),
+        _in_process_route("asl", find_asl_library() or "", ASL_REMEDY),
+        _in_process_route("casadi", _installed("casadi") if casadi_available() else "", _CASADI_REMEDY),
+    ]
+
+
+def report() -> tuple[str, bool]:
+    """The diagnosis as text, and whether at least one way to Ipopt works."""
+    lines = [f"pyrobocop_pyomo {__version__}", ""]
+    lines.append(f"  {'python':<12}{platform.python_version()}  {sys.executable}")
+    packages = ["pyomo", "numpy", "scipy", "networkx", "casadi", "highspy", "matplotlib", "pandas"]
+    lines += [f"  {package:<12}{_installed(package) or 'not installed'}" for package in packages]
+    routes = diagnose()
+    for route in routes:
+        verdict = "works" if route.works else "fails" if route.where else "not found"
+        lines += ["", f"{route.name}: {verdict}"]
+        lines += [
+            f"  {label:<12}{text}" for label, text in (("found", route.where), ("solve", route.result)) if text
+        ]
+        if not route.works:
+            lines.append(f"  {'remedy':<12}{route.remedy}")
+    works = any(route.works for route in routes)
+    lines += ["", "At least one way to Ipopt works." if works else NO_IPOPT]
+    return "\n".join(lines), works
+
+
+def _installed(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _executable_route(name: str) -> RouteDiagnosis:
+    title = f'SolverFactory("{name}")'
+    configure_ipopt_executable()
+    path = Executable("ipopt").path()
+    if path is None:
+        return RouteDiagnosis(title, "", False, "", _EXECUTABLE_REMEDY)
+    version = ipopt_executable_version(path)
+    if version is None:
+        return RouteDiagnosis(title, path, False, f"'{path} --version' does not run", _EXECUTABLE_REMEDY)
+    return _tried(title, f"{path}  {version}", _EXECUTABLE_REMEDY, _solve_legacy if name == "ipopt" else _solve_new)
+
+
+def _in_process_route(derivatives: str, found: str, remedy: str) -> RouteDiagnosis:
+    title = f'SolverFactory("pyrobocop.ipopt"), derivatives="{derivatives}"'
+    if not found:
+        return RouteDiagnosis(title, "", False, "", remedy)
+    try:
+        where = f"{load_ipopt_library()}, {derivatives} {found}"
+    except Exception as error:
+        return RouteDiagnosis(title, "", False, str(error), _CASADI_REMEDY)
+
+    def solve(model: pyo.ConcreteModel) -> int:
+        return InProcessIpopt(derivatives=derivatives).solve(model).extra_info.iteration_count
+
+    return _tried(title, where, remedy, solve)
+
+
+def _tried(title: str, where: str, remedy: str, solve: Callable[[pyo.ConcreteModel], int]) -> RouteDiagnosis:
+    model = _small_problem()
+    started = time.perf_counter()
+    try:
+        iterations = solve(model)
+    except Exception as error:  # a diagnosis reports whatever goes wrong
+        return RouteDiagnosis(title, where, False, f"{type(error).__name__}: {error}", remedy)
+    seconds = time.perf_counter() - started
+    objective = pyo.value(model.objective)
+    result = f"objective {objective:.7f}, {iterations} iterations, {seconds:.3f} s"
+    if abs(objective - OPTIMUM) > 1e-6:
+        return RouteDiagnosis(title, where, False, f"{result}; {OPTIMUM:.7f} was expected", remedy)
+    return RouteDiagnosis(title, where, True, result, remedy)
+
+
+def _solve_legacy(model: pyo.ConcreteModel) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "ipopt.log"
+        pyo.SolverFactory("ipopt").solve(model, logfile=str(log))
+        found = re.search(r"Number of Iterations\.*: *(\d+)", log.read_text(encoding="utf-8"))
+    return int(found.group(1)) if found else -1
+
+
+def _solve_new(model: pyo.ConcreteModel) -> int:
+    # Registered as "ipopt" there; "ipopt_v2" is its name in the older factory.
+    return NewSolverFactory("ipopt").solve(model).extra_info.iteration_count
+
+
+def _small_problem() -> pyo.ConcreteModel:
+    """Problem 71 of Hock & Schittkowski, Test Examples for Nonlinear Programming Codes (1981)."""
+    model = pyo.ConcreteModel("hock_schittkowski_71")
+    model.x = pyo.Var([1, 2, 3, 4], bounds=(1, 5), initialize={1: 1, 2: 5, 3: 5, 4: 1})
+    x = model.x
+    model.objective = pyo.Objective(expr=x[1] * x[4] * (x[1] + x[2] + x[3]) + x[3])
+    model.product = pyo.Constraint(expr=x[1] * x[2] * x[3] * x[4] >= 25)
+    model.sphere = pyo.Constraint(expr=sum(x[i] ** 2 for i in (1, 2, 3, 4)) == 40)
+    return model
+
+
+@contextlib.contextmanager
+def pyomo_silenced() -> Iterator[None]:
+    """Keep Pyomo's warnings about solvers out of the report, which says the same in its own words."""
+    logger = logging.getLogger("pyomo")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

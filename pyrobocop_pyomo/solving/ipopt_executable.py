@@ -1,0 +1,77 @@
+"""Finding the ``ipopt`` executable, also where Pyomo does not look."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from pyomo.common import Executable
+
+from pyrobocop_pyomo.errors import SolverNotFoundError
+
+logger = logging.getLogger(__name__)
+
+EXECUTABLE_VARIABLE = "PYROBOCOP_IPOPT_EXECUTABLE"
+
+_NAME = "ipopt.exe" if sys.platform == "win32" else "ipopt"
+
+
+def find_ipopt_executable() -> str | None:
+    """Path of an ``ipopt`` executable, or None; nothing is started.
+
+    The order: the environment variable ``PYROBOCOP_IPOPT_EXECUTABLE``; where Pyomo looks (PATH, ``~/.pyomo/bin``, a
+    path set before); the ``bin`` folder of this Python environment, where ``python -m pyrobocop_pyomo build-asl``
+    puts it; the folder of IDAES.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When the variable names a file that cannot be executed.
+    """
+    chosen = os.environ.get(EXECUTABLE_VARIABLE)
+    if chosen:
+        if not os.access(chosen, os.X_OK) or Path(chosen).is_dir():
+            raise SolverNotFoundError(
+                f"{EXECUTABLE_VARIABLE} is '{chosen}', which is no executable file. Correct the variable or "
+                "unset it."
+            )
+        return chosen
+    known = Executable("ipopt").path()
+    if known:
+        return str(known)
+    for folder in (Path(sys.prefix) / "bin", Path(sys.prefix) / "Library" / "bin", Path.home() / ".idaes" / "bin"):
+        path = folder / _NAME
+        if path.is_file() and os.access(path, os.X_OK):
+            return str(path)
+    return None
+
+
+def configure_ipopt_executable() -> str | None:
+    """Let Pyomo's solvers ``ipopt`` and ``ipopt_v2`` find the executable; return its path.
+
+    An executable that Pyomo finds by itself stays the one that it uses, unless the environment variable
+    ``PYROBOCOP_IPOPT_EXECUTABLE`` asks for another.
+    """
+    try:
+        path = find_ipopt_executable()
+    except SolverNotFoundError as error:
+        # Called on import, which must not fail for a solver that may never be asked for.
+        logger.warning("%s", error)
+        return None
+    if path is not None and path != Executable("ipopt").path():
+        Executable("ipopt").set_path(path)
+        logger.debug("Pyomo's solvers ipopt and ipopt_v2 now use %s", path)
+    return path
+
+
+def ipopt_executable_version(path: str) -> str | None:
+    """First line of ``ipopt --version``, or None when it cannot be run or is no Ipopt."""
+    try:
+        run = subprocess.run([path, "--version"], capture_output=True, text=True, timeout=10, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    line = run.stdout.strip().partition("\n")[0]
+    return line if run.returncode == 0 and line.lower().startswith("ipopt") else None

@@ -1,0 +1,68 @@
+"""The ways to Ipopt on this machine, best first."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+
+from pyrobocop_pyomo.errors import SolverNotFoundError
+
+from .asl_program import asl_available
+from .casadi_program import casadi_available
+from .ipopt_executable import EXECUTABLE_VARIABLE, find_ipopt_executable
+from .ipopt_library import LIBRARY_VARIABLE, find_ipopt_library
+
+NO_IPOPT = f"""\
+no Ipopt is found on this machine. Any one of these brings it:
+  pip install 'pyrobocop_pyomo[ipopt]'        CasADi's Ipopt, used in this process; works at once
+  conda install -c conda-forge ipopt          the ipopt executable
+  python -m pyrobocop_pyomo build-asl         Debian, Ubuntu: the executable and faster derivatives
+  {EXECUTABLE_VARIABLE}=/path/to/ipopt    an executable that you have already
+  {LIBRARY_VARIABLE}=/path/to/libipopt.so    a library that you have already
+'python -m pyrobocop_pyomo doctor' shows what is found and what is missing."""
+
+
+class Route(enum.Enum):
+    """A way to Ipopt; the value is a description."""
+
+    IN_PROCESS_ASL = "Ipopt in this process, derivatives by ASL through PyNumero"
+    IN_PROCESS_CASADI = "Ipopt in this process, derivatives by CasADi"
+    EXECUTABLE = "the ipopt executable, derivatives by ASL"
+
+    @property
+    def derivatives(self) -> str | None:
+        """What `WrittenModel` calls the source of derivatives; None for the executable."""
+        return {Route.IN_PROCESS_ASL: "asl", Route.IN_PROCESS_CASADI: "casadi"}.get(self)
+
+
+def available_routes() -> list[Route]:
+    """Routes that are present, best first; nothing is loaded or started."""
+    in_process = _found(find_ipopt_library)
+    present = {
+        Route.IN_PROCESS_ASL: in_process and asl_available(),
+        Route.IN_PROCESS_CASADI: in_process and casadi_available(),
+        Route.EXECUTABLE: _found(find_ipopt_executable),
+    }
+    return [route for route in Route if present[route]]
+
+
+def best_route() -> Route:
+    """The best route that is present.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When there is none; the message lists the remedies.
+    """
+    routes = available_routes()
+    if not routes:
+        raise SolverNotFoundError(NO_IPOPT)
+    return routes[0]
+
+
+def _found(find: Callable[[], str | None]) -> bool:
+    """A variable that names a missing file means: not found. Whoever then asks for that route gets the message."""
+    try:
+        return find() is not None
+    except SolverNotFoundError:
+        return False

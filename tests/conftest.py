@@ -1,0 +1,28 @@
+"""Which ways to Ipopt the tests may use."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from pyrobocop_pyomo.solving.asl_program import asl_available
+from pyrobocop_pyomo.solving.casadi_program import casadi_available
+from pyrobocop_pyomo.solving.ipopt_executable import configure_ipopt_executable
+from pyrobocop_pyomo.solving.ipopt_library import find_ipopt_library
+
+FINDERS = {
+    "executable": lambda: configure_ipopt_executable() is not None,
+    "asl": lambda: asl_available() and find_ipopt_library() is not None,
+    "casadi": lambda: casadi_available() and find_ipopt_library() is not None,
+}
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what needs a route that is missing; fail instead where all routes are promised, as in our CI."""
+    for route, found in FINDERS.items():
+        if item.get_closest_marker(route) is not None and not found():
+            message = f"no route '{route}' on this machine; see: python -m pyrobocop_pyomo doctor"
+            if os.environ.get("PYROBOCOP_REQUIRE_ALL_ROUTES") == "1":
+                pytest.fail(message, pytrace=False)
+            pytest.skip(message)

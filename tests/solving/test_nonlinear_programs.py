@@ -1,0 +1,173 @@
+"""Derivatives against finite differences, and what a shift changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from small_problems import every_derivative, every_kind_of_row, maximisation, square_system
+
+from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
+from pyrobocop_pyomo.solving.asl_program import AslProgram
+from pyrobocop_pyomo.solving.casadi_program import CasadiProgram
+from pyrobocop_pyomo.solving.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.solving.written_model import WrittenModel
+
+STEP = 1e-6
+
+
+def transcendental() -> pyo.ConcreteModel:
+    """Every operator that dynamics use, in nonlinear variables, linear ones, and a shared expression."""
+    m = pyo.ConcreteModel("transcendental")
+    m.x = pyo.Var(range(5), initialize=0.3)
+    x = m.x
+    m.shared = pyo.Expression(expr=pyo.sin(x[0]) * pyo.exp(x[1]))
+    m.cost = pyo.Objective(expr=m.shared**2 + pyo.tanh(x[2]) * x[3] - 3 * x[4], sense=pyo.maximize)
+    m.a = pyo.Constraint(expr=m.shared + pyo.log(2 + x[2] ** 2) <= 3)
+    m.b = pyo.Constraint(expr=(-1, pyo.sqrt(1 + x[3] ** 2) * pyo.atan(x[0]) + x[4], 2))
+    m.c = pyo.Constraint(expr=x[0] / (2 + x[1] ** 2) - 2 * x[4] == 0.5)
+    m.d = pyo.Constraint(expr=x[0] + x[4] >= -4)
+    return m
+
+
+points = st.lists(st.floats(-1, 1), min_size=7, max_size=7).map(np.array)
+MODELS = [transcendental, every_kind_of_row, lambda: square_system()[0], lambda: maximisation()[0]]
+
+
+@every_derivative
+@pytest.mark.parametrize("build", MODELS, ids=["transcendental", "rows", "square", "maximisation"])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(point=points, multipliers=points, factor=st.floats(-2, 2))
+def test_derivatives_agree_with_finite_differences(build, derivatives, point, multipliers, factor):
+    nlp = WrittenModel(build(), derivatives).nlp
+    x, multipliers = point[: nlp.n], multipliers[: nlp.m]
+
+    def lagrangian_gradient(at):
+        return factor * nlp.gradient(at) + multipliers @ dense(nlp, nlp.jacobian(at))
+
+    assert nlp.gradient(x) == pytest.approx(differences(lambda at: np.array([nlp.objective(at)]), x)[0], abs=1e-6)
+    assert dense(nlp, nlp.jacobian(x)) == pytest.approx(differences(nlp.constraints, x), abs=1e-6)
+    lower = np.zeros((nlp.n, nlp.n))
+    rows, columns = nlp.hessian_structure
+    assert (rows >= columns).all()
+    np.add.at(lower, (rows, columns), nlp.hessian(x, factor, multipliers))
+    symmetric = lower + np.tril(lower, -1).T
+    assert symmetric == pytest.approx(differences(lagrangian_gradient, x), abs=1e-5)
+
+
+def dense(nlp, values):
+    matrix = np.zeros((nlp.m, nlp.n))
+    np.add.at(matrix, nlp.jacobian_structure, values)
+    return matrix
+
+
+def differences(function, x):
+    """Central differences, one column per variable."""
+    return np.array([(function(x + e) - function(x - e)) / (2 * STEP) for e in STEP * np.eye(x.size)]).T
+
+
+@pytest.mark.asl
+def test_the_hessian_is_taken_where_it_is_asked_for():
+    """ASL by itself takes it where it last evaluated a function."""
+    nlp = WrittenModel(transcendental(), "asl").nlp
+    here, there = np.full(nlp.n, 0.2), np.full(nlp.n, -0.7)
+    multipliers = np.ones(nlp.m)
+    expected = nlp.hessian(here, 1.0, multipliers)
+    nlp.objective(there)
+    nlp.constraints(there)
+    assert nlp.hessian(here, 1.0, multipliers) == pytest.approx(expected)
+
+
+@every_derivative
+def test_programs_do_not_disturb_each_other(derivatives):
+    first = WrittenModel(transcendental(), derivatives).nlp
+    x = np.full(first.n, 0.4)
+    value = first.constraints(x).copy()
+    second = WrittenModel(every_kind_of_row(), derivatives).nlp
+    second.constraints(np.zeros(second.n))
+    assert first.constraints(x) == pytest.approx(value)
+    assert first.n == 5
+    assert second.n == 7
+
+
+@every_derivative
+def test_rows_and_variables_are_in_the_order_of_the_model_lists(derivatives):
+    model = transcendental()
+    written = WrittenModel(model, derivatives)
+    x = np.linspace(-0.5, 0.5, written.nlp.n)
+    written.load_point(x)
+    assert written.current_point() == pytest.approx(x)
+    assert written.nlp.objective(x) == pytest.approx(-pyo.value(model.cost))
+    values = written.nlp.constraints(x)
+    for constraint, row in written.row_of.items():
+        upper, lower = written.nlp.g_upper[row], written.nlp.g_lower[row]
+        if constraint.upper is not None:
+            assert upper - values[row] == pytest.approx(constraint.uslack())
+        if constraint.lower is not None:
+            assert values[row] - lower == pytest.approx(constraint.lslack())
+        assert (lower == -np.inf) == (constraint.lower is None)
+        assert (upper == np.inf) == (constraint.upper is None)
+
+
+@every_derivative
+def test_a_range_is_one_row_and_a_constant_row_is_none(derivatives):
+    model = every_kind_of_row()
+    model.x[0].fix(1.75)
+    model.constant = pyo.Constraint(expr=model.x[0] <= 2)
+    written = WrittenModel(model, derivatives)
+    assert model.range_low in written.row_of
+    assert model.constant not in written.row_of
+    assert written.nlp.m == len(written.constraints) == 5
+
+
+@every_derivative
+def test_a_shift_moves_the_marked_rows_and_nothing_else(derivatives):
+    nlp = WrittenModel(transcendental(), derivatives).nlp
+    shifted = ShiftedRows(nlp, [1, 3], 0.5)
+    x = np.full(nlp.n, 0.3)
+    assert shifted.constraints(x) == pytest.approx(nlp.constraints(x))  # first, delta is the base
+    shifted.delta = 0.125
+    assert shifted.constraints(x) - nlp.constraints(x) == pytest.approx([0, 0.375, 0, 0.375][: nlp.m])
+    assert shifted.jacobian(x) == pytest.approx(nlp.jacobian(x))
+    assert shifted.hessian(x, 1.0, np.ones(nlp.m)) == pytest.approx(nlp.hessian(x, 1.0, np.ones(nlp.m)))
+    with pytest.raises(IndexError, match=r"row 4 cannot be shifted: the program has 4 rows"):
+        ShiftedRows(nlp, [4], 0.5)
+
+
+@pytest.mark.asl
+def test_a_point_outside_of_the_domain_is_an_evaluation_error():
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(initialize=1.0)
+    model.cost = pyo.Objective(expr=pyo.log(model.x))
+    nlp = WrittenModel(model, "asl").nlp
+    with pytest.raises(EvaluationError, match="objective"):
+        nlp.objective(np.array([-1.0]))
+
+
+@pytest.mark.asl
+def test_files_that_would_end_the_process_are_refused(tmp_path):
+    path = tmp_path / "two.nl"
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var()
+    model.c = pyo.Constraint(expr=model.x**2 <= 1)
+    model.write(str(path))
+    with pytest.raises(ModelError, match="0 objectives"):
+        AslProgram(path)
+    path.write_text("something else\n")
+    with pytest.raises(ModelError, match="not a .nl file"):
+        AslProgram(path)
+
+
+@pytest.mark.casadi
+def test_what_casadi_cannot_read_names_the_remedy(tmp_path):
+    path = tmp_path / "broken.nl"
+    path.write_text("b3 binary\n")
+    with pytest.raises(SolverNotFoundError, match="build-asl"):
+        CasadiProgram(path)
+
+
+def test_the_source_of_derivatives_is_checked_by_name():
+    with pytest.raises(ValueError, match=r"'finite'; it must be 'asl', 'casadi' or None"):
+        WrittenModel(transcendental(), "finite")
