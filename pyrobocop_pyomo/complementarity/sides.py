@@ -68,7 +68,7 @@ def check_side(side: Any, choice: str | None, pair: Any) -> None:
             )
         if choice is not None:
             raise ComplementarityError(
-                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its bound itself. "
+                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its own. "
                 "The choice is for a plain variable: leave it out, or pass the variable alone."
             )
     elif not is_plain_variable(side):
@@ -167,7 +167,7 @@ def is_plain_variable(side: Any) -> bool:
     if side.__class__ in native_types or not hasattr(side, "is_variable_type"):
         return False
     # "is True": a slice answers every question with another slice, which counts as true.
-    return side.is_variable_type() is True
+    return side.is_variable_type() is True and side.is_numeric_type()
 
 
 def _simplified(bound: Any) -> Any:

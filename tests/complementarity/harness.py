@@ -10,6 +10,7 @@ from pyomo.gdp import Disjunct
 from pyomo.repn.plugins.nl_writer import NLWriter
 
 import pyrobocop_pyomo.complementarity  # registers the transformation
+from pyrobocop_pyomo.complementarity.pairs import active_sources
 
 
 def relaxation() -> Any:
@@ -37,7 +38,7 @@ def state(model: Any) -> dict[str, bool | None]:
 
 def sleep(model: Any) -> list[Any]:
     """Deactivate all pairs, so that the writer takes the model; returns them for waking up."""
-    pairs = [pair.source for pair in pyrobocop_pyomo.complementarity.active_pairs(model)]
+    pairs = active_sources(model)
     for pair in pairs:
         pair.deactivate()
     return pairs

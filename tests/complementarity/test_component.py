@@ -10,6 +10,7 @@ import pytest
 
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
+
 from .harness import nl_text
 
 
@@ -20,6 +21,7 @@ def model():
     m.x = pyo.Var(m.I, bounds=(0, None), initialize=1)
     m.y = pyo.Var(m.I, bounds=(0, None), initialize=2)
     m.p = pyo.Param(initialize=1, mutable=True)
+    m.truth = pyo.BooleanVar()
     m.cost = pyo.Objective(expr=sum(m.x[i] for i in m.I))
     return m
 
@@ -142,6 +144,7 @@ REFUSED = {
     "indexed": (lambda m: m.x, r"stands for many variables"),
     "slice": (lambda m: m.x[:], r"stands for many variables"),
     "text": (lambda m: "x >= 0", r"constant 'x >= 0'"),
+    "boolean": (lambda m: m.truth, r"expected a relation"),
     "object": (lambda m: object(), r"of type object; expected a relation"),
 }
 

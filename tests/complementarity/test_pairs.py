@@ -43,7 +43,7 @@ def side(m, given, **bounds):
 
 FORMS = {
     "free >= 1": (lambda m: m.free >= 1, 2, True),
-    "1 <= free": (lambda m: 1 <= m.free, 2, True),
+    "1 <= free": (lambda m: 1 <= m.free, 2, True),  # noqa: SIM300
     "free <= 4": (lambda m: m.free <= 4, 1, True),
     "expr >= p": (lambda m: m.x + m.free >= m.p, 3, True),
     "expr <= 2 p": (lambda m: m.x - m.free <= 2 * m.p, 4, True),
@@ -96,8 +96,8 @@ def test_the_expression_is_the_distance_to_the_bound(value, bound):
 
 
 def test_a_zero_bound_leaves_the_bare_variable(model):
-    for given in (model.x >= 0, model.x, model.x >= model.constant):
-        assert side(model, given)[0] is model.x
+    for form in (model.x >= 0, model.x, model.x >= model.constant):
+        assert side(model, form)[0] is model.x
 
 
 def test_a_domain_counts_as_a_bound(model):
@@ -194,7 +194,9 @@ def test_targets_choose_blocks_components_and_single_pairs(model):
 
 
 def test_a_target_must_be_a_part_of_the_model_that_can_hold_pairs(model):
-    with pytest.raises(ComplementarityError, match="'x': a target is a Block, a Complementarity or one of its pairs"):
+    with pytest.raises(
+        ComplementarityError, match="'x': a target is a Block, a Complementarity or one of its pairs"
+    ):
         active_pairs(model, [model.x])
     other = pyo.ConcreteModel(name="other")
     other.b = pyo.Block()
