@@ -40,7 +40,7 @@ class PerElement:
 
     References
     ----------
-    Raghunathan, Jha & Romeres (2022), PyRoboCOP, section IV-B, doi:10.1109/ICRA46639.2022.9812069
+    Raghunathan, Jha & Romeres (2022), PyRoboCOP, doi:10.48550/arXiv.2203.10013
     """
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:

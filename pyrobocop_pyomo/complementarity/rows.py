@@ -126,7 +126,7 @@ def _row(record: Record, name: str, pairs: Sequence[CanonicalPair]) -> Any:
         # quicker to write, and whoever moves delta inside a solve moves one bound.
         if len(pairs) == 1:
             return relaxation.residual(pairs[0].a, pairs[0].b, 0) <= shift
-        return quicksum([relaxation.residual(pair.a, pair.b, 0) for pair in pairs], linear=False) <= shift
+        return quicksum([relaxation.residual(pair.a, pair.b, 0) for pair in pairs]) <= shift
     if len(pairs) > 1:
         raise ComplementarityError(
             f"'{name}': {len(pairs)} pairs share a row, but the residuals of {relaxation} cannot be added up under "
@@ -174,7 +174,7 @@ def _delete_row(record: Record, row: Any) -> None:
 def _charged(record: Record, pairs: Iterable[CanonicalPair]) -> Any:
     # A factor of one is dropped by Pyomo itself.
     products = [pair.weight * (pair.a * pair.b) for pair in pairs]
-    term = record.relaxation.coefficient(record.main.delta) * quicksum(products, linear=False)
+    term = record.relaxation.coefficient(record.main.delta) * quicksum(products)
     # The user's objective enters by name: what is later assigned to it is followed.
     return record.objective + term if record.objective.is_minimizing() else record.objective - term
 

@@ -66,7 +66,7 @@ def check_side(side: Any, choice: str | None, pair: Any) -> None:
             )
         if choice is not None:
             raise ComplementarityError(
-                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its bound itself. "
+                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its own. "
                 "The choice is for a plain variable: leave it out, or pass the variable alone."
             )
     elif not is_plain_variable(side):
@@ -163,14 +163,21 @@ def is_plain_variable(side: Any) -> bool:
     """True for one variable (a scalar or one index), False for an expression or an indexed component."""
     if side.__class__ in native_types or not hasattr(side, "is_variable_type"):
         return False
-    return side.is_variable_type()
+    # "is True": a slice answers every question with another slice, which counts as true.
+    return side.is_variable_type() is True and side.is_numeric_type()
 
 
 def _simplified(bound: Any) -> Any:
     """Turn what can never change into its number: a domain and a bound together make a max(0, 0)."""
-    if bound.__class__ in native_numeric_types or not bound.is_constant():
+    if bound.__class__ in native_numeric_types or not _never_changes(bound):
         return bound
     return value(bound)
+
+
+def _never_changes(bound: Any) -> bool:
+    if bound.__class__ in native_types or not bound.is_expression_type():
+        return bound.__class__ in native_types or bound.is_constant()
+    return all(map(_never_changes, bound.args))
 
 
 def _difference(larger: Any, smaller: Any) -> Any:

@@ -1,0 +1,204 @@
+"""The canonical form: the bound is found by structure, and rows are asked for only where no bound does the work."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+import pyomo.mpec as mpec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyomo.gdp import Disjunct
+
+from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, canonical_pair, complements
+from pyrobocop_pyomo.errors import ComplementarityError
+
+numbers = st.floats(-100, 100, allow_nan=False)
+
+
+@pytest.fixture
+def model():
+    m = pyo.ConcreteModel()
+    m.free = pyo.Var(initialize=3)
+    m.x = pyo.Var(bounds=(0, None), initialize=1)
+    m.y = pyo.Var(bounds=(None, 5), initialize=2)
+    m.box = pyo.Var(bounds=(1, 4), initialize=2)
+    m.p = pyo.Param(initialize=1, mutable=True)
+    m.constant = pyo.Param(initialize=0)
+    m.moving = pyo.Var(bounds=(m.p, None), initialize=2)
+    m.e = pyo.Expression(expr=m.x + m.free)
+    return m
+
+
+def side(m, given, **bounds):
+    """Value and need of a row of one side, in both positions; both have to agree."""
+    m.first = Complementarity(expr=complements(given, m.x >= 0, **{f"first_{k}": v for k, v in bounds.items()}))
+    m.second = Complementarity(expr=complements(m.x >= 0, given, **{f"second_{k}": v for k, v in bounds.items()}))
+    one, two = canonical_pair(m.first), canonical_pair(m.second)
+    m.del_component("first")
+    m.del_component("second")
+    assert pyo.value(one.a) == pyo.value(two.b)
+    assert (one.a_row is None) == (two.b_row is None)
+    return one.a, one.a_row
+
+
+FORMS = {
+    "free >= 1": (lambda m: m.free >= 1, 2, True),
+    "1 <= free": (lambda m: 1 <= m.free, 2, True),  # noqa: SIM300
+    "free <= 4": (lambda m: m.free <= 4, 1, True),
+    "expr >= p": (lambda m: m.x + m.free >= m.p, 3, True),
+    "expr <= 2 p": (lambda m: m.x - m.free <= 2 * m.p, 4, True),
+    "lhs >= rhs": (lambda m: m.free >= m.x, 2, True),
+    "lhs <= rhs": (lambda m: m.x <= m.free, 2, True),
+    "named >= 1": (lambda m: m.e >= 1, 3, True),
+    "own bound": (lambda m: m.x >= 0, 1, False),
+    "immutable parameter": (lambda m: m.x >= m.constant, 1, False),
+    "tighter own bound": (lambda m: m.box >= 0, 2, False),
+    "looser own bound": (lambda m: m.box >= 1.5, 0.5, True),
+    "own upper bound": (lambda m: m.y <= 5, 3, False),
+    "tighter own upper bound": (lambda m: m.box <= 6, 4, False),
+    "looser own upper bound": (lambda m: m.box <= 3, 1, True),
+    "the bound's own parameter": (lambda m: m.moving >= m.p, 1, False),
+    "a parameter that may pass the bound": (lambda m: m.box >= m.p, 1, True),
+    "a number that the bound may pass": (lambda m: m.moving >= 0, 2, True),
+    "plain variable, lower": (lambda m: m.x, 1, False),
+    "plain variable, upper": (lambda m: m.y, 3, False),
+    "plain variable, parameter": (lambda m: m.moving, 1, False),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_becomes_a_nonnegative_expression(model, form):
+    given, value, needs_row = FORMS[form]
+    expression, row = side(model, given(model))
+    assert pyo.value(expression) == value
+    assert (row is not None) == needs_row
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_fixing_variables_changes_nothing_about_the_form(model, form):
+    given, value, needs_row = FORMS[form]
+    for variable in (model.free, model.x, model.y, model.box, model.moving):
+        variable.fix()
+    expression, row = side(model, given(model))
+    assert pyo.value(expression) == value
+    assert (row is not None) == needs_row
+
+
+@given(value=numbers, bound=numbers)
+def test_the_expression_is_the_distance_to_the_bound(value, bound):
+    m = pyo.ConcreteModel()
+    m.z = pyo.Var(initialize=value)
+    m.x = pyo.Var(bounds=(0, None))
+    lower, _ = side(m, m.z >= bound)
+    upper, _ = side(m, m.z <= bound)
+    assert pyo.value(lower) == value - bound
+    assert pyo.value(upper) == bound - value
+
+
+def test_a_zero_bound_leaves_the_bare_variable(model):
+    for form in (model.x >= 0, model.x, model.x >= model.constant):
+        assert side(model, form)[0] is model.x
+
+
+def test_a_domain_counts_as_a_bound(model):
+    model.w = pyo.Var(domain=pyo.NonNegativeReals, bounds=(0, None), initialize=1)
+    assert side(model, model.w)[0] is model.w
+
+
+def test_a_mutable_bound_is_followed(model):
+    expression, _ = side(model, model.free >= model.p)
+    own, _ = side(model, model.moving)
+    model.p.set_value(-1)
+    assert pyo.value(expression) == 4
+    assert pyo.value(own) == 3
+
+
+def test_of_two_own_bounds_one_is_chosen(model):
+    assert pyo.value(side(model, model.box, bound="lower")[0]) == 1
+    assert pyo.value(side(model, model.box, bound="upper")[0]) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "message"),
+    [
+        (lambda m: m.box, {}, r"side 'box' has two finite bounds, 1 and 4; one is meant.*box >= 1"),
+        (lambda m: m.free, {}, r"side 'free' has no finite bound.*free\.setlb\(0\)"),
+        (lambda m: m.x, {"first_bound": "upper"}, r"side 'x' has no finite upper bound"),
+        (lambda m: m.free >= float("-inf"), {}, r"side 'free' has the infinite bound -inf"),
+        (lambda m: m.free <= float("inf"), {}, r"side 'free' has the infinite bound inf"),
+    ],
+)
+def test_bounds_that_are_missing_or_ambiguous_are_named(model, given, options, message):
+    model.cc = Complementarity([7], rule=lambda m, i: complements(given(m), m.x, **options))
+    with pytest.raises(ComplementarityError, match=r"^'cc\[7\]': " + message):
+        active_pairs(model)
+
+
+def test_pyomo_mpec_pairs_mean_what_ours_mean(model):
+    model.ours = Complementarity(expr=complements(model.free >= 1, model.x - model.p <= 3))
+    model.theirs = mpec.Complementarity(expr=mpec.complements(model.free >= 1, model.x - model.p <= 3))
+    ours, theirs = active_pairs(model)
+    assert (pyo.value(ours.a), pyo.value(ours.b)) == (pyo.value(theirs.a), pyo.value(theirs.b))
+    assert theirs.weight == 1
+    assert theirs.group is None
+
+
+@pytest.mark.parametrize("wrong", [lambda m: m.x == 0, lambda m: pyo.inequality(0, m.x, 1), lambda m: m.x + 1])
+def test_pyomo_mpec_pairs_of_other_forms_are_refused_by_name(model, wrong):
+    model.cc = mpec.Complementarity([3], rule=lambda m, i: mpec.complements(wrong(m), m.free >= 0))
+    with pytest.raises(ComplementarityError, match=r"^'cc\[3\]': "):
+        active_pairs(model)
+
+
+def test_all_active_pairs_are_found_in_the_order_of_declaration(model):
+    pair = (model.x >= 0, model.free >= 0)
+    model.one = Complementarity([2, 1], rule=lambda m, i: pair)
+    model.two = mpec.Complementarity([1, 2], rule=lambda m, i: pair)
+    model.blocks = pyo.Block([1, 2])
+    model.blocks[1].inner = mpec.Complementarity(expr=pair)
+    model.blocks[2].inner = Complementarity(expr=pair)
+    model.list = mpec.ComplementarityList(rule=[mpec.complements(*pair), mpec.complements(*pair)])
+    model.disjunct = Disjunct([1, 2])
+    model.disjunct[1].inner = Complementarity(expr=pair)
+    model.disjunct[2].inner = Complementarity(expr=pair)
+
+    model.one[1].deactivate()
+    model.blocks[1].deactivate()
+    model.disjunct[2].deactivate()
+
+    names = [pair.name for pair in active_pairs(model)]
+    assert sorted(names) == sorted(
+        ["one[2]", "two[1]", "two[2]", "list[1]", "list[2]", "blocks[2].inner", "disjunct[1].inner"]
+    )
+    assert names == [pair.name for pair in active_pairs(model.clone())]
+    assert [name for name in names if "." not in name] == ["one[2]", "two[1]", "two[2]", "list[1]", "list[2]"]
+
+
+def test_targets_choose_blocks_components_and_single_pairs(model):
+    pair = (model.x >= 0, model.free >= 0)
+    model.cc = Complementarity([1, 2, 3], rule=lambda m, i: pair)
+    model.blocks = pyo.Block([1, 2], rule=lambda b, i: setattr(b, "cc", Complementarity(expr=pair)))
+
+    def names(targets):
+        return [pair.name for pair in active_pairs(model, targets)]
+
+    assert names(model.cc) == ["cc[1]", "cc[2]", "cc[3]"]
+    assert names([model.cc[3], model.cc[1]]) == ["cc[3]", "cc[1]"]
+    assert names([model.cc[3], model.cc]) == ["cc[3]", "cc[1]", "cc[2]"]
+    assert names(model.blocks) == ["blocks[1].cc", "blocks[2].cc"]
+    assert names(model.blocks[2]) == ["blocks[2].cc"]
+    model.blocks[2].deactivate()
+    assert names([model.blocks[2].cc, model.cc[2]]) == ["cc[2]"]
+    model.cc[2].deactivate()
+    assert names([model.cc[2]]) == []
+
+
+def test_a_target_must_be_a_part_of_the_model_that_can_hold_pairs(model):
+    with pytest.raises(
+        ComplementarityError, match="'x': a target is a Block, a Complementarity or one of its pairs"
+    ):
+        active_pairs(model, [model.x])
+    other = pyo.ConcreteModel(name="other")
+    other.b = pyo.Block()
+    with pytest.raises(ComplementarityError, match="'b': is no part of 'unknown'"):
+        active_pairs(model, [other.b])

@@ -1,0 +1,555 @@
+"""The transformation: what it adds, that it can be undone, repeated, copied and questioned."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+import pyomo.environ as pyo
+import pyomo.mpec as mpec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pyrobocop_pyomo.complementarity import Complementarity, PerElement, Scholtes, active_pairs, complements
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .harness import nl_text, relaxation, row_values, sleep, state
+
+OPTIONS = [
+    {},
+    {"grouping": "element"},
+    {"relaxation": "penalty"},
+    {"relaxation": "scholtes", "grouping": "element", "delta": 1e-4},
+]
+
+
+def pair_rule(m, i):
+    return complements(m.x[i] >= 0, m.free[i] + m.p >= 1)
+
+
+def mpec_rule(m, i):
+    return mpec.complements(m.free[i] <= 9, m.x[i] * m.free[i] >= 0)
+
+
+def index(m, i):
+    return i
+
+
+def ten_times(m, i):
+    return 10 * i
+
+
+def build(sense=pyo.minimize):
+    m = pyo.ConcreteModel()
+    m.I = pyo.Set(initialize=[1, 2, 3])
+    m.x = pyo.Var(m.I, bounds=(0, None), initialize=index)
+    m.free = pyo.Var(m.I, initialize=ten_times)
+    m.p = pyo.Param(initialize=1, mutable=True)
+    m.ours = Complementarity(m.I, rule=pair_rule, weight=2)
+    m.theirs = mpec.Complementarity(m.I, rule=mpec_rule)
+    m.part = pyo.Block([1, 2])
+    for i in (1, 2):
+        m.part[i].u = Complementarity(expr=complements(m.x[i], m.x[3]))
+        m.part[i].v = Complementarity(expr=complements(m.x[i] <= 7, m.x[3]))
+    m.row = pyo.Constraint(expr=m.x[1] + m.free[2] >= 1)
+    m.cost = pyo.Objective(expr=sum(m.x[i] ** 2 + m.free[i] for i in m.I), sense=sense)
+    return m
+
+
+@pytest.fixture
+def model():
+    return build()
+
+
+@pytest.fixture
+def relax():
+    return relaxation()
+
+
+def text_without_pairs(m):
+    """What the writer makes of the model when the pairs sleep; they are woken up again."""
+    pairs = sleep(m)
+    text = nl_text(m)
+    for pair in pairs:
+        pair.activate()
+    return text
+
+
+# ---- what is added
+
+
+def test_each_product_is_bounded_by_delta(model, relax):
+    relax.apply_to(model, delta=0.5)
+    pairs = relax.get_pairs(model)
+    assert row_values(relax, model) == [pyo.value(pair.a) * pyo.value(pair.b) - 0.5 for pair in pairs]
+
+
+@given(values=st.lists(st.floats(0, 10), min_size=6, max_size=6), delta=st.floats(1e-8, 1))
+def test_a_group_bounds_its_sum_by_delta_itself(values, delta):
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(range(6), bounds=(0, None), initialize=dict(enumerate(values)))
+    m.cc = Complementarity([0, 1, 2], rule=lambda m, i: complements(m.x[2 * i], m.x[2 * i + 1]), group="all")
+    relaxation().apply_to(m, grouping=PerElement(), delta=delta)
+    (row,) = relaxation().relaxed_rows(m)
+    assert row.ub == delta
+    assert pyo.value(row.body) == pytest.approx(sum(values[2 * i] * values[2 * i + 1] for i in range(3)))
+
+
+@given(values=st.lists(st.floats(0, 10), min_size=2, max_size=2), bound=st.floats(-2, 2))
+def test_swapping_the_sides_of_a_pair_changes_no_row_value(values, bound):
+    def rows(swapped):
+        m = pyo.ConcreteModel()
+        m.a, m.b = pyo.Var(initialize=values[0]), pyo.Var(bounds=(0, None), initialize=values[1])
+        sides = (m.a >= bound, m.b >= 0)
+        m.cc = Complementarity(expr=complements(*(sides[::-1] if swapped else sides)))
+        relaxation().apply_to(m)
+        return [sorted(row_values(relaxation(), m)), sorted(pyo.value(row.body) for row in sides_of(m))]
+
+    assert rows(False) == rows(True)
+
+
+def sides_of(m):
+    return list(m.relaxed_complementarity.sides.values())
+
+
+def test_a_side_becomes_a_row_only_where_no_bound_holds_it(model, relax):
+    relax.apply_to(model)
+    x_side = relax.get_rows(model.part[1].u)
+    assert len(x_side) == 1
+    product, side = relax.get_rows(model.part[1].v)
+    assert product in relax.relaxed_rows(model)
+    assert side.ub == 7
+    assert len(relax.get_rows(model.theirs[2])) == 3
+
+
+def test_delta_moves_all_rows_without_rebuilding(model, relax):
+    relax.apply_to(model, grouping="element")
+    relax.get_delta(model).set_value(1e-7)
+    assert {row.ub for row in relax.relaxed_rows(model)} == {1e-7}
+
+
+def test_mutable_bounds_stay_mutable_in_the_rows(model, relax):
+    relax.apply_to(model)
+    before = row_values(relax, model)[0]
+    model.p.set_value(3)
+    assert row_values(relax, model)[0] == before + 2 * pyo.value(model.x[1])
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("which", ["x", "free"])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_fixing_a_variable_before_or_after_gives_the_same_rows(when, which, swapped, relax):
+    def rows(fix):
+        m = pyo.ConcreteModel()
+        m.x, m.free = pyo.Var(initialize=2), pyo.Var(initialize=5)
+        sides = (m.x >= 0, m.free <= 8)
+        m.cc = mpec.Complementarity(expr=mpec.complements(*(sides[::-1] if swapped else sides)))
+        variable = getattr(m, which)
+        if fix == "before":
+            variable.fix()
+        relax.apply_to(m)
+        if fix == "after":
+            variable.fix()
+        variable.set_value(3)
+        nl_text(m)
+        return row_values(relax, m), sorted(str(row.expr) for row in sides_of(m))
+
+    assert rows(when) == rows(None)
+
+
+@pytest.mark.parametrize(("sense", "sign"), [(pyo.minimize, 1), (pyo.maximize, -1)])
+def test_the_penalty_makes_products_expensive_whatever_the_sense(sense, sign, relax):
+    m = build(sense)
+    plain = pyo.value(m.cost)
+    relax.apply_to(m, relaxation="penalty", delta=0.25)
+    charged = m.relaxed_complementarity.objective
+    products = sum(pyo.value(pair.weight * pair.a * pair.b) for pair in relax.get_pairs(m))
+    assert charged.sense == sense
+    assert pyo.value(charged) == pytest.approx(plain + sign * products / 0.25)
+    assert not m.cost.active
+    assert relax.relaxed_rows(m) == []
+    relax.get_delta(m).set_value(0.5)
+    assert pyo.value(charged) == pytest.approx(plain + sign * products / 0.5)
+
+
+def test_the_penalty_follows_the_objective_of_the_user(model, relax):
+    token = relax.apply_to(model, relaxation="penalty")
+    before = pyo.value(token.block.objective)
+    model.cost.set_value(model.cost.expr + 5)
+    assert pyo.value(token.block.objective) == before + 5
+
+
+# ---- the way back
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_revert_restores_the_model(model, relax, options):
+    before, text = state(model), text_without_pairs(model)
+    token = relax.apply_to(model, **options)
+    assert nl_text(model) != text
+    relax.revert(model, token)
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+    assert relax.apply_to(model, **options) is not None
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_create_using_leaves_the_original(model, relax, options):
+    before, text = state(model), text_without_pairs(model)
+    relaxed = relax.create_using(model, **options)
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+    nl_text(relaxed)
+    assert all(pair.source.model() is relaxed for pair in relax.get_pairs(relaxed))
+
+
+def test_create_using_takes_targets_of_the_original(model, relax):
+    relaxed = relax.create_using(model, targets=[model.ours[2], model.part])
+    assert [pair.name for pair in active_pairs(relaxed)] == [
+        "ours[1]",
+        "ours[3]",
+        "theirs[1]",
+        "theirs[2]",
+        "theirs[3]",
+    ]
+
+
+def test_a_token_works_once_and_for_its_own_model(model, relax):
+    with pytest.raises(ComplementarityError, match="'unknown': nothing to revert"):
+        relax.revert(model)
+    token = relax.apply_to(model)
+    copy = model.clone()
+    with pytest.raises(ComplementarityError, match="the token was made for another model"):
+        relax.revert(copy, token)
+    relax.revert(model, token)
+    with pytest.raises(ComplementarityError, match="nothing to revert"):
+        relax.revert(model, token)
+
+
+# ---- copies
+
+
+@pytest.mark.parametrize(
+    "copy", [lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))], ids=["clone", "pickle"]
+)
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_a_copy_answers_with_its_own_components(model, relax, copy, options):
+    before = state(model)
+    token = relax.apply_to(model, **options)
+    other = copy(model)
+    assert nl_text(other) == nl_text(model)
+    for row in relax.relaxed_rows(other):
+        for source in relax.get_source(row):
+            assert source.model() is other
+            assert row in relax.get_rows(source)
+    assert relax.get_source(relax.get_rows(other.ours[2])[-1]) == [other.ours[2]]
+    assert relax.get_delta(other) is other.relaxed_complementarity.delta
+    relax.get_delta(other).set_value(0.125)
+    assert pyo.value(relax.get_delta(model)) != 0.125
+    relax.revert(other)
+    assert state(other) == before
+    assert text_without_pairs(other)
+    relax.revert(model, token)
+    assert state(model) == before
+
+
+def test_a_clone_made_before_is_transformed_alike(model, relax):
+    other = model.clone()
+    relax.apply_to(model)
+    relax.apply_to(other)
+    assert nl_text(model) == nl_text(other)
+
+
+# ---- more than once, and parts only
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_twice_in_parts_is_once_as_a_whole(relax, options):
+    whole, parts = build(), build()
+    relax.apply_to(whole, **options)
+    relax.apply_to(parts, targets=parts.part, **options)
+    relax.apply_to(parts, targets=parts.ours)
+    relax.apply_to(parts)
+    assert sorted(row_values(relax, whole)) == sorted(row_values(relax, parts))
+    assert sorted(pyo.value(row.body) for row in sides_of(whole)) == sorted(
+        pyo.value(row.body) for row in sides_of(parts)
+    )
+    assert len(list(parts.component_objects(pyo.Param))) == len(list(whole.component_objects(pyo.Param)))
+    if options.get("relaxation") == "penalty":
+        assert pyo.value(parts.relaxed_complementarity.objective) == pytest.approx(
+            pyo.value(whole.relaxed_complementarity.objective)
+        )
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_applications_are_reverted_in_any_order(model, relax, options, order):
+    before, text = state(model), text_without_pairs(model)
+    tokens = [
+        relax.apply_to(model, targets=[model.ours], **options),
+        relax.apply_to(model, targets=[model.theirs, model.part[1]]),
+        relax.apply_to(model),
+    ]
+    for count, number in enumerate(order, start=1):
+        relax.revert(model, tokens[number])
+        if count < len(order):
+            assert len(relax.get_pairs(model)) == 10
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+
+
+def test_reverting_one_application_takes_its_rows_only(model, relax):
+    relax.apply_to(model, targets=model.ours, grouping="element")
+    before = nl_text_of_rows(model)
+    token = relax.apply_to(model)
+    assert nl_text_of_rows(model) != before
+    relax.revert(model, token)
+    assert nl_text_of_rows(model) == before
+    with pytest.raises(ComplementarityError, match="this application was reverted before"):
+        relax.revert(model, token)
+
+
+def nl_text_of_rows(m):
+    rows = [*m.relaxed_complementarity.rows.values(), *m.relaxed_complementarity.sides.values()]
+    return [(row.name, str(row.expr)) for row in rows]
+
+
+def test_a_second_application_adds_nothing_when_nothing_is_new(model, relax):
+    relax.apply_to(model)
+    text = nl_text(model)
+    token = relax.apply_to(model)
+    assert nl_text(model) == text
+    relax.revert(model, token)
+    assert nl_text(model) == text
+
+
+def test_a_pair_that_was_woken_up_by_hand_goes_back_to_sleep_without_a_second_row(model, relax):
+    relax.apply_to(model)
+    text = nl_text(model)
+    model.ours[2].activate()
+    relax.apply_to(model)
+    assert nl_text(model) == text
+
+
+def test_a_second_delta_moves_the_first_until_it_is_reverted(model, relax):
+    relax.apply_to(model, targets=model.ours, delta=1e-3)
+    relax.apply_to(model, targets=model.part[1])
+    assert pyo.value(relax.get_delta(model)) == 1e-3
+    token = relax.apply_to(model, delta=1e-5)
+    assert {row.ub for row in relax.relaxed_rows(model)} == {1e-5}
+    relax.revert(model, token)
+    assert {row.ub for row in relax.relaxed_rows(model)} == {1e-3}
+
+
+def test_other_options_beside_the_first_are_refused(model, relax):
+    relax.apply_to(model, targets=model.ours)
+    before, text = state(model), text_without_pairs(model)
+    with pytest.raises(ComplementarityError, match=r"is relaxed with relaxation Scholtes\(\); Penalty\(\) cannot"):
+        relax.apply_to(model, relaxation="penalty")
+    with pytest.raises(ComplementarityError, match=r"is relaxed with grouping PerPair\(\)"):
+        relax.apply_to(model, grouping="element")
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+
+
+def test_pairs_outside_the_targets_stay_active_and_the_writer_names_them(model, relax):
+    relax.apply_to(model, targets=[model.part, model.ours, model.theirs[1]])
+    assert [pair.name for pair in active_pairs(model)] == ["theirs[2]", "theirs[3]"]
+    assert model.theirs.active
+    assert not model.ours.active
+    with pytest.raises(ValueError, match=r"theirs\[2\]\s+theirs\[3\]\s*$"):
+        nl_text(model)
+
+
+def test_a_sub_block_is_relaxed_on_its_own(model, relax):
+    before = state(model)
+    token = relax.apply_to(model.part[1])
+    assert token.block.parent_block() is model.part[1]
+    assert [row.parent_block() for row in relax.relaxed_rows(model)] == [token.block] * 2
+    assert relax.get_delta(model) is token.block.delta
+    assert len(relax.get_pairs(model)) == 10
+    assert len(relax.get_pairs(model.part[1])) == 2
+    relax.revert(model.part[1], token)
+    assert state(model) == before
+
+
+def test_two_deltas_over_one_model_are_refused(model, relax):
+    relax.apply_to(model.part[1])
+    with pytest.raises(ComplementarityError, match=r"pairs of 'part\[1\]' are relaxed already"):
+        relax.apply_to(model)
+    relax.revert(model.part[1])
+    relax.apply_to(model, targets=model.ours)
+    with pytest.raises(
+        ComplementarityError, match=r"'part\[1\]': pairs of 'unknown' are relaxed already.*targets="
+    ):
+        relax.apply_to(model.part[1])
+    assert len(relax.get_pairs(model.part[1])) == 2
+
+
+def test_of_several_relaxed_blocks_no_single_delta_is_given(model, relax):
+    with pytest.raises(ComplementarityError, match="expected one relaxation in it, found none"):
+        relax.get_delta(model)
+    relax.apply_to(model.part[1])
+    relax.apply_to(model.part[2])
+    assert len(relax.relaxed_rows(model)) == 4
+    with pytest.raises(ComplementarityError, match=r"found 'part\[1\]\.relaxed_complementarity', 'part\[2\]"):
+        relax.get_delta(model)
+
+
+def test_a_deactivated_pair_is_untouched_and_can_follow_later(model, relax):
+    model.ours[2].deactivate()
+    model.part[2].deactivate()
+    first = relax.apply_to(model)
+    assert not model.ours[2].active
+    with pytest.raises(ComplementarityError, match=r"'ours\[2\]': is not relaxed"):
+        relax.get_rows(model.ours[2])
+    model.ours[2].activate()
+    model.part[2].activate()
+    assert [pair.name for pair in active_pairs(model)] == ["ours[2]", "part[2].u", "part[2].v"]
+    relax.apply_to(model)
+    assert len(relax.relaxed_rows(model)) == 10
+    relax.revert(model, first)
+    assert len(relax.relaxed_rows(model)) == 3
+
+
+def test_the_name_of_the_generated_block_is_unique(model, relax):
+    model.relaxed_complementarity = pyo.Block()
+    model.relaxed_complementarity.delta = pyo.Param(initialize=3)
+    before = state(model)
+    token = relax.apply_to(model)
+    assert token.block is not model.relaxed_complementarity
+    relax.revert(model, token)
+    assert state(model) == before
+
+
+# ---- failures leave nothing behind
+
+
+@dataclass(frozen=True)
+class Unshiftable:
+    """Without a shift: residuals that cannot be summed."""
+
+    def residual(self, a: Any, b: Any, delta: Any) -> Any:
+        return a + b - (a**2 + b**2 + 2 * delta) ** 0.5
+
+    def shift(self, delta: Any) -> Any:
+        return None
+
+
+def no_pairs(m):
+    for source in (m.ours, m.theirs, m.part):
+        source.deactivate()
+
+
+def no_objective(m):
+    m.cost.deactivate()
+
+
+def second_objective(m):
+    m.other = pyo.Objective(expr=m.x[1])
+
+
+def bad_pair(m):
+    m.wrong = Complementarity([4], rule=lambda m, i: complements(m.free[1], m.x[1]))
+
+
+FAILURES = [
+    (no_pairs, {}, r"'unknown': no active complementarity pair in it; there is nothing to relax"),
+    (None, {"targets": []}, r"no active complementarity pair in the targets"),
+    (None, {"targets": "cost"}, r"'cost': a target is a Block, a Complementarity"),
+    (no_objective, {"relaxation": "penalty"}, r"one active objective, found none"),
+    (second_objective, {"relaxation": "penalty"}, r"one active objective, found 'cost', 'other'"),
+    (bad_pair, {}, r"'wrong\[4\]': side 'free\[1\]' has no finite bound"),
+    (None, {"relaxation": "none"}, r"unknown relaxation 'none'"),
+    (None, {"grouping": "none"}, r"unknown grouping 'none'"),
+    (None, {"delta": -1}, r"delta"),
+    (None, {"delta": float("inf")}, r"delta"),
+    (None, {"shrink": 0.1}, r"shrink"),
+    (None, {"relaxation": Unshiftable(), "grouping": "element"}, r"2 pairs share a row.*Use grouping='pair'"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "options", "message"), FAILURES)
+def test_a_failure_leaves_the_model_as_it_was(model, relax, spoil, options, message):
+    if spoil is not None:
+        spoil(model)
+    if options.get("targets") == "cost":
+        options = {"targets": [model.cost]}
+    before, text = state(model), text_without_pairs(model)
+    with pytest.raises(ValueError, match=message):
+        relax.apply_to(model, **options)
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+
+
+def test_a_failure_of_a_later_application_leaves_the_earlier_one(model, relax):
+    relax.apply_to(model, targets=model.ours)
+    bad_pair(model)
+    before, text = state(model), text_without_pairs(model)
+    with pytest.raises(ComplementarityError, match=r"'wrong\[4\]'"):
+        relax.apply_to(model)
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+    assert len(relax.relaxed_rows(model)) == 3
+
+
+def test_a_relaxation_without_a_shift_has_rows_but_none_that_may_move(model, relax):
+    relax.apply_to(model, relaxation=Unshiftable(), delta=0.5)
+    assert relax.relaxed_rows(model) == []
+    row = relax.get_rows(model.part[1].u)[0]
+    assert pyo.value(row.body) == pytest.approx(Unshiftable().residual(1, 3, 0.5))
+    nl_text(model)
+
+
+def test_a_row_of_the_user_has_no_source(model, relax):
+    relax.apply_to(model)
+    with pytest.raises(ComplementarityError, match="'row': was not generated"):
+        relax.get_source(model.row)
+
+
+def test_the_relaxation_in_use_can_be_asked_for(model, relax):
+    relax.apply_to(model)
+    assert relax.get_relaxation(model) == Scholtes()
+
+
+# ---- residuals
+
+
+def test_residuals_are_the_same_before_during_and_after(model, relax):
+    before = relax.residuals(model)
+    token = relax.apply_to(model, targets=[model.ours, model.part[1]])
+    during = relax.residuals(model)
+    relax.revert(model, token)
+    assert {r.name: r for r in during} == {r.name: r for r in before}
+    assert relax.residuals(model) == before
+
+
+def test_residuals_do_not_look_at_the_rows(model, relax):
+    token = relax.apply_to(model)
+    expected = relax.residuals(model)
+    token.block.rows.deactivate()
+    token.block.rows[0].set_value(model.x[1] <= 100)
+    assert relax.residuals(model) == expected
+
+
+@given(a=st.floats(-5, 5), b=st.floats(-5, 5))
+def test_residuals_measure_product_distance_and_violation(a, b):
+    m = pyo.ConcreteModel()
+    m.a, m.b = pyo.Var(initialize=a), pyo.Var(initialize=b)
+    m.cc = Complementarity(expr=complements(m.a >= 0, m.b >= 0))
+    (residual,) = relaxation().residuals(m)
+    assert residual.name == "cc"
+    assert residual.product == a * b
+    assert residual.natural == min(a, b)
+    assert residual.infeasibility == max(0, -a, -b)
+    assert (residual.natural == 0) == (min(a, b) == 0)
+
+
+def test_a_variable_without_a_value_is_named(model, relax):
+    model.x[2].set_value(None)
+    with pytest.raises(
+        ComplementarityError, match=r"'ours\[2\]': the side 'x\[2\]' holds a variable without a value"
+    ):
+        relax.residuals(model)
