@@ -55,10 +55,7 @@ def build(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100,
     m.cost = pyo.Objective(
         expr=b.integral(
             lambda b, t: (
-                (b.x[t] - goal[0]) ** 2
-                + (b.y[t] - goal[1]) ** 2
-                + (b.theta[t] - goal[2]) ** 2
-                + b.contact[t] ** 2
+                (b.x[t] - goal[0]) ** 2 + (b.y[t] - goal[1]) ** 2 + (b.theta[t] - goal[2]) ** 2 + b.contact[t] ** 2
             )
         )
     )

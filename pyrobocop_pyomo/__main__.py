@@ -13,9 +13,7 @@ from pyrobocop_pyomo.solving.doctor import pyomo_silenced, report
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m pyrobocop_pyomo", description="The solvers of pyrobocop_pyomo."
-    )
+    parser = argparse.ArgumentParser(prog="python -m pyrobocop_pyomo", description="The solvers of pyrobocop_pyomo.")
     commands = parser.add_subparsers(dest="command", metavar="command")
     commands.add_parser("doctor", help="show which ways to Ipopt work here, and how to get the others (default)")
     build = commands.add_parser(

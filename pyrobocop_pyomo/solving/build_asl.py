@@ -34,8 +34,7 @@ ALTERNATIVE = "Elsewhere: conda install -c conda-forge ipopt pynumero_libraries"
 
 # What autotools would have found out; every compiler of this century has these headers.
 _HEADER_MACROS = [
-    f"-DHAVE_{name}"
-    for name in ("CSTRING", "CSTDIO", "CSTDLIB", "CMATH", "CFLOAT", "CASSERT", "CSTDARG", "CSTDDEF")
+    f"-DHAVE_{name}" for name in ("CSTRING", "CSTDIO", "CSTDLIB", "CMATH", "CFLOAT", "CASSERT", "CSTDARG", "CSTDDEF")
 ]
 
 

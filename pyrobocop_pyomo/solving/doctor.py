@@ -80,9 +80,7 @@ def report() -> tuple[str, bool]:
     for route in routes:
         verdict = "works" if route.works else "fails" if route.where else "not found"
         lines += ["", f"{route.name}: {verdict}"]
-        lines += [
-            f"  {label:<12}{text}" for label, text in (("found", route.where), ("solve", route.result)) if text
-        ]
+        lines += [f"  {label:<12}{text}" for label, text in (("found", route.where), ("solve", route.result)) if text]
         if not route.works:
             lines.append(f"  {'remedy':<12}{route.remedy}")
     works = any(route.works for route in routes)

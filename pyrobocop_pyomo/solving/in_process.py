@@ -169,9 +169,7 @@ def _ipopt_options(config: InProcessIpoptConfig) -> dict[str, Any]:
     options = dict(config.solver_options.value())
     for name in ("option_file_name", "wantsol"):
         if name in options:
-            raise SolverOptionError(
-                f"Ipopt option '{name}' belongs to the executable. Give Ipopt's options by name."
-            )
+            raise SolverOptionError(f"Ipopt option '{name}' belongs to the executable. Give Ipopt's options by name.")
     if config.threads and config.threads != 1:
         logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
     if config.time_limit is not None:
@@ -206,9 +204,7 @@ def _report_proven_infeasible(results: Results, model: BlockData, reason: str) -
 def _raise_or_load(results: Results, config: InProcessIpoptConfig) -> None:
     """As Pyomo's ipopt_v2 does it: an exception leaves the model as it was. The results go with the exception."""
     if config.raise_exception_on_nonoptimal_result and results.solution_status is not SolutionStatus.optimal:
-        error = NoOptimalSolutionError(
-            f"{NoOptimalSolutionError.default_message} {results.extra_info.solver_message}"
-        )
+        error = NoOptimalSolutionError(f"{NoOptimalSolutionError.default_message} {results.extra_info.solver_message}")
         error.results = results
         raise error
     if config.load_solutions:

@@ -35,8 +35,7 @@ def find_ipopt_executable() -> str | None:
     if chosen:
         if not os.access(chosen, os.X_OK) or Path(chosen).is_dir():
             raise SolverNotFoundError(
-                f"{EXECUTABLE_VARIABLE} is '{chosen}', which is no executable file. Correct the variable or "
-                "unset it."
+                f"{EXECUTABLE_VARIABLE} is '{chosen}', which is no executable file. Correct the variable or unset it."
             )
         return chosen
     known = Executable("ipopt").path()

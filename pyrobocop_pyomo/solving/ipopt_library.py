@@ -34,9 +34,7 @@ _address = ctypes.c_void_p
 EvalF = ctypes.CFUNCTYPE(_index, _index, _address, _index, _address, _address)
 EvalGradF = ctypes.CFUNCTYPE(_index, _index, _address, _index, _address, _address)
 EvalG = ctypes.CFUNCTYPE(_index, _index, _address, _index, _index, _address, _address)
-EvalJacG = ctypes.CFUNCTYPE(
-    _index, _index, _address, _index, _index, _index, _address, _address, _address, _address
-)
+EvalJacG = ctypes.CFUNCTYPE(_index, _index, _address, _index, _index, _index, _address, _address, _address, _address)
 EvalH = ctypes.CFUNCTYPE(
     _index, _index, _address, _index, _number, _index, _address, _index, _index,
     _address, _address, _address, _address,

@@ -112,9 +112,7 @@ class InProcessSolutionLoader(SolutionLoader):
     def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
         """Multipliers of bounds: that of the lower or of the upper one, whichever is larger in size."""
         lower, upper = self._bound_multipliers()
-        return _selected(
-            self._written.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load
-        )
+        return _selected(self._written.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load)
 
     def load_import_suffixes(self) -> None:
         """Fill ``dual``, ``rc``, ``ipopt_zL_out`` and ``ipopt_zU_out`` where they are declared for import."""

@@ -194,9 +194,7 @@ def test_targets_choose_blocks_components_and_single_pairs(model):
 
 
 def test_a_target_must_be_a_part_of_the_model_that_can_hold_pairs(model):
-    with pytest.raises(
-        ComplementarityError, match="'x': a target is a Block, a Complementarity or one of its pairs"
-    ):
+    with pytest.raises(ComplementarityError, match="'x': a target is a Block, a Complementarity or one of its pairs"):
         active_pairs(model, [model.x])
     other = pyo.ConcreteModel(name="other")
     other.b = pyo.Block()

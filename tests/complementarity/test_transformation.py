@@ -381,9 +381,7 @@ def test_two_deltas_over_one_model_are_refused(model, relax):
         relax.apply_to(model)
     relax.revert(model.part[1])
     relax.apply_to(model, targets=model.ours)
-    with pytest.raises(
-        ComplementarityError, match=r"'part\[1\]': pairs of 'unknown' are relaxed already.*targets="
-    ):
+    with pytest.raises(ComplementarityError, match=r"'part\[1\]': pairs of 'unknown' are relaxed already.*targets="):
         relax.apply_to(model.part[1])
     assert len(relax.get_pairs(model.part[1])) == 2
 
@@ -549,7 +547,5 @@ def test_residuals_measure_product_distance_and_violation(a, b):
 
 def test_a_variable_without_a_value_is_named(model, relax):
     model.x[2].set_value(None)
-    with pytest.raises(
-        ComplementarityError, match=r"'ours\[2\]': the side 'x\[2\]' holds a variable without a value"
-    ):
+    with pytest.raises(ComplementarityError, match=r"'ours\[2\]': the side 'x\[2\]' holds a variable without a value"):
         relax.residuals(model)

@@ -101,9 +101,7 @@ def test_the_first_iteration_is_at_the_first_point(derivatives):
     model, _ = PROBLEMS[0]()
     first = pyo.value(model.cost)
     records = []
-    solver(derivatives).solve(
-        model, options={"bound_push": 1e-12, "bound_frac": 1e-12, "nlp_scaling_method": "none"}
-    )
+    solver(derivatives).solve(model, options={"bound_push": 1e-12, "bound_frac": 1e-12, "nlp_scaling_method": "none"})
     new = pyo.SolverFactory("pyrobocop.ipopt")
     model, _ = PROBLEMS[0]()
     new.config.derivatives = derivatives
