@@ -101,9 +101,10 @@ def _planned(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> list
                 "whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
             )
         groups = record.grouping.groups(members)
-        if sum(len(added) for _, added in groups) != len(members):
+        count = sum(len(added) for _, added in groups)
+        if count != len(members):
             raise ComplementarityError(
-                f"'{model.name}': {record.grouping} put {sum(len(added) for _, added in groups)} pairs into groups, "
+                f"'{model.name}': {record.grouping} put {count} pairs into groups, "
                 f"of {len(members)} pairs. A grouping returns every pair once."
             )
         for name, added in groups:

@@ -70,7 +70,8 @@ class RelaxComplementarity(Transformation):
     Options of ``apply_to`` and ``create_using``: ``relaxation`` ("scholtes", "penalty" or an object),
     ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2) and ``targets``
     (blocks, components or single pairs; default all). An application to a model that is relaxed already
-    adds what is new, under the same delta.
+    adds what is new, under the same delta. A block that is deactivated afterwards takes its own constraints
+    out of the model but not the generated rows of its pairs: revert before, or deactivate first.
     """
 
     CONFIG = ConfigDict("pyrobocop.relax_complementarity")
