@@ -26,6 +26,15 @@ from pyrobocop_pyomo.phases import (
     Verification,
 )
 from pyrobocop_pyomo.plotting import draw_planar_pushing
+from pyrobocop_pyomo.solving import (
+    Quality,
+    Route,
+    SolveResult,
+    StopReason,
+    available_routes,
+    configure_ipopt_executable,
+    solve,
+)
 from pyrobocop_pyomo.trajectories import Trajectory
 
 __all__ = [
@@ -45,17 +54,26 @@ __all__ = [
     "PerPair",
     "PhaseBlock",
     "PyRobocopError",
+    "Quality",
+    "Route",
     "Scholtes",
     "SolveFailed",
+    "SolveResult",
     "SquareSlider",
     "State",
+    "StopReason",
     "Trajectory",
     "Verification",
     "__version__",
     "active_pairs",
+    "available_routes",
     "complements",
     "draw_planar_pushing",
     "find_scheme",
     "gauss_legendre",
     "radau",
+    "solve",
 ]
+
+# Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
+configure_ipopt_executable()

@@ -1,12 +1,13 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
-from .component import Complementarity, ComplementarityData, Complements, complements
+from .component import Complementarity, ComplementarityData
 from .grouping import Grouping, PerElement, PerPair
 from .pairs import CanonicalPair, active_pairs, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
 from .residuals import PairResidual, pair_residuals
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
 from .sides import canonical_side
+from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
 
 __all__ = [

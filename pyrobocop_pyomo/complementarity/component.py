@@ -1,13 +1,13 @@
-"""The component that states complementarity pairs, and `complements`, which writes one of them."""
+"""The component that states complementarity pairs."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Any, NamedTuple
+from typing import Any
 
 from pyomo.common.modeling import NOTSET
 from pyomo.common.timing import ConstructionTimer
-from pyomo.core.base.component import ActiveComponentData, ModelComponentFactory
+from pyomo.core.base.component import ActiveComponentData
 from pyomo.core.base.global_set import UnindexedComponent_index
 from pyomo.core.base.indexed_component import ActiveIndexedComponent, UnindexedComponent_set
 from pyomo.core.base.initializer import Initializer
@@ -16,36 +16,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .sides import check_side
-
-
-class Complements(NamedTuple):
-    """Two sides as the user wrote them, and which bound is meant where a side is a plain variable."""
-
-    first: Any
-    second: Any
-    first_bound: str | None = None
-    second_bound: str | None = None
-
-
-def complements(
-    first: Any, second: Any, *, first_bound: str | None = None, second_bound: str | None = None
-) -> Complements:
-    """State that both sides hold and that at least one of them holds with equality.
-
-    Parameters
-    ----------
-    first, second : relational expression or variable
-        ``expr >= c`` or ``expr <= c``, where ``c`` may hold parameters; ``lhs >= rhs`` with variables on both
-        sides means ``lhs - rhs >= 0``. A plain variable stands for its own finite bound.
-    first_bound, second_bound : {None, "lower", "upper"}
-        Which bound of a plain variable is meant; needed only where it has two finite ones.
-
-    Returns
-    -------
-    Complements
-        What a `Complementarity` rule returns.
-    """
-    return Complements(first, second, first_bound, second_bound)
+from .statement import Complements
 
 
 class ComplementarityData(ActiveComponentData):
@@ -150,7 +121,8 @@ class ComplementarityData(ActiveComponentData):
         self._weight = weight
 
 
-@ModelComponentFactory.register("Pairs of inequalities of which at least one holds with equality.")
+# Not registered with Pyomo's ModelComponentFactory: that goes by the name of the class, and would make
+# ``@model.Complementarity`` mean this class instead of the one of pyomo.mpec.
 class Complementarity(ActiveIndexedComponent):
     """Pairs ``0 <= a ⟂ b >= 0``, scalar or indexed.
 

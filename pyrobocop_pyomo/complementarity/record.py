@@ -61,7 +61,7 @@ class Record(AutoSlots.Mixin):
         "groups",
         "main",
         "next_application",
-        "next_position",
+        "next_positions",
         "objective",
         "pairs",
         "relaxation",
@@ -82,12 +82,13 @@ class Record(AutoSlots.Mixin):
         self.side_rows = ComponentMap()
         self.sources = ComponentMap()
         self.next_application = 0
-        self.next_position = 0
+        self.next_positions: dict[str, int] = {}
 
-    def take_position(self) -> int:
-        """Return an index that no generated row had before."""
-        self.next_position += 1
-        return self.next_position - 1
+    def take_position(self, component: str) -> int:
+        """Return an index that no row of this component had before, also not one that was taken away."""
+        position = self.next_positions.get(component, 0)
+        self.next_positions[component] = position + 1
+        return position
 
 
 Block.register_private_data_initializer(Record)

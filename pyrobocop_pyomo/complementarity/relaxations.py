@@ -59,9 +59,9 @@ class Scholtes:
 class Penalty:
     """Charge the products: add ``(1 / delta) * sum_l w_l * a_l * b_l`` to a minimised objective.
 
-    The sides stay constraints, and nothing bounds a product. The penalty is exact: where it is large enough
-    its minimisers are those of the problem with the pairs, delta need not go to zero. The weights w_l measure
-    the pairs, so that a finer mesh does not count as more violation.
+    The sides stay constraints, and nothing bounds a product. Near a solution that is strongly stationary the
+    penalty is exact: the products vanish at some positive delta already, which need not go to zero. The
+    weights w_l measure the pairs, so that a finer mesh does not count as more violation.
 
     References
     ----------

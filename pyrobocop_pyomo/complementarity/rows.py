@@ -46,7 +46,7 @@ def add_pairs(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> Non
         record.side_rows[pair.source] = []
     for pair, expression in sides:
         block = record.blocks[homes[id(pair)]]
-        position = record.take_position()
+        position = record.take_position("sides")
         block.sides[position] = expression
         row = block.sides[position]
         record.side_rows[pair.source].append(row)
@@ -100,7 +100,17 @@ def _planned(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> list
                 f"'{members[0].name}': lies in the disjunct '{home.name}', and a term of the objective would count "
                 "whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
             )
-        for name, added in record.grouping.groups(members):
+        groups = record.grouping.groups(members)
+        count = sum(len(added) for _, added in groups)
+        if count != len(members):
+            raise ComplementarityError(
+                f"'{model.name}': {record.grouping} put {count} pairs into groups, "
+                f"of {len(members)} pairs. A grouping returns every pair once."
+            )
+        for name, added in groups:
+            if home is not model:
+                # A grouping of somebody else may give one name to pairs of several disjuncts.
+                name = f"{home.name}: {name}"
             known = record.groups.get(name)
             group = Group(home, known.row if known else None, [*(known.pairs if known else ()), *added])
             planned.append((name, group, _row(record, name, group.pairs)))
@@ -155,7 +165,7 @@ def _set_row(record: Record, name: str, group: Group, expression: Any) -> None:
     if expression is not None:
         if group.row is None:
             rows = record.blocks[group.home].rows
-            position = record.take_position()
+            position = record.take_position("rows")
             rows[position] = expression
             group.row = rows[position]
         else:

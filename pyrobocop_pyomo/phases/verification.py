@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import RelationalExpression
+from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 from scipy.integrate import solve_ivp
 
 from pyrobocop_pyomo.complementarity import canonical_side
@@ -262,8 +263,11 @@ def _violation(row: Any) -> float:
     if row is Constraint.Skip:
         return 0.0
     if isinstance(row, RelationalExpression):
-        lower, body, upper = row.to_bounded_expression(evaluate_bounds=True)
-        return _outside(float(value(body)), lower, upper)
+        numbers = [float(value(side)) for side in row.args]
+        if isinstance(row, EqualityExpression):
+            return abs(numbers[0] - numbers[1])
+        # Both kinds of inequality are ordered: smaller <= larger, or lower <= body <= upper.
+        return max(0.0, *(smaller - larger for smaller, larger in pairwise(numbers)))
     if isinstance(row, tuple):
         lower, body, upper = (row[1], row[0], row[1]) if len(row) == 2 else row
         return _outside(*(None if each is None else float(value(each)) for each in (body, lower, upper)))  # type: ignore[arg-type]

@@ -1,1 +1,19 @@
 """Finding Ipopt, running it in process, and solving complementarity problems by continuation."""
+
+from .in_process import InProcessIpopt
+from .ipopt_executable import configure_ipopt_executable
+from .routes import Route, available_routes
+from .solve import solve
+from .solve_result import Quality, SolveResult, Step, StopReason
+
+__all__ = [
+    "InProcessIpopt",
+    "Quality",
+    "Route",
+    "SolveResult",
+    "Step",
+    "StopReason",
+    "available_routes",
+    "configure_ipopt_executable",
+    "solve",
+]

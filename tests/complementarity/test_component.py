@@ -6,6 +6,7 @@ import io
 import pickle
 
 import pyomo.environ as pyo
+import pyomo.mpec as mpec
 import pytest
 
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
@@ -210,3 +211,33 @@ def test_a_bound_is_chosen_for_plain_variables_only(model):
         model.cc = Complementarity(expr=complements(model.x[1] >= 0, model.y[1], first_bound="lower"))
     with pytest.raises(ComplementarityError, match=r"'other': unknown bound 'left'"):
         model.other = Complementarity(expr=complements(model.x[1], model.y[1], second_bound="left"))
+
+
+def test_importing_this_package_leaves_the_decorators_of_pyomo_alone(model):
+    @model.Complementarity(model.I)
+    def theirs(m, i):
+        return mpec.complements(m.x[i] >= 0, m.y[i] >= 0)
+
+    assert model.theirs.ctype is mpec.Complementarity
+
+
+def test_several_index_sets_and_indexed_weights(model):
+    model.step = pyo.Param(model.I, initialize={1: 0.1, 2: 0.2, 3: 0.3}, mutable=True)
+    model.cc = Complementarity(
+        model.I,
+        model.I,
+        rule=lambda m, i, j: complements(m.x[i] >= 0, m.y[j] >= 0),
+        group=lambda m, i, j: j,
+        weight=lambda m, i, j: m.step[i] * 2,
+    )
+    assert model.cc[1, 3].group == 3
+    model.step[1] = 5
+    assert pyo.value(model.cc[1, 3].weight) == 10
+
+
+def test_a_parameter_is_a_weight_for_all_pairs_or_one_for_each(model):
+    model.step = pyo.Param(model.I, initialize={1: 0.1, 2: 0.2, 3: 0.3}, mutable=True)
+    model.each = Complementarity(model.I, rule=by_rule, weight=model.step)
+    model.all = Complementarity(model.I, rule=by_rule, weight=model.p)
+    assert all(model.each[i].weight is model.step[i] for i in model.I)
+    assert all(model.all[i].weight is model.p for i in model.I)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pyomo.dae as dae
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
@@ -135,3 +137,34 @@ def test_the_kkt_conditions_of_pyomo_are_taken(relax):
     assert sorted(pyo.value(pair.b) for pair in pairs) == [1, 1, 2, 2, 2]
     relax.apply_to(m)
     assert len(relax.relaxed_rows(m)) == 5
+
+
+@dataclass(frozen=True)
+class Together:
+    """One name for all pairs."""
+
+    def groups(self, pairs):
+        return [("all", list(pairs))]
+
+
+@dataclass(frozen=True)
+class Forgetful:
+    """Loses all pairs but the first."""
+
+    def groups(self, pairs):
+        return [("first", list(pairs[:1]))]
+
+
+def test_a_group_never_reaches_over_the_edge_of_a_disjunct(choice, relax):
+    choice.right.cc = Complementarity(expr=complements(choice.x, choice.y <= 5, first_bound="lower"))
+    relax.apply_to(choice, grouping=Together())
+    assert len(relax.relaxed_rows(choice)) == 3
+    assert relax.get_rows(choice.right.cc)[0] is not relax.get_rows(choice.left.cc)[0]
+
+
+def test_a_grouping_that_loses_pairs_is_refused(choice, relax):
+    choice.more = Complementarity(expr=complements(choice.x >= 0, choice.y <= 9))
+    before = state(choice)
+    with pytest.raises(ComplementarityError, match=r"Forgetful\(\) put 1 pairs into groups, of 2 pairs"):
+        relax.apply_to(choice, grouping=Forgetful())
+    assert state(choice) == before

@@ -549,3 +549,15 @@ def test_a_variable_without_a_value_is_named(model, relax):
     model.x[2].set_value(None)
     with pytest.raises(ComplementarityError, match=r"'ours\[2\]': the side 'x\[2\]' holds a variable without a value"):
         relax.residuals(model)
+
+
+def test_a_family_of_blocks_or_an_abstract_model_is_refused(model, relax):
+    with pytest.raises(ComplementarityError, match="'part': is a family of blocks"):
+        relax.apply_to(model.part)
+    with pytest.raises(ComplementarityError, match="is not constructed"):
+        relax.apply_to(pyo.AbstractModel())
+
+
+def test_the_generated_objective_comes_from_all_pairs(model, relax):
+    token = relax.apply_to(model, relaxation="penalty")
+    assert len(relax.get_source(token.block.objective)) == 10

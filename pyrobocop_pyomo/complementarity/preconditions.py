@@ -1,0 +1,73 @@
+"""What has to hold before a model is relaxed; each refusal says what to do instead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pyomo.core.base import Objective, SortComponents
+
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .pairs import BLOCK_TYPES
+from .record import Record, records_above, records_below
+
+
+def refuse_unusable(model: Any) -> None:
+    """Refuse what is no constructed single block."""
+    if model.is_indexed():
+        raise ComplementarityError(
+            f"'{model.name}': is a family of blocks. Apply to the model with targets= this component, "
+            "or to each member."
+        )
+    if not model.is_constructed():
+        raise ComplementarityError(f"'{model.name}': is not constructed. Apply to model.create_instance().")
+
+
+def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
+    """Refuse a model, or targets, without an active pair."""
+    if not sources:
+        where = "it" if targets is None else "the targets"
+        raise ComplementarityError(
+            f"'{model.name}': no active complementarity pair in {where}; there is nothing to relax."
+        )
+
+
+def refuse_second_delta(model: Any) -> None:
+    """Refuse a block above or below which pairs follow another delta."""
+    for records, remedy in (
+        (records_above(model), "Apply to that model with targets= this block."),
+        (records_below(model), "Revert there first, so that one delta governs all pairs."),
+    ):
+        for record in records:
+            raise ComplementarityError(
+                f"'{model.name}': pairs of '{record.main.parent_block().name}' are relaxed already, with a delta "
+                f"of their own on '{record.main.name}'. {remedy}"
+            )
+
+
+def refuse_other_options(model: Any, record: Record, config: Any, given: dict[str, Any]) -> None:
+    """Refuse a relaxation or a grouping that differs from the one in use."""
+    for option in ("relaxation", "grouping"):
+        known, wanted = getattr(record, option), config[option]
+        if option in given and wanted != known:
+            raise ComplementarityError(
+                f"'{model.name}': is relaxed with {option} {known}; {wanted} cannot be added beside it. "
+                "Revert first, or leave the option out."
+            )
+
+
+def only_objective(model: Any) -> Any:
+    """Return the one active objective, which a penalty is added to."""
+    objectives = list(
+        model.component_data_objects(
+            Objective, active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic
+        )
+    )
+    if len(objectives) != 1:
+        names = ", ".join(f"'{objective.name}'" for objective in objectives) or "none"
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the one active objective, found {names}. Apply it to the model "
+            "that has the objective, with targets= the blocks that are meant."
+        )
+    return objectives[0]

@@ -1,0 +1,65 @@
+"""How good a point is, by the model's own expressions: nothing that a solver says is used."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
+
+
+class PointJudge:
+    """Evaluates what the user stated at the model's current values.
+
+    Made before a relaxation is applied, so that generated rows and penalties are not mistaken for the user's.
+
+    Parameters
+    ----------
+    model : Block
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._rows = [
+            (row.body, row.lb, row.ub)
+            for row in model.component_data_objects(Constraint, active=True)
+            if row.has_lb() or row.has_ub()
+        ]
+        self._bounded = [
+            variable
+            for variable in model.component_data_objects(Var, active=True)
+            if not variable.fixed and variable.bounds != (None, None)
+        ]
+        objectives = list(model.component_data_objects(Objective, active=True))
+        self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
+
+    def objective(self) -> float:
+        """The user's objective; NaN where it has no value."""
+        return _number(self._objective)
+
+    def violation(self) -> float:
+        """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
+        worst = 0.0
+        for body, lower, upper in self._rows:
+            worst = max(worst, _outside(_number(body), lower, upper))
+        for variable in self._bounded:
+            if variable.value is not None:
+                worst = max(worst, _outside(variable.value, variable.lb, variable.ub))
+        return worst
+
+
+def _number(expression: Any) -> float:
+    try:
+        number = value(expression, exception=False)
+    except (ArithmeticError, ValueError):
+        return float("nan")
+    return float("nan") if number is None or isinstance(number, complex) else float(number)
+
+
+def _outside(number: float, lower: float | None, upper: float | None) -> float:
+    if number != number:
+        return float("inf")
+    below = lower - number if lower is not None else 0.0
+    above = number - upper if upper is not None else 0.0
+    return max(below, above, 0.0)

@@ -1,0 +1,155 @@
+"""Continuation through the ``ipopt`` executable: one barrier problem per process, warm in primal and dual values.
+
+A ``.nl`` file cannot change during a solve. The path that delta follows with mu inside a solve is therefore walked
+from outside: one run per barrier parameter, with ``mu_init`` and ``mu_target`` at that value and all multipliers
+handed over, in the sequence that Ipopt's monotone strategy takes (Waechter & Biegler 2006, eq. 7,
+doi:10.1007/s10107-004-0559-y).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pyomo.common.modeling import unique_component_name
+from pyomo.contrib.solver.common.results import TerminationCondition
+from pyomo.contrib.solver.solvers.ipopt import Ipopt
+from pyomo.core.base.block import Block
+from pyomo.core.base.suffix import Suffix
+
+from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.errors import SolverNotFoundError
+
+from .ipopt_executable import find_ipopt_executable, ipopt_executable_version
+from .ipopt_outcome import IpoptStatus
+from .routes import NO_IPOPT
+from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
+
+_SUFFIXES = {
+    "dual": Suffix.IMPORT_EXPORT,
+    "ipopt_zL_out": Suffix.IMPORT,
+    "ipopt_zU_out": Suffix.IMPORT,
+    "ipopt_zL_in": Suffix.EXPORT,
+    "ipopt_zU_in": Suffix.EXPORT,
+}
+
+_STATUS = {
+    TerminationCondition.convergenceCriteriaSatisfied: IpoptStatus.SOLVED,
+    TerminationCondition.iterationLimit: IpoptStatus.ITERATION_LIMIT,
+    TerminationCondition.maxTimeLimit: IpoptStatus.TIME_LIMIT,
+    TerminationCondition.locallyInfeasible: IpoptStatus.INFEASIBLE,
+    TerminationCondition.provenInfeasible: IpoptStatus.INFEASIBLE,
+    TerminationCondition.unbounded: IpoptStatus.DIVERGING,
+    TerminationCondition.interrupted: IpoptStatus.INTERRUPTED,
+    TerminationCondition.minStepLength: IpoptStatus.TINY_STEP,
+}
+
+# The executable tells failures apart by its last words only.
+_STATUS_OF_MESSAGE = {
+    "Search Direction is becoming Too Small": IpoptStatus.TINY_STEP,
+    "Restoration Failed": IpoptStatus.RESTORATION_FAILED,
+    "Maximum Number of Iterations": IpoptStatus.ITERATION_LIMIT,
+}
+
+
+class ExecutableSession:
+    """See `Session`; parameters as for `InProcessSession`, without a choice of derivatives."""
+
+    derivatives = "ASL"
+
+    def __init__(self, model: Any, delta: Any, options: Mapping[str, Any], tee: bool) -> None:
+        path = find_ipopt_executable()
+        if path is None:
+            raise SolverNotFoundError(NO_IPOPT)
+        self.solver = f"{ipopt_executable_version(path) or 'Ipopt'} ({path})"
+        self._ipopt = Ipopt(executable=path)
+        self._model = model
+        self._delta = delta
+        self._options = dict(options)
+        self._tee = [sys.stdout] if tee else []
+        # The user's suffixes of the same names sleep meanwhile: otherwise theirs would be filled instead of ours.
+        self._sleeping = [
+            suffix for suffix in model.component_objects(Suffix, active=True) if suffix.local_name in _SUFFIXES
+        ]
+        for suffix in self._sleeping:
+            suffix.deactivate()
+        self._own = Block(concrete=True)
+        model.add_component(unique_component_name(model, "warm_start"), self._own)
+        for name, direction in _SUFFIXES.items():
+            self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
+
+    def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
+        options = dict(self._options)
+        if warm:
+            options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
+        return self._run("fixed delta" if delta is not None else "solve", delta, options, warm, time_limit)
+
+    def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+        started = time.perf_counter()
+        tolerance = float(self._options.get("tol", 1e-8))
+        mu = float(self._options.get("mu_init", DEFAULT_MU))
+        warm = False
+        while True:
+            last = mu <= tolerance
+            options = {**self._options, "mu_init": mu}
+            if warm:
+                options = {**WARM_START_OPTIONS, **options}
+            if not last:
+                # Stop at this barrier problem, solved as loosely as Ipopt itself would before reducing mu.
+                options |= {"mu_target": mu, "tol": max(tolerance, 10 * mu)}
+            left = None if time_limit is None else time_limit - (time.perf_counter() - started)
+            run = self._run("delta = mu, from outside", schedule.delta_for(mu), options, warm, left)
+            yield run
+            if last or not (run.status.solved or run.status is IpoptStatus.TINY_STEP):
+                return
+            mu, warm = max(tolerance / 10, min(0.2 * mu, mu**1.5)), True
+
+    def _run(
+        self, label: str, delta: float | None, options: Mapping[str, Any], warm: bool, time_limit: float | None
+    ) -> Run:
+        if delta is not None:
+            self._delta.set_value(delta)
+        for name in ("ipopt_zL", "ipopt_zU"):
+            arriving = self._own.component(f"{name}_in")
+            arriving.clear()
+            if warm:
+                arriving.update(self._own.component(f"{name}_out").items())
+        if not warm:
+            self._own.dual.clear()
+        if time_limit is not None:
+            options = {**options, "max_wall_time": max(time_limit, 1e-3)}
+        started = time.perf_counter()
+        results = self._ipopt.solve(
+            self._model,
+            tee=self._tee,
+            load_solutions=False,
+            raise_exception_on_nonoptimal_result=False,
+            solver_options=dict(options),
+            writer_config={"linear_presolve": False, "scale_model": False},
+        )
+        if results.solution_loader.get_number_of_solutions():
+            results.solution_loader.load_solution()
+        status = _STATUS.get(results.termination_condition, IpoptStatus.INTERNAL_ERROR)
+        for words, told in _STATUS_OF_MESSAGE.items():
+            if not status.solved and words in (results.solver_log or ""):
+                status = told
+        iterations = int(results.extra_info.iteration_count or 0)
+        mu = options.get("mu_target") or None
+        return Run(label, delta, mu, status, iterations, time.perf_counter() - started)
+
+    def stationarity(self) -> float | None:
+        return None
+
+    def load_suffixes(self) -> None:
+        for theirs in self._sleeping:
+            if theirs.import_enabled():
+                ours = self._own.component(theirs.local_name)
+                theirs.clear()
+                theirs.update(ours.items())
+
+    def close(self) -> None:
+        self._model.del_component(self._own)
+        for suffix in self._sleeping:
+            suffix.activate()

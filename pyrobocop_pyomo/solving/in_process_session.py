@@ -1,0 +1,153 @@
+"""Continuation in process: the model is written once, delta moves by shifting rows."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.complementarity import FollowBarrier
+
+from .ipopt_library import load_ipopt_library
+from .ipopt_outcome import IpoptOutcome, IterationRecord
+from .ipopt_run import run_ipopt
+from .multipliers import InProcessSolutionLoader, starting_multipliers
+from .nonlinear_program import NonlinearProgram, ShiftedRows
+from .session import DEFAULT_MU, WARM_START_OPTIONS, OnIteration, Run
+from .written_model import WrittenModel
+
+
+class InProcessSession:
+    """See `Session`.
+
+    Parameters
+    ----------
+    model : Block
+        With its relaxation applied, if it has pairs.
+    delta : mutable Param or None
+        The generated parameter.
+    rows : list of ConstraintData
+        Rows that a shift of delta moves; empty where delta acts otherwise, as in a penalty.
+    derivatives : {"asl", "casadi"}
+    options : mapping
+        Ipopt's.
+    tee : bool
+        Show Ipopt's log.
+    on_iteration : callable, optional
+        Told of each iteration.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        delta: Any,
+        rows: list[Any],
+        derivatives: str | None,
+        options: Mapping[str, Any],
+        tee: bool,
+        on_iteration: OnIteration | None = None,
+    ) -> None:
+        self._library = load_ipopt_library()
+        self._model = model
+        self._delta = delta
+        self._rows = rows
+        self._derivatives = derivatives
+        self._options = dict(options)
+        self._output = [sys.stdout] if tee else []
+        self._on_iteration = on_iteration
+        self._outcome: IpoptOutcome | None = None
+        self._nlp: NonlinearProgram
+        self._write()
+        self.solver = str(self._library)
+        self.derivatives = self._written.nlp.derivatives
+
+    def _write(self) -> None:
+        self._written = WrittenModel(self._model, self._derivatives)
+        self._nlp = self._written.nlp
+        if self._rows:
+            positions = [self._written.row_of[row] for row in self._rows]
+            self._nlp = ShiftedRows(self._written.nlp, positions, base=self._delta.value)
+
+    def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
+        if delta is not None:
+            if isinstance(self._nlp, ShiftedRows):
+                self._nlp.delta = delta
+            elif self._delta.value != delta:
+                self._delta.set_value(delta)
+                self._write()
+        options = dict(self._options)
+        if warm:
+            options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
+        outcome = self._solve(options, warm, time_limit)
+        return self._report("fixed delta" if delta is not None else "solve", delta, outcome)
+
+    def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+        nlp = self._nlp
+        if not isinstance(nlp, ShiftedRows):
+            raise TypeError("delta can follow the barrier parameter only where it shifts rows")
+        nlp.delta = schedule.delta_for(float(self._options.get("mu_init", DEFAULT_MU)))
+        path: list[tuple[float, float]] = []
+
+        def follow_mu(record: IterationRecord) -> None:
+            # Called between iterations: the next trial point is the first to see the new bound. The values that
+            # Ipopt keeps of the current point are those under the old one, so delta lags mu by one iteration.
+            path.append((record.mu, nlp.delta))
+            nlp.delta = schedule.delta_for(record.mu)
+
+        outcome = self._solve(self._options, False, time_limit, follow_mu)
+        yield self._report("delta follows mu", nlp.delta, outcome, path)
+
+    def _solve(
+        self, options: Mapping[str, Any], warm: bool, time_limit: float | None, follow_mu: OnIteration | None = None
+    ) -> IpoptOutcome:
+        def on_iteration(record: IterationRecord) -> bool | None:
+            if follow_mu is not None:
+                follow_mu(record)
+            return None if self._on_iteration is None else self._on_iteration(record)
+
+        if time_limit is not None:
+            options = {**options, "max_wall_time": max(time_limit, 1e-3)}
+        last = self._outcome if warm else None
+        exported = starting_multipliers(self._written)
+        self._outcome = run_ipopt(
+            self._library,
+            self._nlp,
+            options,
+            x=self._written.current_point(),
+            g_multipliers=exported.g_multipliers if last is None else last.g_multipliers,
+            lower_multipliers=exported.lower_multipliers if last is None else last.lower_multipliers,
+            upper_multipliers=exported.upper_multipliers if last is None else last.upper_multipliers,
+            on_iteration=on_iteration,
+            output=self._output,
+        )
+        self._written.load_point(self._outcome.x)
+        return self._outcome
+
+    @staticmethod
+    def _report(
+        label: str, delta: float | None, outcome: IpoptOutcome, path: list[tuple[float, float]] | None = None
+    ) -> Run:
+        mu = outcome.records[-1].mu if outcome.records else None
+        return Run(label, delta, mu, outcome.status, outcome.iterations, outcome.seconds, path or [])
+
+    def stationarity(self) -> float | None:
+        if self._outcome is None:
+            return None
+        outcome, nlp = self._outcome, self._nlp
+        residual = nlp.gradient(outcome.x) - outcome.lower_multipliers + outcome.upper_multipliers
+        rows, columns = nlp.jacobian_structure
+        np.add.at(residual, columns, nlp.jacobian(outcome.x) * outcome.g_multipliers[rows])
+        multipliers = np.concatenate([outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers])
+        # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
+        scale = max(1.0, float(np.abs(multipliers).sum()) / max(nlp.n + nlp.m, 1) / 100.0)
+        free = nlp.x_lower < nlp.x_upper
+        return float(np.abs(residual[free]).max(initial=0.0)) / scale
+
+    def load_suffixes(self) -> None:
+        if self._outcome is not None:
+            InProcessSolutionLoader(self._written, self._outcome).load_import_suffixes()
+
+    def close(self) -> None:
+        """Nothing was put on the model."""

@@ -1,0 +1,177 @@
+"""What `solve` gives back: why it stopped and how good the point is are two separate answers."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.errors import SolveFailed
+
+from .ipopt_outcome import IpoptStatus
+
+
+class StopReason(enum.Enum):
+    """Why the procedure ended; the value is a sentence."""
+
+    FINISHED = "The procedure ran to its end."
+    ITERATION_LIMIT = "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}."
+    TIME_LIMIT = "The time limit was reached. Raise time_limit."
+    INTERRUPTED = "Ctrl-C interrupted the procedure."
+    INFEASIBLE = "Ipopt converged to a point of local infeasibility. Try another guess, or relax constraints."
+    FAILED = "Ipopt failed. Try another guess, another schedule or tee=True to see its log."
+
+
+class Quality(enum.Enum):
+    """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
+
+    OPTIMAL = "Feasible, complementary, and a stationary point of the relaxed problem."
+    FEASIBLE = "Feasible and complementary, but not shown to be a stationary point."
+    INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
+
+
+@dataclass(frozen=True)
+class Step:
+    """One run of Ipopt within the procedure.
+
+    Attributes
+    ----------
+    label : str
+        What kind of run it was.
+    delta : float or None
+        The bound of the products at its end; None for a problem without pairs.
+    mu : float or None
+        Ipopt's barrier parameter at its end, where it is known.
+    status : IpoptStatus
+    iterations : int
+    seconds : float
+    objective : float
+        The user's objective at its last point.
+    constraint_violation, largest_product, largest_natural_residual : float
+        Recomputed at its last point.
+    path : sequence of (mu, delta)
+        Per iteration, where delta followed mu inside the run.
+    """
+
+    label: str
+    delta: float | None
+    mu: float | None
+    status: IpoptStatus
+    iterations: int
+    seconds: float
+    objective: float
+    constraint_violation: float
+    largest_product: float
+    largest_natural_residual: float
+    path: Sequence[tuple[float, float]] = field(default=(), repr=False)
+
+    def __str__(self) -> str:
+        delta = "-" if self.delta is None else f"{self.delta:.1e}"
+        return (
+            f"{self.label:<22} {delta:>8} {self.iterations:>6} {self.objective:>14.7g} "
+            f"{self.constraint_violation:>9.1e} {self.largest_product:>9.1e} {self.seconds:>8.2f}  {self.status.name}"
+        )
+
+
+STEP_HEADER = (
+    f"{'step':<22} {'delta':>8} {'iter':>6} {'objective':>14} {'violation':>9} {'max a*b':>9} {'seconds':>8}  status"
+)
+
+
+@dataclass(frozen=True)
+class SolveResult:
+    """The answer of `solve`; the point itself is on the model, also after a failure.
+
+    Attributes
+    ----------
+    name : str
+        Name of the model.
+    stop_reason : StopReason
+        Why it stopped.
+    quality : Quality
+        How good the point is.
+    objective : float
+        The user's objective, recomputed.
+    constraint_violation : float
+        Largest violation of a constraint or bound, recomputed from the model's expressions.
+    stationarity : float or None
+        Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
+    residuals : list of PairResidual
+        Per pair, under its original name.
+    steps : list of Step
+        Every run of Ipopt, in order.
+    best_step : int
+        Which of them gave the point.
+    solver : str
+        Which Ipopt was used.
+    derivatives : str
+        Where its derivatives came from.
+    seconds : float
+        Elapsed time, writing included.
+    """
+
+    name: str
+    stop_reason: StopReason
+    quality: Quality
+    objective: float
+    constraint_violation: float
+    stationarity: float | None
+    residuals: list[PairResidual] = field(repr=False)
+    steps: list[Step] = field(repr=False)
+    best_step: int
+    solver: str
+    derivatives: str
+    seconds: float
+
+    @property
+    def largest_product(self) -> float:
+        """Largest ``|a b|`` over all pairs."""
+        return max((abs(each.product) for each in self.residuals), default=0.0)
+
+    @property
+    def largest_natural_residual(self) -> float:
+        """Largest ``|min(a, b)|`` over all pairs."""
+        return max((abs(each.natural) for each in self.residuals), default=0.0)
+
+    @property
+    def iterations(self) -> int:
+        """Ipopt's iterations in all steps together."""
+        return sum(step.iterations for step in self.steps)
+
+    @property
+    def solved(self) -> bool:
+        """True when the point is `Quality.OPTIMAL`."""
+        return self.quality is Quality.OPTIMAL
+
+    def raise_for_status(self) -> None:
+        """Do nothing when the point is optimal.
+
+        Raises
+        ------
+        SolveFailed
+            Otherwise, with both answers, the numbers and the remedy; the result is its attribute ``result``.
+        """
+        if self.solved:
+            return
+        worst = max(self.residuals, key=lambda each: abs(each.product), default=None)
+        pair = "" if worst is None else f", complementarity {abs(worst.product):.1e} at '{worst.name}'"
+        raise SolveFailed(
+            f"'{self.name}': {self.stop_reason.value} {self.quality.value} Best point, kept on the model (step "
+            f"{self.best_step + 1} of {len(self.steps)}): constraints {self.constraint_violation:.1e}{pair}.",
+            self,
+        )
+
+    def __str__(self) -> str:
+        stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
+        return "\n".join(
+            [
+                f"{self.name}: {self.quality.value}",
+                f"{self.stop_reason.value} {self.solver}, derivatives by {self.derivatives}.",
+                f"objective {self.objective:.8g}, constraints {self.constraint_violation:.1e}, "
+                f"max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}{stationarity}; "
+                f"{self.iterations} iterations in {self.seconds:.2f} s",
+                STEP_HEADER,
+                *map(str, self.steps),
+            ]
+        )
