@@ -81,12 +81,14 @@ class ExecutableSession:
             self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
 
     def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
+        """See `Session.run`."""
         options = dict(self._options)
         if warm:
             options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
         return self._run("fixed delta" if delta is not None else "solve", delta, options, warm, time_limit)
 
     def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+        """See `Session.follow`."""
         started = time.perf_counter()
         tolerance = float(self._options.get("tol", 1e-8))
         mu = float(self._options.get("mu_init", DEFAULT_MU))
@@ -140,9 +142,11 @@ class ExecutableSession:
         return Run(label, delta, mu, status, iterations, time.perf_counter() - started)
 
     def stationarity(self) -> float | None:
+        """See `Session.stationarity`."""
         return None
 
     def load_suffixes(self) -> None:
+        """See `Session.load_suffixes`."""
         for theirs in self._sleeping:
             if theirs.import_enabled():
                 ours = self._own.component(theirs.local_name)
@@ -150,6 +154,7 @@ class ExecutableSession:
                 theirs.update(ours.items())
 
     def close(self) -> None:
+        """See `Session.close`."""
         self._model.del_component(self._own)
         for suffix in self._sleeping:
             suffix.activate()

@@ -71,6 +71,7 @@ class InProcessSession:
             self._nlp = ShiftedRows(self._written.nlp, positions, base=self._delta.value)
 
     def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
+        """See `Session.run`."""
         if delta is not None:
             if isinstance(self._nlp, ShiftedRows):
                 self._nlp.delta = delta
@@ -84,6 +85,7 @@ class InProcessSession:
         return self._report("fixed delta" if delta is not None else "solve", delta, outcome)
 
     def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+        """See `Session.follow`."""
         nlp = self._nlp
         if not isinstance(nlp, ShiftedRows):
             raise TypeError("delta can follow the barrier parameter only where it shifts rows")
@@ -133,6 +135,7 @@ class InProcessSession:
         return Run(label, delta, mu, outcome.status, outcome.iterations, outcome.seconds, path or [])
 
     def stationarity(self) -> float | None:
+        """See `Session.stationarity`."""
         if self._outcome is None:
             return None
         outcome, nlp = self._outcome, self._nlp
@@ -146,6 +149,7 @@ class InProcessSession:
         return float(np.abs(residual[free]).max(initial=0.0)) / scale
 
     def load_suffixes(self) -> None:
+        """See `Session.load_suffixes`."""
         if self._outcome is not None:
             InProcessSolutionLoader(self._written, self._outcome).load_import_suffixes()
 
