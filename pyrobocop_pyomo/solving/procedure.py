@@ -137,11 +137,11 @@ def solve(
             attempt = _Attempt(model, judge, pairs, session, bar, feasibility_tolerance, complementarity_tolerance)
             attempt.go(schedule, bool(rows), started, time_limit)
             attempt.restore_best()
-            if attempt.best_is_last:
-                session.load_suffixes()
-                _forget_generated(model, block)
         finally:
             session.close()
+        if attempt.best_is_last:
+            session.load_suffixes()
+            _forget_generated(model, block)
     return SolveResult(
         name=model.name,
         stop_reason=attempt.stop_reason,
@@ -246,15 +246,14 @@ class _Attempt:
             self.stationarity = self._session.stationarity()
         return step
 
-    def _rank(self, step: Step) -> tuple[float, bool, float]:
-        """Smaller is better: first acceptable by residuals, then converged, then the residuals themselves."""
+    def _rank(self, step: Step) -> tuple[float, bool]:
+        """Smaller is better: how far the residuals exceed the tolerances (1 if not at all), then convergence."""
         feasibility, complementarity = self._tolerances
         excess = max(step.constraint_violation / feasibility, step.largest_product / complementarity, 1.0)
-        return (excess if excess == excess else float("inf"), not step.status.solved, 0.0)
+        return (excess if excess == excess else float("inf"), not step.status.solved)
 
     def _acceptable(self, step: Step) -> bool:
-        excess, failed, _ = self._rank(step)
-        return excess <= 1.0 and not failed
+        return self._rank(step) == (1.0, False)
 
     @property
     def best_is_last(self) -> bool:
