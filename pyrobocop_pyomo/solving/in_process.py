@@ -18,7 +18,7 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionE
 from pyomo.core.base.block import BlockData
 from pyomo.core.staleflag import StaleFlagManager
 
-from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .asl_program import asl_available
 from .casadi_program import casadi_available
@@ -167,11 +167,6 @@ class InProcessIpopt(SolverBase):
 
 def _ipopt_options(config: InProcessIpoptConfig) -> dict[str, Any]:
     options = dict(config.solver_options.value())
-    for name in ("option_file_name", "wantsol"):
-        if name in options:
-            raise SolverOptionError(
-                f"Ipopt option '{name}' belongs to the executable. Give Ipopt's options by name."
-            )
     if config.threads and config.threads != 1:
         logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
     if config.time_limit is not None:

@@ -150,8 +150,18 @@ def test_a_callback_that_stops_is_an_interruption():
 
 
 def test_options_of_the_executable_are_refused_by_name():
-    with pytest.raises(ValueError, match="'option_file_name' belongs to the executable"):
-        new().solve(hock_schittkowski_71()[0], solver_options={"option_file_name": "x.opt"})
+    with pytest.raises(ValueError, match=r"'wantsol'.* It is not a valid option"):
+        new().solve(hock_schittkowski_71()[0], solver_options={"wantsol": 1})
+
+
+def test_an_option_file_is_read(tmp_path):
+    file = tmp_path / "some.opt"
+    file.write_text("max_iter 2\n")
+    result = new().solve(
+        hock_schittkowski_71()[0], solver_options={"option_file_name": str(file)},
+        raise_exception_on_nonoptimal_result=False,
+    )  # fmt: skip
+    assert result.termination_condition is TerminationCondition.iterationLimit
 
 
 def test_a_nested_block_is_solved_by_itself():
