@@ -7,7 +7,7 @@ import ctypes
 import io
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 from pyomo.common.tee import capture_output
@@ -22,6 +22,14 @@ from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, Ite
 from .nonlinear_program import FloatArray, NonlinearProgram
 
 
+class ProblemScaling(NamedTuple):
+    """Factors for the objective, the variables and the rows; None stands for ones."""
+
+    objective: float = 1.0
+    x: FloatArray | None = None
+    g: FloatArray | None = None
+
+
 def run_ipopt(
     library: IpoptLibrary,
     nlp: NonlinearProgram,
@@ -31,6 +39,7 @@ def run_ipopt(
     g_multipliers: FloatArray | None = None,
     lower_multipliers: FloatArray | None = None,
     upper_multipliers: FloatArray | None = None,
+    scaling: ProblemScaling | None = None,
     on_iteration: Callable[[IterationRecord], bool | None] | None = None,
     output: Sequence[TextIO] = (),
 ) -> IpoptOutcome:
@@ -48,6 +57,8 @@ def run_ipopt(
         First point, by default ``nlp.x_start``.
     g_multipliers, lower_multipliers, upper_multipliers : float array, optional
         First multipliers in Ipopt's signs; by default 0 (or ``nlp.g_multipliers_start``), 1 and 1.
+    scaling : ProblemScaling, optional
+        Factors that Ipopt uses when ``nlp_scaling_method`` is ``"user-scaling"`` among the options.
     on_iteration : callable, optional
         Called with the `IterationRecord` of each iteration; stops Ipopt by returning False.
     output : sequence of text streams
@@ -84,6 +95,8 @@ def run_ipopt(
             stack.callback(flush_c_streams)
             callbacks.after_record = flush_c_streams
         problem = stack.enter_context(_problem(library, nlp, callbacks))
+        if scaling is not None:
+            _set_scaling(library, problem, nlp, scaling)
         set_options(library, problem, options, silent=not output)
         stack.enter_context(interruption)
         code = library.functions.IpoptSolve(
@@ -141,6 +154,15 @@ def _problem(library: IpoptLibrary, nlp: NonlinearProgram, callbacks: _Callbacks
         yield problem
     finally:
         library.functions.FreeIpoptProblem(problem)
+        callbacks.release()
+
+
+def _set_scaling(library: IpoptLibrary, problem: int, nlp: NonlinearProgram, scaling: ProblemScaling) -> None:
+    x = None if scaling.x is None else _vector(scaling.x, nlp.n, "scaling.x")
+    g = None if scaling.g is None else _vector(scaling.g, nlp.m, "scaling.g")
+    library.functions.SetIpoptProblemScaling(  # Ipopt copies the factors
+        problem, scaling.objective, None if x is None else x.ctypes.data, None if g is None else g.ctypes.data
+    )
 
 
 class _Callbacks:
@@ -160,11 +182,15 @@ class _Callbacks:
         self.seconds = 0.0
         self.after_record: Callable[[], None] | None = None
         # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
-        self.evaluators = (
+        self.evaluators: tuple[Any, ...] = (
             EvalF(self._eval_f), EvalG(self._eval_g), EvalGradF(self._eval_grad_f),
             EvalJacG(self._eval_jac_g), EvalH(self._eval_h),
         )  # fmt: skip
-        self.intermediate = Intermediate(self._intermediate)
+        self.intermediate: Any = Intermediate(self._intermediate)
+
+    def release(self) -> None:
+        """Break the cycle of callbacks and their owner, which would keep the program in memory for a while."""
+        self.evaluators, self.intermediate = (), None
 
     def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
         """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""

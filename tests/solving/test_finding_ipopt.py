@@ -88,7 +88,9 @@ def test_libraries_are_looked_for_in_order(machine, monkeypatch, tmp_path):
     monkeypatch.setenv("PYROBOCOP_IPOPT_LIBRARY", chosen)
     assert ipopt_library.find_ipopt_library() == chosen
     monkeypatch.setenv("PYROBOCOP_IPOPT_LIBRARY", chosen + ".gone")
-    with pytest.raises(SolverNotFoundError, match="PYROBOCOP_IPOPT_LIBRARY is '.*gone', but there is no such file"):
+    with pytest.raises(
+        SolverNotFoundError, match=r"PYROBOCOP_IPOPT_LIBRARY is '.*gone', but there is no such file"
+    ):
         ipopt_library.find_ipopt_library()
 
 
@@ -161,7 +163,7 @@ def test_without_any_ipopt_the_solver_says_so_and_does_not_fail_before(machine):
 
 @pytest.mark.parametrize("derivatives", [None, "asl", "casadi"])
 def test_missing_derivatives_are_named_with_remedies(machine, derivatives):
-    with pytest.raises(SolverNotFoundError, match="build-asl|pip install"):
+    with pytest.raises(SolverNotFoundError, match=r"build-asl|pip install"):
         written_model.WrittenModel(hock_schittkowski_71()[0], derivatives)
 
 
