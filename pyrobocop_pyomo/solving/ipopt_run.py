@@ -10,11 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
-from pyomo.common.tee import capture_output
 
 from pyrobocop_pyomo.errors import EvaluationError
 
-from .c_output import flush_c_streams
+from .c_output import c_output_sent_to, flush_c_streams
 from .interruption import Interruption
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary
 from .ipopt_options import set_options
@@ -90,9 +89,7 @@ def run_ipopt(
     started, cpu_started = time.perf_counter(), time.process_time()
     with contextlib.ExitStack() as stack:
         if output:
-            # Ipopt writes to the C stream of file descriptor 1, which knows nothing of sys.stdout.
-            stack.enter_context(capture_output([log, *output], capture_fd=True))
-            stack.callback(flush_c_streams)
+            stack.enter_context(c_output_sent_to([log, *output]))
             callbacks.after_record = flush_c_streams
         problem = stack.enter_context(_problem(library, nlp, callbacks))
         if scaling is not None:

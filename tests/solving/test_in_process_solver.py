@@ -172,3 +172,26 @@ def test_a_nested_block_is_solved_by_itself():
     new().solve(model.part)
     assert pyo.value(model.part.cost) == pytest.approx(optimum)
     assert model.outside.value == 7.0
+
+
+class NotebookStream(io.TextIOBase):
+    """As a notebook's: text goes over a socket, yet the stream names the descriptor of the kernel's terminal."""
+
+    def __init__(self):
+        self.text = ""
+
+    def write(self, text):
+        self.text += text
+        return len(text)
+
+    def fileno(self):
+        return 1
+
+
+def test_tee_reaches_a_notebook(monkeypatch, capfd):
+    stream = NotebookStream()
+    monkeypatch.setattr("sys.stdout", stream)
+    new().solve(hock_schittkowski_71()[0], tee=True)
+    monkeypatch.undo()
+    assert "EXIT: Optimal Solution Found." in stream.text
+    assert "EXIT" not in capfd.readouterr().out
