@@ -128,6 +128,7 @@ def test_a_relaxation_of_the_users_own_is_used_and_kept(route: str) -> None:
     assert rcp.solve(m, route=route).solved
     assert m.x.value == pytest.approx(2, abs=1e-6)
     assert token.block.active
+    assert token.block.delta.value == 1e-3
     assert not m.pair.active
 
 
