@@ -2,17 +2,20 @@
 
 from .lagrange import barycentric_weights, differentiation_matrix, evaluation_matrix, integration_matrix
 from .mesh import Grid, Mesh
-from .schemes import CollocationScheme, find_scheme, gauss_legendre, radau
+from .families import explicit, find_scheme, gauss_legendre, lobatto, radau
+from .schemes import Scheme
 
 __all__ = [
-    "CollocationScheme",
+    "Scheme",
     "Grid",
     "Mesh",
     "barycentric_weights",
     "differentiation_matrix",
     "evaluation_matrix",
+    "explicit",
     "find_scheme",
     "gauss_legendre",
     "integration_matrix",
+    "lobatto",
     "radau",
 ]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import MeshError
 
-from .schemes import CollocationScheme
+from .schemes import Scheme
 
 Array = NDArray[np.float64]
 
@@ -80,13 +80,11 @@ class Grid:
 
     Attributes
     ----------
-    scheme : CollocationScheme
+    scheme : Scheme
     mesh : Mesh
-    stage_times : tuple of tuples, N x s
-        Times of the collocation points of each element.
     """
 
-    scheme: CollocationScheme
+    scheme: Scheme
     mesh: Mesh
 
     def __deepcopy__(self, memo: dict[int, object]) -> Grid:
@@ -94,36 +92,47 @@ class Grid:
 
     @cached_property
     def stage_times(self) -> tuple[tuple[float, ...], ...]:
-        """Times of the collocation points, one tuple of ``s`` per element."""
+        """Times of the stages of each element, ``N`` tuples of ``s``."""
+        return self._times_of(self.scheme.c)
+
+    @cached_property
+    def node_times(self) -> tuple[tuple[float, ...], ...]:
+        """Times of the state's nodes of each element, the element start first."""
+        return self._times_of(self.scheme.state_nodes)
+
+    def _times_of(self, local: Array) -> tuple[tuple[float, ...], ...]:
         rows = []
         for i, width in enumerate(self.mesh.widths):
             start, end = self.mesh.boundaries[i : i + 2]
-            times = [float(start + width * c) for c in self.scheme.c]
-            if self.scheme.stiffly_accurate:
-                times[-1] = end  # the very same float, so that it is the same index
-            rows.append(tuple(times))
+            # The very same floats at both ends: they are indices, and neighbouring elements share them.
+            exact = {0.0: start, 1.0: end}
+            rows.append(tuple(exact.get(tau, float(start + width * tau)) for tau in local.tolist()))
         return tuple(rows)
 
     @cached_property
     def points(self) -> tuple[float, ...]:
-        """All collocation points in order, ``N * s`` of them: where equations hold and controls live."""
-        return tuple(time for row in self.stage_times for time in row)
+        """All stage times in order: where equations hold and controls live. Shared stages count once."""
+        return tuple(sorted({time for row in self.stage_times for time in row}))
 
     @cached_property
     def times(self) -> tuple[float, ...]:
-        """Boundaries and collocation points in order: where states live."""
-        return tuple(sorted({*self.mesh.boundaries, *self.points}))
+        """Boundaries and state nodes in order: where states live."""
+        return tuple(sorted({*self.mesh.boundaries, *(time for row in self.node_times for time in row)}))
 
     @cached_property
     def element_of(self) -> dict[float, int]:
-        """Element number of each collocation point."""
-        return {time: i for i, row in enumerate(self.stage_times) for time in row}
+        """Element number of each point; a shared one belongs to the element that ends there."""
+        elements: dict[float, int] = {}
+        for i, row in enumerate(self.stage_times):
+            for time in row:
+                elements.setdefault(time, i)
+        return elements
 
     @cached_property
     def quadrature_weights(self) -> dict[float, float]:
-        """``h_i b_k`` of each collocation point: running costs are sums with these weights."""
-        return {
-            time: float(width * weight)
-            for width, row in zip(self.mesh.widths, self.stage_times, strict=True)
-            for weight, time in zip(self.scheme.b, row, strict=True)
-        }
+        """Sum of ``h_i b_k`` over the stages at each point: running costs are sums with these weights."""
+        weights = dict.fromkeys(self.points, 0.0)
+        for width, row in zip(self.mesh.widths, self.stage_times, strict=True):
+            for weight, time in zip(self.scheme.b, row, strict=True):
+                weights[time] += float(width * weight)
+        return weights

@@ -1,8 +1,7 @@
-"""Collocation schemes as frozen data: points are polynomial roots, facts are computed from the arrays."""
+"""Runge-Kutta schemes as frozen data: points are polynomial roots, facts are computed from the arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,32 +9,37 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyrobocop_pyomo.errors import SchemeError
-from pyrobocop_pyomo.optional_imports import scipy
 
-from .lagrange import differentiation_matrix, evaluation_matrix, integration_matrix
+from .lagrange import evaluation_matrix, integration_matrix
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)  # eq=False: comparing arrays has no single truth value
-class CollocationScheme:
-    """Collocation Runge-Kutta method on one element, local time ``tau`` in [0, 1].
+class Scheme:
+    """Runge-Kutta method on one element, local time ``tau`` in [0, 1].
+
+    Every scheme reaches the model in one form. With the state's values ``x`` at `state_nodes` (the element start
+    first), the right-hand sides ``f`` at the stages, and the element width ``h``::
+
+        D x = h F f                      one row per line of D
+        x_end = end_weights @ x          only where the element end is no node
 
     Attributes
     ----------
     name : str
         As it is quoted in messages, for example ``"radau(3)"``.
     A : float array, shape (s, s)
-        ``A[i, j]`` = integral of Lagrange polynomial ``j`` over ``[0, c[i]]``.
+        ``x[stage i] = x_start + h sum_j A[i, j] f_j``.
     b : float array, shape (s,)
-        Quadrature weights: ``x_end = x_start + h * b @ xdot``; also the weights of running costs.
+        ``x_end = x_start + h b @ f``; also the weights of running costs.
     c : float array, shape (s,)
-        Collocation points, strictly increasing in (0, 1].
+        Stage times, strictly increasing in [0, 1]. With ``c[0] = 0`` the first stage is the element start.
 
     Raises
     ------
     SchemeError
-        When the points do not increase within [0, 1], or ``A`` and ``b`` do not belong to them.
+        When the arrays do not describe a scheme whose states can be eliminated stage by stage.
 
     References
     ----------
@@ -49,69 +53,130 @@ class CollocationScheme:
     c: Array
 
     def __post_init__(self) -> None:
-        if not (np.all(np.diff(self.c) > 0) and self.c[0] > 0.0 and self.c[-1] <= 1.0):
-            # A point at 0 would coincide with the element start, which is a node of the state of its own.
-            raise SchemeError(f"{self.name}: collocation points {self.c.tolist()} must strictly increase in (0, 1].")
-        gap = np.abs(np.vstack([self.A, self.b]) - integration_matrix(self.c, [*self.c, 1.0])).max(axis=1)
+        if not (np.all(np.diff(self.c) > 0) and self.c[0] >= 0.0 and self.c[-1] <= 1.0):
+            raise SchemeError(f"{self.name}: stage times {self.c.tolist()} must strictly increase in [0, 1].")
+        gap = np.abs(np.append(self.A.sum(axis=1), self.b.sum()) - np.append(self.c, 1.0))
         if gap.max() > 1e-12:
             row = int(gap.argmax())
-            where = "b" if row == self.stages else f"row {row} of A"
-            raise SchemeError(
-                f"{self.name}: {where} differs by {gap[row]:.1e} from the integrals of the Lagrange polynomials "
-                "on c. Build the tableau with CollocationScheme.from_points(name, c)."
+            what, total, wanted = (
+                ("b", self.b.sum(), 1.0) if row == self.stages else (f"row {row} of A", self.A[row].sum(), self.c[row])
             )
+            raise SchemeError(
+                f"{self.name}: {what} sums to {total:.6f}, but must to {wanted:.6f}. "
+                "A collocation method is built with Scheme.from_points(name, c)."
+            )
+        if self.c[-1] == 1.0 and not self.stiffly_accurate:
+            raise SchemeError(
+                f"{self.name}: its last stage lies at the element end but is not the end value (the last row of A is not "
+                "b): the state would have two values there. Use a scheme without a stage at 1."
+            )
+        if np.linalg.cond(self._stage_matrix) > 1e12:
+            raise SchemeError(f"{self.name}: the stage equations are singular; the stages cannot be told apart.")
 
     @classmethod
-    def from_points(cls, name: str, points: ArrayLike) -> CollocationScheme:
+    def from_points(cls, name: str, points: ArrayLike) -> Scheme:
         """The collocation method on given points in [0, 1]."""
         c = np.asarray(points, dtype=float)
+        if c.ndim != 1 or len(c) == 0 or not (np.all(np.diff(c) > 0) and c[0] >= 0.0 and c[-1] <= 1.0):
+            raise SchemeError(f"{name}: collocation points {c.tolist()} must strictly increase in [0, 1].")
         integrals = integration_matrix(c, [*c, 1.0])
         return cls(name, A=integrals[:-1], b=integrals[-1], c=c)
 
     @property
     def stages(self) -> int:
-        """Number of collocation points per element."""
+        """Number of stages per element."""
         return len(self.c)
 
-    @property
+    @cached_property
+    def starts_on_a_stage(self) -> bool:
+        """True when the first stage is the element start, so that neighbouring elements share it."""
+        return bool(self.c[0] == 0.0)
+
+    @cached_property
     def stiffly_accurate(self) -> bool:
-        """True when the element ends in its last stage: no continuity equation is needed."""
-        return bool(self.c[-1] == 1.0)
+        """True when the last stage is the element end: no further row is needed for it."""
+        return bool(self.c[-1] == 1.0 and np.abs(self.A[-1] - self.b).max() < 1e-12)
+
+    @cached_property
+    def is_collocation(self) -> bool:
+        """True when ``A`` and ``b`` are the integrals of the Lagrange polynomials on ``c``."""
+        integrals = integration_matrix(self.c, [*self.c, 1.0])
+        return bool(np.abs(np.vstack([self.A, self.b]) - integrals).max() < 1e-12)
 
     @cached_property
     def order(self) -> int:
-        """Order of the method at element ends, which is the order of its quadrature ``(b, c)``."""
-        # The quadrature has order s + k when the node polynomial is orthogonal to all polynomials of degree
-        # below k (Hairer & Wanner, theorem IV.5.1). Normalised, the first inner product that does not vanish is
-        # of size one: this decides sharply where the defect on a monomial would drown in rounding.
-        gauss, weights = np.polynomial.legendre.leggauss(2 * self.stages + 2)
-        tau, weights = (gauss + 1.0) / 2.0, weights / 2.0
-        node_polynomial = np.prod(tau[:, None] - self.c[None, :], axis=1)
-        node_polynomial /= np.sqrt(weights @ node_polynomial**2)
-        for k in range(self.stages + 1):
-            legendre = np.polynomial.legendre.Legendre.basis(k)(gauss) * np.sqrt(2 * k + 1)
-            if abs(weights @ (node_polynomial * legendre)) > 1e-8:
-                return self.stages + k
-        raise SchemeError(f"{self.name}: {self.stages} points cannot be orthogonal beyond degree {self.stages}.")
+        """Order of the method at element ends."""
+        return _collocation_order(self) if self.is_collocation else _tree_order(self)
+
+    @cached_property
+    def end_is_a_node(self) -> bool:
+        """True when the state's value at the element end is one of `state_nodes`."""
+        return self.stiffly_accurate or self._end_completes_the_rows
+
+    @property
+    def _end_completes_the_rows(self) -> bool:
+        # An explicit first stage gives no row for a state of its own; without a last stage at the end the row of b
+        # takes its place, and there are as many rows as stages again.
+        return self.starts_on_a_stage and not self.stiffly_accurate
+
+    @cached_property
+    def _increments(self) -> Array:
+        """Rows ``(x_node - x_start) / h`` in terms of the stages' right-hand sides."""
+        rows = self.A[1:] if self.starts_on_a_stage else self.A
+        return np.vstack([rows, self.b]) if self._end_completes_the_rows else rows
+
+    @cached_property
+    def _stage_matrix(self) -> Array:
+        """The square part of the increments that is inverted."""
+        rows = self._increments
+        return rows if rows.shape[0] == self.stages else rows[:, 1:]
 
     @cached_property
     def state_nodes(self) -> Array:
-        """Nodes of the state polynomial: the element start and the stages, shape ``(s + 1,)``."""
-        return np.concatenate([[0.0], self.c])
+        """Local times at which the state has a value: the element start, the stages, and the end where it is a row."""
+        inner = self.c[1:] if self.starts_on_a_stage else self.c
+        return np.concatenate([[0.0], inner, [1.0] if self._end_completes_the_rows else []])
 
     @cached_property
     def D(self) -> Array:
-        """Derivative of the state polynomial at the stages, shape ``(s, s + 1)``."""
-        return differentiation_matrix(self.state_nodes)[1:]
+        """Coefficients of the state's values in the rows, shape ``(rows, len(state_nodes))``."""
+        inverse = np.linalg.inv(self._stage_matrix)
+        return np.hstack([-inverse.sum(axis=1, keepdims=True), inverse])
+
+    @cached_property
+    def F(self) -> Array:
+        """Coefficients of the right-hand sides in the rows, shape ``(rows, s)``: one 1 per row, and the shared first
+        stage of a scheme that starts and ends on stages."""
+        matrix = np.linalg.solve(self._stage_matrix, self._increments)
+        # Exact where it is exact: a coefficient that is zero by construction must not appear in a row.
+        square = matrix[:, matrix.shape[1] - matrix.shape[0] :]
+        square[...] = np.eye(len(square))
+        return matrix
+
+    @cached_property
+    def row_stages(self) -> range:
+        """The stage whose right-hand side a row is about: its coefficient in `F` is 1."""
+        return range(self.stages - len(self.D), self.stages)
 
     @cached_property
     def end_weights(self) -> Array:
-        """Value of the state polynomial at the element end, shape ``(s + 1,)``."""
-        return evaluation_matrix(self.state_nodes, [1.0])[0]
+        """Value at the element end in terms of the values at `state_nodes`."""
+        if self.end_is_a_node:
+            return np.eye(len(self.state_nodes))[-1]
+        weights = np.linalg.solve(self._stage_matrix.T, self.b)
+        return np.concatenate([[1.0 - weights.sum()], weights])
 
     def state_at(self, tau: ArrayLike) -> Array:
-        """Weights of (start, stages) that give the state at local times, shape ``(len(tau), s + 1)``."""
+        """Weights of the values at `state_nodes` that give the state at local times, shape ``(len(tau), nodes)``.
+
+        For a scheme that starts and ends on stages this polynomial has one degree less than the collocation
+        polynomial, which also meets the derivative at the element start; see `increments_at`.
+        """
         return evaluation_matrix(self.state_nodes, tau)
+
+    def increments_at(self, tau: ArrayLike) -> Array:
+        """Weights of ``h f`` at the stages that give ``x(tau) - x_start``, shape ``(len(tau), s)``."""
+        return integration_matrix(self.c, tau)
 
     def stage_polynomial_at(self, tau: ArrayLike) -> Array:
         """Weights of the stage values that give a control or algebraic, shape ``(len(tau), s)``."""
@@ -121,77 +186,34 @@ class CollocationScheme:
         return self.name
 
 
-def radau(stages: int) -> CollocationScheme:
-    """Radau IIA with any number of stages: stiffly accurate, order ``2 s - 1``; one stage is implicit Euler.
-
-    References
-    ----------
-    Hairer & Wanner, Solving Ordinary Differential Equations II, sec. IV.5, eq. (5.7),
-    doi:10.1007/978-3-642-05221-7
-    """
-    _check_stages("radau", stages)
-    # The inner points are the roots of the Jacobi polynomial P^(1,0) of degree s - 1, mapped to [0, 1].
-    inner = (scipy.special.roots_jacobi(stages - 1, 1.0, 0.0)[0] + 1.0) / 2.0 if stages > 1 else np.empty(0)
-    return CollocationScheme.from_points(f"radau({stages})", np.concatenate([inner, [1.0]]))
-
-
-def gauss_legendre(stages: int) -> CollocationScheme:
-    """Gauss-Legendre with any number of stages: symmetric, order ``2 s``; one stage is the implicit midpoint rule.
-
-    References
-    ----------
-    Hairer & Wanner, Solving Ordinary Differential Equations II, sec. IV.5, eq. (5.2),
-    doi:10.1007/978-3-642-05221-7
-    """
-    _check_stages("gauss", stages)
-    return CollocationScheme.from_points(f"gauss({stages})", (scipy.special.roots_legendre(stages)[0] + 1.0) / 2.0)
+def _collocation_order(scheme: Scheme) -> int:
+    """The order of a collocation method is that of its quadrature (Hairer & Wanner, theorem IV.5.1)."""
+    # The quadrature has order s + k when the node polynomial is orthogonal to all polynomials of degree below k.
+    # Normalised, the first inner product that does not vanish is of size one: this decides sharply where the defect
+    # on a monomial would drown in rounding.
+    gauss, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
+    tau, weights = (gauss + 1.0) / 2.0, weights / 2.0
+    node_polynomial = np.prod(tau[:, None] - scheme.c[None, :], axis=1)
+    node_polynomial /= np.sqrt(weights @ node_polynomial**2)
+    products = [
+        abs(weights @ (node_polynomial * np.polynomial.legendre.Legendre.basis(k)(gauss))) * np.sqrt(2 * k + 1)
+        for k in range(scheme.stages + 1)
+    ]
+    return scheme.stages + next(k for k, product in enumerate(products) if product > 1e-8)
 
 
-def _check_stages(name: str, stages: int) -> None:
-    if isinstance(stages, bool) or not isinstance(stages, (int, np.integer)) or stages < 1:
-        raise SchemeError(f"{name}: stages = {stages!r}; expected an integer of at least 1.")
-
-
-# Further names for the same thing are welcome here: a user types the one that the field taught them.
-SCHEMES: dict[str, Callable[[int], CollocationScheme]] = {
-    "radau": radau,
-    "gauss": gauss_legendre,
-    "legendre": gauss_legendre,
-}
-
-ONE_STAGE_NAMES: dict[str, Callable[[int], CollocationScheme]] = {
-    "implicit_euler": radau,
-    "implicit_midpoint": gauss_legendre,
-}
-
-
-def find_scheme(scheme: str | CollocationScheme, stages: int | None = None) -> CollocationScheme:
-    """The scheme that a user's words name.
-
-    Parameters
-    ----------
-    scheme : str or CollocationScheme
-        ``"radau"``, ``"gauss"`` (also ``"legendre"``) with ``stages``; ``"implicit_euler"`` or
-        ``"implicit_midpoint"``, which have one stage; or a scheme object, taken as it is.
-    stages : int, optional
-        Number of collocation points per element; 3 by default, 1 for the one-stage names.
-
-    Raises
-    ------
-    SchemeError
-        When the name is unknown or the number of stages does not fit.
-    """
-    if isinstance(scheme, CollocationScheme):
-        if stages not in (None, scheme.stages):
-            raise SchemeError(
-                f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. Leave 'stages' out."
-            )
-        return scheme
-    if scheme in ONE_STAGE_NAMES:
-        if stages not in (None, 1):
-            raise SchemeError(f"'{scheme}' has one stage, but stages = {stages} was asked for. Leave 'stages' out.")
-        return ONE_STAGE_NAMES[scheme](1)
-    if scheme in SCHEMES:
-        return SCHEMES[scheme](3 if stages is None else stages)
-    known = ", ".join(f"'{name}'" for name in (*SCHEMES, *ONE_STAGE_NAMES))
-    raise SchemeError(f"unknown scheme {scheme!r}; known are {known}, or pass a CollocationScheme.")
+def _tree_order(scheme: Scheme) -> int:
+    """The order by the conditions of rooted trees, up to four (Hairer, Norsett & Wanner I, table II.2.1)."""
+    A, b, c = scheme.A, scheme.b, scheme.c
+    conditions = [
+        [b.sum() - 1],
+        [b @ c - 1 / 2],
+        [b @ c**2 - 1 / 3, b @ A @ c - 1 / 6],
+        [b @ c**3 - 1 / 4, (b * c) @ A @ c - 1 / 8, b @ A @ c**2 - 1 / 12, b @ A @ A @ c - 1 / 24],
+    ]
+    order = 0
+    for residuals in conditions:
+        if np.abs(residuals).max() > 1e-12:
+            break
+        order += 1
+    return order
