@@ -12,13 +12,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import structural_rank
 
 import pyrobocop_pyomo as rcp
-import pyrobocop_pyomo.solving.in_process  # noqa: F401  (registers the solver)
+import pyrobocop_pyomo.solving.in_process
 
 HORIZON = 1.5
 
 
 def oscillators(**options: Any) -> pyo.ConcreteModel:
-    """``x' = x cos(t + 1/2)`` and ``y' = -y^2 cos(t + 13/10) / 2`` from 1, over 3/2: one bent by time, one by itself."""
+    """``x' = x cos(t + 1/2)`` and ``y' = -y^2 cos(t + 13/10) / 2`` from 1, over 3/2."""
     m = pyo.ConcreteModel("oscillators")
     m.swing = rcp.PhaseBlock(**{"duration": HORIZON, **options})
     m.swing.x = rcp.State(initial=1, guess=1)
@@ -68,7 +68,9 @@ def rank(model: Any) -> int:
     """Structural rank of all rows in the variables that are not fixed."""
     column = {id(v): j for j, v in enumerate(free_variables(model))}
     entries = [
-        (i, column[id(v)]) for i, row in enumerate(rows(model)) for v in identify_variables(row.body, include_fixed=False)
+        (i, column[id(v)])
+        for i, row in enumerate(rows(model))
+        for v in identify_variables(row.body, include_fixed=False)
     ]
     i, j = np.array(entries).T
     return int(structural_rank(coo_matrix((np.ones(len(i)), (i, j)), shape=(len(rows(model)), len(column))).tocsr()))
