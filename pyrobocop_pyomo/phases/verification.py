@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import RelationalExpression
+from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 from scipy.integrate import solve_ivp
 
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_side
@@ -282,8 +283,10 @@ def _violation(row: Any) -> float:
     if row is Constraint.Skip:
         return 0.0
     if isinstance(row, RelationalExpression):
-        lower, body, upper = row.to_bounded_expression(evaluate_bounds=True)
-        return _outside(float(value(body)), lower, upper)
+        terms = [float(value(term)) for term in row.args]
+        if isinstance(row, EqualityExpression):
+            return abs(terms[0] - terms[1])
+        return max(_outside(smaller, None, larger) for smaller, larger in pairwise(terms))
     if isinstance(row, tuple):
         lower, body, upper = (row[1], row[0], row[1]) if len(row) == 2 else row
         return _outside(*(None if each is None else float(value(each)) for each in (body, lower, upper)))  # type: ignore[arg-type]
