@@ -202,6 +202,9 @@ class _Judge:
     def reintegrate(self) -> tuple[float | None, float | None]:
         """Errors at element ends of an adaptive integration with the trajectory's controls and algebraics."""
         names = list(self.states)
+        if not names:
+            self.remarks.append("re-integration needs states; there are none.")
+            return None, None
         if set(self.record.equation_of) != set(names):
             implicit = sorted(set(names) - set(self.record.equation_of))
             self.remarks.append(

@@ -63,6 +63,35 @@ def test_re_integration_measures_the_error_of_the_scheme() -> None:
 
 
 @pytest.mark.casadi
+def test_a_free_duration_that_starts_late_is_judged_in_its_own_time() -> None:
+    trajectory = simulated(start=0.25, duration=rcp.Duration(bounds=(1.5, 1.5)), stages=4).trajectory()
+    verdict = trajectory.verify()
+    assert (trajectory.time[0], trajectory.time[-1]) == pytest.approx((0.25, 1.75))
+    assert verdict.largest_violation < 1e-11
+    assert verdict.horizon_error < 1e-7
+
+
+def test_a_relation_with_two_bounds_and_a_side_that_is_a_bound_are_judged() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=1, scheme="implicit_euler")
+    b.u = rcp.Control(bounds=lambda t: (None, 4 * t), guess=1.5)
+    b.v = rcp.Control(bounds=(-1, None), guess=2)
+
+    def window(b, t):
+        return pyo.inequality(2, b.u[t], 9)
+
+    def plain_variables(b, t):
+        return rcp.complements(b.u[t], b.v[t])
+
+    b.constraint(window)
+    b.complementarity(plain_variables)
+    verdict = b.trajectory().verify()
+    assert verdict.equations == 0.5
+    assert (verdict.natural_residual, verdict.product) == (2.5, 7.5)  # min(4 - 1.5, 2 + 1)
+    assert changed(b.trajectory(), "signals", "u", 0, 8.0).verify().equations == 0.5
+
+
+@pytest.mark.casadi
 def test_a_jump_between_elements_is_found() -> None:
     phase = simulated(scheme="gauss", stages=2)
     end = changed(phase.trajectory(), "states", "x", -1, 0.25).verify()
