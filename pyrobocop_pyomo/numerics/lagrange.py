@@ -42,7 +42,7 @@ def evaluation_matrix(nodes: ArrayLike, at: ArrayLike) -> Array:
     """
     nodes, at = np.asarray(nodes, dtype=float), np.atleast_1d(np.asarray(at, dtype=float))
     gaps = at[:, None] - nodes[None, :]
-    hits = gaps == 0.0
+    hits = np.abs(gaps) < 1e-290  # equal, or so near that the quotient would overflow
     # On a node the barycentric quotient is infinite: the row is a unit vector there.
     matrix = hits.astype(float)
     between = ~hits.any(axis=1)

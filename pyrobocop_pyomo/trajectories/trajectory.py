@@ -103,15 +103,18 @@ class Trajectory:
         Raises
         ------
         TrajectoryError
-            When a time lies outside the horizon.
+            When a time is not a number within the horizon.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         boundaries = np.array(self.grid.mesh.boundaries)
         slack = 1e-9 * self.duration
-        if (times < boundaries[0] - slack).any() or (times > boundaries[-1] + slack).any():
+        if times.ndim != 1:
+            raise TrajectoryError(f"trajectory '{self.name}': times of shape {times.shape}; give a number or a list.")
+        within = (times >= boundaries[0] - slack) & (times <= boundaries[-1] + slack)  # False for a NaN as well
+        if not within.all():
             raise TrajectoryError(
                 f"trajectory '{self.name}' runs from {boundaries[0]:g} to {boundaries[-1]:g}; asked was t = "
-                f"{times[np.argmax(np.abs(times - boundaries.mean()))]:g}."
+                f"{times[~within][0]:g}."
             )
         element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, self.grid.mesh.elements - 1)
         local = np.clip((times - boundaries[element]) / self.grid.mesh.widths[element], 0.0, 1.0)
@@ -182,6 +185,10 @@ class Trajectory:
         unknown = [name for name in chosen if name not in self.names]
         if unknown:
             raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
+        if not chosen:
+            raise TrajectoryError(
+                f"trajectory '{self.name}': nothing to draw was named; it has {', '.join(self.names)}."
+            )
         dense = np.unique(np.concatenate([self.time, np.linspace(self.time[0], self.time[-1], 400)]))
         values = self(dense)
         nodes = {
@@ -228,12 +235,15 @@ class Trajectory:
             When the file is not there or holds no trajectory.
         """
         facts, groups = read_archive(path)
-        grid = groups.pop("grid")
-        scheme = CollocationScheme.from_points(facts["scheme"], grid["points"])
-        return cls(
-            name=facts["name"],
-            grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
-            parameters=facts["parameters"],
-            held=frozenset(facts["held"]),
-            **groups,
-        )
+        try:
+            grid = groups.pop("grid")
+            scheme = CollocationScheme.from_points(facts["scheme"], grid["points"])
+            return cls(
+                name=facts["name"],
+                grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
+                parameters=facts["parameters"],
+                held=frozenset(facts["held"]),
+                **groups,
+            )
+        except (KeyError, TypeError) as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import SchemeError
@@ -70,6 +70,7 @@ def test_one_stage_members_are_the_euler_and_midpoint_rules() -> None:
 
 
 @settings(deadline=None)
+@example(nodes=[0, 1], coefficients=[1.0], at=5e-324)
 @given(
     nodes=st.lists(st.integers(0, 100), min_size=2, max_size=8, unique=True),
     coefficients=st.lists(st.floats(-3, 3), min_size=1, max_size=8),
