@@ -1,4 +1,4 @@
-"""The only place that tries packages which are not required.
+"""The only place that tries packages which are not required, or too slow to import before they are used.
 
 Each name is a deferred module: nothing is imported before its first attribute is used, so
 ``import pyrobocop_pyomo`` stays quick and works without any extra. Where the package is missing, that first
@@ -20,3 +20,6 @@ matplotlib, matplotlib_available = attempt_import(
     "matplotlib", error_message=_remedy("Matplotlib", "plot"), deferred_submodules=["cm", "colors", "figure", "patches"]
 )
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
+
+# Required, but deferred all the same: with Pyomo loaded, the first import of SciPy takes half a second.
+scipy, _ = attempt_import("scipy", deferred_submodules=["integrate", "special"])

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import roots_jacobi, roots_legendre
 
 from pyrobocop_pyomo.errors import SchemeError
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .lagrange import differentiation_matrix, evaluation_matrix, integration_matrix
 
@@ -131,7 +131,7 @@ def radau(stages: int) -> CollocationScheme:
     """
     _check_stages("radau", stages)
     # The inner points are the roots of the Jacobi polynomial P^(1,0) of degree s - 1, mapped to [0, 1].
-    inner = (roots_jacobi(stages - 1, 1.0, 0.0)[0] + 1.0) / 2.0 if stages > 1 else np.empty(0)
+    inner = (scipy.special.roots_jacobi(stages - 1, 1.0, 0.0)[0] + 1.0) / 2.0 if stages > 1 else np.empty(0)
     return CollocationScheme.from_points(f"radau({stages})", np.concatenate([inner, [1.0]]))
 
 
@@ -144,7 +144,7 @@ def gauss_legendre(stages: int) -> CollocationScheme:
     doi:10.1007/978-3-642-05221-7
     """
     _check_stages("gauss", stages)
-    return CollocationScheme.from_points(f"gauss({stages})", (roots_legendre(stages)[0] + 1.0) / 2.0)
+    return CollocationScheme.from_points(f"gauss({stages})", (scipy.special.roots_legendre(stages)[0] + 1.0) / 2.0)
 
 
 def _check_stages(name: str, stages: int) -> None:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
-from scipy.integrate import solve_ivp
 
 from pyrobocop_pyomo.complementarity import canonical_side
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .point_model import PointModel
@@ -244,7 +244,9 @@ def _integrate(rates: Callable[[int, float, Array], Array], i: int, start: float
     if not np.isfinite(initial).all():
         return np.full_like(initial, np.inf)
     try:
-        answer = solve_ivp(lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11)
+        answer = scipy.integrate.solve_ivp(
+            lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11
+        )
     except (OverflowError, ZeroDivisionError, ValueError):
         return np.full_like(initial, np.inf)
     return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)

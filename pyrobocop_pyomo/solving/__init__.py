@@ -2,8 +2,8 @@
 
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable
+from .procedure import solve
 from .routes import Route, available_routes
-from .solve import solve
 from .solve_result import Quality, SolveResult, Step, StopReason
 
 __all__ = [

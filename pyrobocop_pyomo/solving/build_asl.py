@@ -181,7 +181,7 @@ def _fetch_driver(folder: Path, report: Callable[[str], None]) -> Path:
            "-o", "APT::Sandbox::User=root"]  # fmt: skip
     report("fetching the source of Ipopt's AMPL driver (package coinor-ipopt)")
     _run([*apt, "update"])
-    _run([*apt, "source", "--download-only", "coinor-ipopt"], cwd=folder)
+    _run([*apt, "source", "--download-only", "--tar-only", "coinor-ipopt"], cwd=folder)
     archives = sorted(folder.glob("coinor-ipopt_*.orig.tar.*"))
     if not archives:
         raise BuildFailed(f"apt-get source coinor-ipopt delivered no original archive. {ALTERNATIVE}")

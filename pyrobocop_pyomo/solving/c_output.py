@@ -4,16 +4,53 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import io
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TextIO
+
+from pyomo.common.tee import capture_output
 
 
 def flush_c_streams() -> None:
     """Push out what C code has printed and not yet written; where the C library is not reachable, do nothing."""
     with contextlib.suppress(TypeError, OSError, AttributeError):
         ctypes.CDLL(None).fflush(None)
+
+
+@contextlib.contextmanager
+def c_output_sent_to(streams: Sequence[TextIO]) -> Iterator[None]:
+    """Send what C code prints to Python's streams, also in notebooks, while it is printed."""
+    with capture_output([_not_by_descriptor(stream) for stream in streams], capture_fd=True):
+        try:
+            yield
+        finally:
+            flush_c_streams()
+
+
+class _Forwarding(io.TextIOBase):
+    """A stream that hands everything to another one and has no file descriptor."""
+
+    def __init__(self, target: TextIO) -> None:
+        self._target = target
+
+    def write(self, text: str) -> int:
+        return self._target.write(text)
+
+    def flush(self) -> None:
+        self._target.flush()
+
+
+def _not_by_descriptor(stream: TextIO) -> TextIO:
+    """A notebook's `sys.stdout` names the descriptor of the kernel's terminal, and Pyomo would write there."""
+    try:
+        stream.fileno()
+    except (AttributeError, OSError, ValueError):
+        return stream
+    ordinary = isinstance(stream, io.TextIOWrapper)
+    return stream if ordinary else _Forwarding(stream)  # type: ignore[return-value]
 
 
 @contextlib.contextmanager

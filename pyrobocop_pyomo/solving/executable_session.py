@@ -51,6 +51,8 @@ _STATUS_OF_MESSAGE = {
     "Search Direction is becoming Too Small": IpoptStatus.TINY_STEP,
     "Restoration Failed": IpoptStatus.RESTORATION_FAILED,
     "Maximum Number of Iterations": IpoptStatus.ITERATION_LIMIT,
+    "Maximum wallclock time": IpoptStatus.TIME_LIMIT,
+    "Maximum CPU time": IpoptStatus.TIME_LIMIT,
 }
 
 
@@ -123,14 +125,18 @@ class ExecutableSession:
         if time_limit is not None:
             options = {**options, "max_wall_time": max(time_limit, 1e-3)}
         started = time.perf_counter()
-        results = self._ipopt.solve(
-            self._model,
-            tee=self._tee,
-            load_solutions=False,
-            raise_exception_on_nonoptimal_result=False,
-            solver_options=dict(options),
-            writer_config={"linear_presolve": False, "scale_model": False},
-        )
+        try:
+            results = self._ipopt.solve(
+                self._model,
+                tee=self._tee,
+                load_solutions=False,
+                raise_exception_on_nonoptimal_result=False,
+                solver_options=dict(options),
+                writer_config={"linear_presolve": False, "scale_model": False},
+            )
+        except KeyboardInterrupt:
+            # The process is gone with its iterate; what the last run left is on the model still.
+            return Run(label, delta, None, IpoptStatus.INTERRUPTED, 0, time.perf_counter() - started)
         if results.solution_loader.get_number_of_solutions():
             results.solution_loader.load_solution()
         status = _STATUS.get(results.termination_condition, IpoptStatus.INTERNAL_ERROR)

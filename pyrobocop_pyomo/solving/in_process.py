@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import logging
+from collections.abc import Iterator
 from typing import Any
 
 from pyomo.common.config import ADVANCED_OPTION, ConfigValue, In
@@ -18,14 +20,14 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionE
 from pyomo.core.base.block import BlockData
 from pyomo.core.staleflag import StaleFlagManager
 
-from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .asl_program import asl_available
 from .casadi_program import casadi_available
-from .ipopt_library import find_ipopt_library, load_ipopt_library
+from .ipopt_library import IpoptLibrary, find_ipopt_library, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
 from .ipopt_run import run_ipopt
-from .multipliers import InProcessSolutionLoader, starting_multipliers
+from .suffixes import InProcessSolutionLoader, scaling_factors, starting_multipliers
 from .written_model import WrittenModel
 
 logger = logging.getLogger(__name__)
@@ -133,48 +135,49 @@ class InProcessIpopt(SolverBase):
         results.solver_version = library.version
         results.extra_info.ipopt_library = library.path
         StaleFlagManager.mark_all_as_stale()
-        timer.start("write_and_build")
         try:
-            written = WrittenModel(model, config.derivatives)
+            with _timed(timer, "write_and_build"):
+                written = WrittenModel(model, config.derivatives)
         except InfeasibleConstraintException as error:
             _report_proven_infeasible(results, model, str(error))
         else:
-            timer.stop("write_and_build")
-            results.extra_info.derivatives = written.nlp.derivatives
             logger.info("'%s': %s, derivatives by %s", model.name, library, written.nlp.derivatives)
-            start = starting_multipliers(written)
-            timer.start("ipopt")
-            outcome = run_ipopt(
-                library,
-                written.nlp,
-                _ipopt_options(config),
-                g_multipliers=start.g_multipliers,
-                lower_multipliers=start.lower_multipliers,
-                upper_multipliers=start.upper_multipliers,
-                on_iteration=config.on_iteration,
-                output=config.tee,
-            )
-            timer.stop("ipopt")
+            with _timed(timer, "ipopt"):
+                outcome = _run(written, library, config)
             _report(results, written, outcome)
-        finally:
-            if "write_and_build" in timer.stack:
-                timer.stop("write_and_build")
         _raise_or_load(results, config)
         results.timing_info.timer = timer
         results.timing_info.wall_time = default_timer() - started
         return results
 
 
-def _ipopt_options(config: InProcessIpoptConfig) -> dict[str, Any]:
+@contextlib.contextmanager
+def _timed(timer: HierarchicalTimer, name: str) -> Iterator[None]:
+    timer.start(name)
+    try:
+        yield
+    finally:
+        timer.stop(name)
+
+
+def _run(written: WrittenModel, library: IpoptLibrary, config: InProcessIpoptConfig) -> IpoptOutcome:
     options = dict(config.solver_options.value())
-    for name in ("option_file_name", "wantsol"):
-        if name in options:
-            raise SolverOptionError(f"Ipopt option '{name}' belongs to the executable. Give Ipopt's options by name.")
     if config.threads and config.threads != 1:
         logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
     if config.time_limit is not None:
         options["max_wall_time"] = float(config.time_limit)
-    return options
+    start = starting_multipliers(written)
+    return run_ipopt(
+        library,
+        written.nlp,
+        options,
+        g_multipliers=start.g_multipliers,
+        lower_multipliers=start.lower_multipliers,
+        upper_multipliers=start.upper_multipliers,
+        scaling=scaling_factors(written) if options.get("nlp_scaling_method") == "user-scaling" else None,
+        on_iteration=config.on_iteration,
+        output=config.tee,
+    )
 
 
 def _report(results: Results, written: WrittenModel, outcome: IpoptOutcome) -> None:
@@ -182,7 +185,8 @@ def _report(results: Results, written: WrittenModel, outcome: IpoptOutcome) -> N
     results.termination_condition, results.solution_status = CONDITIONS.get(outcome.status, failure)
     results.solution_loader = InProcessSolutionLoader(written, outcome)
     results.solver_log = outcome.log
-    if results.solution_status is SolutionStatus.optimal:
+    results.extra_info.derivatives = written.nlp.derivatives
+    if results.solution_status is SolutionStatus.optimal and written.objective is not None:
         results.incumbent_objective = written.sign * outcome.objective
     results.extra_info.solver_message = outcome.status.value
     results.extra_info.ipopt_status = outcome.status

@@ -13,9 +13,9 @@ from pyrobocop_pyomo.complementarity import FollowBarrier
 from .ipopt_library import load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IterationRecord
 from .ipopt_run import run_ipopt
-from .multipliers import InProcessSolutionLoader, starting_multipliers
 from .nonlinear_program import NonlinearProgram, ShiftedRows
 from .session import DEFAULT_MU, WARM_START_OPTIONS, OnIteration, Run
+from .suffixes import InProcessSolutionLoader, starting_multipliers
 from .written_model import WrittenModel
 
 
@@ -89,17 +89,19 @@ class InProcessSession:
         nlp = self._nlp
         if not isinstance(nlp, ShiftedRows):
             raise TypeError("delta can follow the barrier parameter only where it shifts rows")
-        nlp.delta = schedule.delta_for(float(self._options.get("mu_init", DEFAULT_MU)))
+        delta = schedule.delta_for(float(self._options.get("mu_init", DEFAULT_MU)))
+        nlp.delta = delta
         path: list[tuple[float, float]] = []
 
         def follow_mu(record: IterationRecord) -> None:
             # Called between iterations: the next trial point is the first to see the new bound. The values that
             # Ipopt keeps of the current point are those under the old one, so delta lags mu by one iteration.
-            path.append((record.mu, nlp.delta))
-            nlp.delta = schedule.delta_for(record.mu)
+            nonlocal delta
+            path.append((record.mu, delta))
+            nlp.delta = delta = schedule.delta_for(record.mu)
 
         outcome = self._solve(self._options, False, time_limit, follow_mu)
-        yield self._report("delta follows mu", nlp.delta, outcome, path)
+        yield self._report("delta follows mu", delta, outcome, path)
 
     def _solve(
         self, options: Mapping[str, Any], warm: bool, time_limit: float | None, follow_mu: OnIteration | None = None

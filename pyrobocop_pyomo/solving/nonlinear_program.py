@@ -19,7 +19,8 @@ class NonlinearProgram(Protocol):
     """Minimise f(x) subject to g_lower <= g(x) <= g_upper and x_lower <= x <= x_upper.
 
     Always a minimisation: an evaluator of a maximised objective returns its negative. Every method returns a
-    fresh array (or one that nobody else writes to) and raises `EvaluationError` where a function has no value.
+    fresh array (or one that nobody else writes to) and raises `EvaluationError` where a function has no value. The
+    arrays that a method receives may be Ipopt's own memory: copy what is kept beyond the call.
 
     Attributes
     ----------
@@ -92,7 +93,7 @@ class ShiftedRows:
 
     Attributes
     ----------
-    delta : float
+    delta : float or float array of the shape of `rows`
         The bound that the solver sees from the next evaluation on; first the largest of `base`.
     """
 
@@ -106,7 +107,7 @@ class ShiftedRows:
                 f"row {outside[0]} cannot be shifted: the program has {nlp.m} rows, numbered from 0. "
                 "Take the numbers from WrittenModel.row_of."
             )
-        self.delta = float(self.base.max(initial=0.0))
+        self.delta: float | FloatArray = float(self.base.max(initial=0.0))
         self.derivatives = nlp.derivatives
         self.n, self.m = nlp.n, nlp.m
         self.x_lower, self.x_upper = nlp.x_lower, nlp.x_upper

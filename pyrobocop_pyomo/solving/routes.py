@@ -14,11 +14,12 @@ from .ipopt_library import LIBRARY_VARIABLE, find_ipopt_library
 
 NO_IPOPT = f"""\
 no Ipopt is found on this machine. Any one of these brings it:
-  pip install 'pyrobocop_pyomo[ipopt]'        CasADi's Ipopt, used in this process; works at once
-  conda install -c conda-forge ipopt          the ipopt executable
-  python -m pyrobocop_pyomo build-asl         Debian, Ubuntu: the executable and faster derivatives
-  {EXECUTABLE_VARIABLE}=/path/to/ipopt    an executable that you have already
-  {LIBRARY_VARIABLE}=/path/to/libipopt.so    a library that you have already
+  pip install 'pyrobocop_pyomo[ipopt]'      CasADi's Ipopt, used in this process: works at once
+  conda install -c conda-forge ipopt        the ipopt executable
+  python -m pyrobocop_pyomo build-asl       Debian, Ubuntu: the executable, and ASL for use in this process
+or, for an Ipopt that is there already, one of these environment variables:
+  {EXECUTABLE_VARIABLE}=/path/to/ipopt
+  {LIBRARY_VARIABLE}=/path/to/libipopt.so
 'python -m pyrobocop_pyomo doctor' shows what is found and what is missing."""
 
 

@@ -61,7 +61,7 @@ class Session(Protocol):
         ...
 
     def load_suffixes(self) -> None:
-        """Fill the suffixes that the user declared for import from the last run."""
+        """Fill the suffixes that the user declared for import from the last run; may be asked after `close`."""
         ...
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import re
 import tempfile
 import time
@@ -18,6 +19,7 @@ from pyomo.core.base.objective import Objective, ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 from pyomo.repn.plugins.nl_writer import NLWriter
+from pyomo.solvers.amplfunc_merge import amplfunc_merge
 
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 
@@ -114,7 +116,7 @@ class WrittenModel:
 
 
 def _build_asl(path: Path, external_libraries: list[str]) -> NonlinearProgram:
-    return AslProgram(path, "\n".join(external_libraries))
+    return AslProgram(path, amplfunc_merge(os.environ, *external_libraries) if external_libraries else "")
 
 
 def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram:

@@ -31,7 +31,8 @@ def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[st
     # Names travel in the facts: a pair's name holds characters that an archive member should not.
     header = {"format": _FORMAT, "facts": dict(facts), "names": {group: list(named) for group, named in groups.items()}}
     arrays = {f"{group}_{i}": values for group, named in groups.items() for i, values in enumerate(named.values())}
-    np.savez_compressed(path, header=np.array(json.dumps(header)), **arrays)
+    arrays["header"] = np.array(json.dumps(header))
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
     return path
 
 

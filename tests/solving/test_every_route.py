@@ -7,6 +7,7 @@ import pytest
 from small_problems import PROBLEMS, every_derivative, every_kind_of_row, every_route, solver
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.solving.written_model import WrittenModel
 
 SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")
 
@@ -146,3 +147,26 @@ def test_export_suffixes_of_other_solvers_do_no_harm(derivatives):
     model.priority[model.product] = 1.5
     solver(derivatives).solve(model)
     assert pyo.value(model.cost) == pytest.approx(optimum, rel=1e-6)
+
+
+@every_route
+def test_scaling_factors_are_used_when_asked_for(route):
+    """Without the factors a cost of 1e-9 is flat to Ipopt: it stops where it starts."""
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var([1, 2], initialize=0.0)
+    model.cost = pyo.Objective(expr=1e-9 * (model.x[1] - 3) ** 2 + 1e-9 * (model.x[2] - 5) ** 2)
+    model.row = pyo.Constraint(expr=model.x[1] - model.x[2] ** 2 <= 100)
+    model.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    model.scaling_factor[model.cost] = 1e9
+    model.scaling_factor[model.x] = 0.5
+    model.scaling_factor[model.row] = 0.1
+    option = "OF_nlp_scaling_method" if route == "ipopt" else "nlp_scaling_method"
+    solver(route).solve(model)
+    assert abs(model.x[1].value - 3) > 0.1
+    solver(route).solve(model, options={option: "user-scaling"})
+    assert (model.x[1].value, model.x[2].value) == pytest.approx((3, 5), abs=1e-4)
+
+
+@pytest.mark.asl
+def test_asl_is_preferred_to_casadi():
+    assert WrittenModel(PROBLEMS[0]()[0]).nlp.derivatives == "ASL through PyNumero"

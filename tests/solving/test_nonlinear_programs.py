@@ -156,7 +156,7 @@ def test_files_that_would_end_the_process_are_refused(tmp_path):
     with pytest.raises(ModelError, match="0 objectives"):
         AslProgram(path)
     path.write_text("something else\n")
-    with pytest.raises(ModelError, match="not a .nl file"):
+    with pytest.raises(ModelError, match=r"not a \.nl file"):
         AslProgram(path)
 
 

@@ -137,17 +137,18 @@ def solve(
             attempt = _Attempt(model, judge, pairs, session, bar, feasibility_tolerance, complementarity_tolerance)
             attempt.go(schedule, bool(rows), started, time_limit)
             attempt.restore_best()
-            if attempt.best_is_last:
-                session.load_suffixes()
-                _forget_generated(model, block)
         finally:
             session.close()
+        if attempt.best_is_last:
+            session.load_suffixes()
+            _forget_generated(model, block)
+    best = attempt.steps[attempt.best]
     return SolveResult(
         name=model.name,
         stop_reason=attempt.stop_reason,
         quality=attempt.quality(),
-        objective=judge.objective(),
-        constraint_violation=judge.violation(),
+        objective=best.objective,
+        constraint_violation=best.constraint_violation,
         stationarity=attempt.stationarity,
         residuals=attempt.residuals(),
         steps=attempt.steps,
@@ -246,15 +247,14 @@ class _Attempt:
             self.stationarity = self._session.stationarity()
         return step
 
-    def _rank(self, step: Step) -> tuple[float, bool, float]:
-        """Smaller is better: first acceptable by residuals, then converged, then the residuals themselves."""
+    def _rank(self, step: Step) -> tuple[float, bool]:
+        """Smaller is better: how far the residuals exceed the tolerances (1 if not at all), then convergence."""
         feasibility, complementarity = self._tolerances
         excess = max(step.constraint_violation / feasibility, step.largest_product / complementarity, 1.0)
-        return (excess if excess == excess else float("inf"), not step.status.solved, 0.0)
+        return (excess if excess == excess else float("inf"), not step.status.solved)
 
     def _acceptable(self, step: Step) -> bool:
-        excess, failed, _ = self._rank(step)
-        return excess <= 1.0 and not failed
+        return self._rank(step) == (1.0, False)
 
     @property
     def best_is_last(self) -> bool:
@@ -292,18 +292,20 @@ def _find_route(route: Route | str | None) -> Route:
         return best_route()
     present = available_routes()
     if route == "in process":
-        wanted = [each for each in present if each is not Route.EXECUTABLE] or [Route.IN_PROCESS_CASADI]
-    elif isinstance(route, Route) or route in words:
-        wanted = [route if isinstance(route, Route) else words[route]]
+        wanted = Route.IN_PROCESS_ASL if Route.IN_PROCESS_ASL in present else Route.IN_PROCESS_CASADI
+    elif isinstance(route, Route):
+        wanted = route
+    elif route in words:
+        wanted = words[route]
     else:
         raise ValueError(f"route = {route!r}; choose 'in process', {', '.join(map(repr, words))} or a Route.")
-    if wanted[0] not in present:
+    if wanted not in present:
         found = "; ".join(each.value for each in present) or "none"
         raise SolverNotFoundError(
-            f"{wanted[0].value}: not found on this machine; found: {found}. "
+            f"{wanted.value}: not found on this machine; found: {found}. "
             "'python -m pyrobocop_pyomo doctor' shows what is missing."
         )
-    return wanted[0]
+    return wanted
 
 
 def _check_phases(model: Any) -> None:
@@ -320,19 +322,21 @@ def _first_delta(schedule: Schedule | None) -> float:
 def _relaxed(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[tuple[Any, list[Any]]]:
     """Relax what is not relaxed yet; yields the generated block and the rows that a shift moves; reverts."""
     relax = TransformationFactory("pyrobocop.relax_complementarity")
-    token = None
     if active_pairs(model):
         token = relax.apply_to(model, relaxation=relaxation, grouping=grouping, delta=delta)
-    try:
-        if token is not None:
+        try:
             yield token.block, relax.relaxed_rows(model)
-        elif relax.get_pairs(model):
-            yield relax.get_delta(model).parent_block(), relax.relaxed_rows(model)
-        else:
-            yield None, []
-    finally:
-        if token is not None:
+        finally:
             relax.revert(model, token)
+    elif relax.get_pairs(model):
+        own = relax.get_delta(model)
+        before = own.value
+        try:
+            yield own.parent_block(), relax.relaxed_rows(model)
+        finally:
+            own.set_value(before)
+    else:
+        yield None, []
 
 
 def _open_session(

@@ -1,4 +1,4 @@
-"""Multipliers between Ipopt's signs and those of Pyomo's suffixes.
+"""What goes in and out of a model by suffixes: multipliers in Pyomo's signs, and scaling factors.
 
 Ipopt's Lagrangian is that of a minimisation, with every multiplier of a bound not negative. Pyomo's suffixes follow
 AMPL: ``dual`` is the change of the objective, as the user stated it, per unit of the row's right-hand side. So with
@@ -25,6 +25,7 @@ from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import VarData
 
 from .ipopt_outcome import IpoptOutcome
+from .ipopt_run import ProblemScaling
 from .nonlinear_program import FloatArray
 from .written_model import WrittenModel
 
@@ -54,7 +55,18 @@ def starting_multipliers(written: WrittenModel) -> StartingMultipliers:
     )
 
 
-def _exported(model: BlockData, name: str, components: Sequence[Any]) -> FloatArray | None:
+def scaling_factors(written: WrittenModel) -> ProblemScaling:
+    """Read the export suffix ``scaling_factor`` of variables, constraints and objective; 1 where it has none."""
+    name, model = "scaling_factor", written.model
+    objective = None if written.objective is None else _exported(model, name, [written.objective], missing=1.0)
+    return ProblemScaling(
+        objective=1.0 if objective is None else float(objective[0]),
+        x=_exported(model, name, written.variables, missing=1.0),
+        g=_exported(model, name, written.constraints, missing=1.0),
+    )
+
+
+def _exported(model: BlockData, name: str, components: Sequence[Any], missing: float = 0.0) -> FloatArray | None:
     """Values of an export suffix, wherever in the model it is declared; the one closest to the root wins."""
     values: ComponentMap | None = None
     for suffix in model.component_objects(
@@ -63,12 +75,14 @@ def _exported(model: BlockData, name: str, components: Sequence[Any]) -> FloatAr
         if suffix.local_name == name and suffix.export_enabled():
             values = ComponentMap() if values is None else values
             for component, value in suffix.items():
+                if component is None:  # a default for all components: not something that a .nl file can state
+                    continue
                 for data in component.values() if component.is_indexed() else (component,):
                     values.setdefault(data, value)
     if not values:
         # An empty suffix, as before the first solve, is no statement that all multipliers are zero.
         return None
-    return np.array([values.get(component, 0.0) for component in components], dtype=float)
+    return np.array([values.get(component, missing) for component in components], dtype=float)
 
 
 class InProcessSolutionLoader(SolutionLoader):

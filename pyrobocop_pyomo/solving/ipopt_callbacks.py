@@ -1,0 +1,145 @@
+"""Between Ipopt's C callbacks and a nonlinear program in Python."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import EvaluationError
+
+from .interruption import Interruption
+from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate
+from .ipopt_outcome import IterationRecord
+from .nonlinear_program import FloatArray, NonlinearProgram
+
+
+class IpoptCallbacks:
+    """The functions that Ipopt calls during one run.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+        What is evaluated.
+    on_iteration : callable or None
+        The user's callback.
+    interruption : Interruption
+        Looked at after each iteration.
+
+    Attributes
+    ----------
+    records : list of IterationRecord
+        What Ipopt reported so far.
+    failure : exception or None
+        What was raised in a callback: no exception may leave it, since it would be lost inside C code.
+    seconds : float
+        Time inside the evaluations so far.
+    after_record : callable or None
+        Called after each iteration, before the user's callback.
+    evaluators, intermediate : ctypes callbacks
+        As Ipopt's C interface takes them.
+    """
+
+    def __init__(
+        self,
+        nlp: NonlinearProgram,
+        on_iteration: Callable[[IterationRecord], bool | None] | None,
+        interruption: Interruption,
+    ) -> None:
+        self.nlp = nlp
+        self.on_iteration = on_iteration
+        self.interruption = interruption
+        self.records: list[IterationRecord] = []
+        self.failure: BaseException | None = None
+        self.seconds = 0.0
+        self.after_record: Callable[[], None] | None = None
+        # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
+        self.evaluators: tuple[Any, ...] = (
+            EvalF(self._eval_f), EvalG(self._eval_g), EvalGradF(self._eval_grad_f),
+            EvalJacG(self._eval_jac_g), EvalH(self._eval_h),
+        )  # fmt: skip
+        self.intermediate: Any = Intermediate(self._intermediate)
+
+    def release(self) -> None:
+        """Break the cycle of callbacks and their owner, which would keep the program in memory for a while."""
+        self.evaluators, self.intermediate = (), None
+
+    def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
+        """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""
+        if self.failure is not None:
+            return 0
+        started = time.perf_counter()
+        try:
+            values = np.asarray(evaluate(*arguments), dtype=np.float64)
+            if not np.isfinite(values).all():
+                return 0
+            _view(address, values.size)[...] = values.ravel()
+            return 1
+        except EvaluationError:
+            return 0
+        except BaseException as error:  # a KeyboardInterrupt as well: it is raised again after Ipopt
+            self.failure = error
+            return 0
+        finally:
+            self.seconds += time.perf_counter() - started
+
+    def _eval_f(self, n: int, x: int, new_x: int, value: int, data: Any) -> int:
+        return self._write(value, self.nlp.objective, _view(x, n))
+
+    def _eval_grad_f(self, n: int, x: int, new_x: int, values: int, data: Any) -> int:
+        return self._write(values, self.nlp.gradient, _view(x, n))
+
+    def _eval_g(self, n: int, x: int, new_x: int, m: int, values: int, data: Any) -> int:
+        return self._write(values, self.nlp.constraints, _view(x, n))
+
+    def _eval_jac_g(
+        self, n: int, x: int, new_x: int, m: int, count: int, rows: int, columns: int, values: int, data: Any
+    ) -> int:
+        if not values:
+            return _write_structure(self.nlp.jacobian_structure, rows, columns)
+        return self._write(values, self.nlp.jacobian, _view(x, n))
+
+    def _eval_h(
+        self, n: int, x: int, new_x: int, factor: float, m: int, multipliers: int, new_multipliers: int, count: int,
+        rows: int, columns: int, values: int, data: Any,
+    ) -> int:  # fmt: skip
+        if not values:
+            return _write_structure(self.nlp.hessian_structure, rows, columns)
+        return self._write(values, self.nlp.hessian, _view(x, n), factor, _view(multipliers, m))
+
+    def _intermediate(
+        self, mode: int, iteration: int, objective: float, primal: float, dual: float, mu: float, step: float,
+        regularization: float, dual_step: float, primal_step: float, trials: int, data: Any,
+    ) -> int:  # fmt: skip
+        record = IterationRecord(
+            iteration, mode == 1, objective, primal, dual, mu, step, regularization, dual_step, primal_step, trials
+        )
+        try:
+            self.records.append(record)
+            if self.after_record is not None:
+                self.after_record()
+            if self.failure is not None or self.interruption.requested:
+                return 0
+            if self.on_iteration is not None:
+                return int(self.on_iteration(record) is not False)
+        except BaseException as error:
+            self.failure = error
+            return 0
+        return 1
+
+
+def _view(address: int | None, size: int) -> FloatArray:
+    """Ipopt's memory as an array, valid during one callback."""
+    if not size or not address:
+        return np.empty(0)
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
+
+
+def _write_structure(structure: tuple[Any, Any], rows: int, columns: int) -> int:
+    for indices, address in zip(structure, (rows, columns), strict=True):
+        if indices.size:
+            np.ctypeslib.as_array((ctypes.c_int * indices.size).from_address(address))[:] = indices
+    return 1

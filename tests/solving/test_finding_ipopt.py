@@ -1,0 +1,281 @@
+"""Where Ipopt is looked for, in which order, and what is said when there is none."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.contrib.pynumero.asl import AmplInterface
+from small_problems import hock_schittkowski_71
+
+import pyrobocop_pyomo.__main__ as command_line
+from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
+from pyrobocop_pyomo.solving import (
+    asl_program,
+    build_asl,
+    doctor,
+    in_process,
+    ipopt_executable,
+    ipopt_library,
+    routes,
+    written_model,
+)
+from pyrobocop_pyomo.solving.routes import Route
+
+ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
+
+
+class Machine:
+    """A machine without any Ipopt, to which a test adds files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.prefix = folder / "prefix"
+        self.home = folder / "home"
+        self.found_by_pyomo: str | None = None
+
+    def add(self, path: Path) -> str:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("#!/bin/sh\necho 'Ipopt 3.99.1 (a fake)'\n")
+        path.chmod(0o755)
+        return str(path)
+
+    def executable(self, name: str) -> Machine:
+        """Stands for pyomo.common.Executable."""
+        return self
+
+    def path(self) -> str | None:
+        return self.found_by_pyomo
+
+    def set_path(self, path: str) -> None:
+        self.found_by_pyomo = path
+
+
+@pytest.fixture
+def machine(monkeypatch, tmp_path):
+    for variable in ENVIRONMENT:
+        monkeypatch.delenv(variable, raising=False)
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "casadi" else find_spec(name, *rest)
+    )
+    machine = Machine(tmp_path)
+    monkeypatch.setattr(ipopt_library.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.setattr(sys, "prefix", str(machine.prefix))
+    monkeypatch.setenv("HOME", str(machine.home))
+    monkeypatch.setattr(AmplInterface, "libname", None)
+    monkeypatch.setattr(ipopt_executable, "Executable", machine.executable)
+    monkeypatch.setattr(doctor, "Executable", machine.executable)
+    return machine
+
+
+def test_libraries_are_looked_for_in_order(machine, monkeypatch, tmp_path):
+    assert ipopt_library.find_ipopt_library() is None
+    monkeypatch.setattr(ipopt_library.ctypes.util, "find_library", lambda name: f"lib{name}.so.3")
+    assert ipopt_library.find_ipopt_library() == "libipopt.so.3"
+    name = ipopt_library._NAMES[0]
+    in_prefix = machine.add(machine.prefix / "lib" / name)
+    assert ipopt_library.find_ipopt_library() == in_prefix
+    in_casadi = machine.add(tmp_path / "casadi" / name)
+    spec = importlib.util.spec_from_file_location("casadi", tmp_path / "casadi" / "__init__.py")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: spec)
+    assert ipopt_library.find_ipopt_library() == in_casadi
+    chosen = machine.add(tmp_path / "chosen.so")
+    monkeypatch.setenv("PYROBOCOP_IPOPT_LIBRARY", chosen)
+    assert ipopt_library.find_ipopt_library() == chosen
+    monkeypatch.setenv("PYROBOCOP_IPOPT_LIBRARY", chosen + ".gone")
+    with pytest.raises(SolverNotFoundError, match=r"PYROBOCOP_IPOPT_LIBRARY is '.*gone', but there is no such file"):
+        ipopt_library.find_ipopt_library()
+
+
+def test_executables_are_looked_for_in_order(machine, monkeypatch, tmp_path):
+    find = ipopt_executable.find_ipopt_executable
+    assert find() is None
+    of_idaes = machine.add(machine.home / ".idaes" / "bin" / "ipopt")
+    assert find() == of_idaes
+    in_prefix = machine.add(machine.prefix / "bin" / "ipopt")
+    assert find() == in_prefix
+    machine.found_by_pyomo = machine.add(tmp_path / "path" / "ipopt")
+    assert find() == machine.found_by_pyomo
+    chosen = machine.add(tmp_path / "chosen")
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", chosen)
+    assert find() == chosen
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", str(tmp_path))
+    with pytest.raises(SolverNotFoundError, match="which is no executable file"):
+        find()
+
+
+def test_pyomo_keeps_the_executable_that_it_has(machine, monkeypatch, tmp_path, caplog):
+    configure = ipopt_executable.configure_ipopt_executable
+    assert configure() is None
+    in_prefix = machine.add(machine.prefix / "bin" / "ipopt")
+    assert configure() == machine.found_by_pyomo == in_prefix
+    machine.found_by_pyomo = own = machine.add(tmp_path / "path" / "ipopt")
+    assert configure() == machine.found_by_pyomo == own
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", in_prefix)
+    assert configure() == machine.found_by_pyomo == in_prefix
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", "/nowhere/ipopt")
+    assert configure() is None  # on import: a warning, no exception
+    assert "/nowhere/ipopt" in caplog.text
+
+
+def test_versions_are_asked_for_with_care(machine, tmp_path):
+    version = ipopt_executable.ipopt_executable_version
+    assert version(machine.add(tmp_path / "ipopt")) == "Ipopt 3.99.1 (a fake)"
+    assert version(str(tmp_path / "nothing")) is None
+    other = tmp_path / "other"
+    other.write_text("#!/bin/sh\necho 'Bonmin 1.8'\n")
+    other.chmod(0o755)
+    assert version(str(other)) is None
+
+
+def test_a_file_that_is_no_library_is_named(tmp_path):
+    path = tmp_path / "libipopt.so.3"
+    path.write_text("text")
+    with pytest.raises(SolverNotFoundError, match=r"libipopt\.so\.3' cannot be used as Ipopt's library"):
+        ipopt_library.load_ipopt_library(str(path))
+
+
+def test_without_any_ipopt_one_message_lists_the_remedies(machine):
+    assert routes.available_routes() == []
+    with pytest.raises(SolverNotFoundError) as caught:
+        routes.best_route()
+    for remedy in (
+        "pip install 'pyrobocop_pyomo[ipopt]'", "conda install -c conda-forge ipopt",
+        "python -m pyrobocop_pyomo build-asl", "PYROBOCOP_IPOPT_EXECUTABLE",
+    ):  # fmt: skip
+        assert remedy in str(caught.value)
+
+
+def test_without_any_ipopt_the_solver_says_so_and_does_not_fail_before(machine):
+    solver = pyo.SolverFactory("pyrobocop.ipopt")
+    assert not solver.available(exception_flag=False)
+    assert in_process.InProcessIpopt().version() is None
+    with pytest.raises(SolverNotFoundError, match=r"pip install 'pyrobocop_pyomo\[ipopt\]'"):
+        solver.solve(hock_schittkowski_71()[0])
+
+
+@pytest.mark.parametrize("derivatives", [None, "asl", "casadi"])
+def test_missing_derivatives_are_named_with_remedies(machine, derivatives):
+    with pytest.raises(SolverNotFoundError, match=r"build-asl|pip install"):
+        written_model.WrittenModel(hock_schittkowski_71()[0], derivatives)
+
+
+def test_routes_are_ordered_by_preference(machine, monkeypatch):
+    machine.add(machine.prefix / "bin" / "ipopt")
+    assert routes.available_routes() == [Route.EXECUTABLE]
+    machine.add(machine.prefix / "lib" / ipopt_library._NAMES[0])
+    assert routes.available_routes() == [Route.EXECUTABLE]  # a library alone has no derivatives
+    monkeypatch.setattr(routes, "casadi_available", lambda: True)
+    assert routes.available_routes() == [Route.IN_PROCESS_CASADI, Route.EXECUTABLE]
+    machine.add(machine.prefix / "lib" / "libpynumero_ASL.so")
+    assert routes.available_routes() == list(Route)
+    assert routes.best_route() is Route.IN_PROCESS_ASL
+    assert [route.derivatives for route in Route] == ["asl", "casadi", None]
+
+
+def test_finding_asl_does_not_touch_pyomo(machine):
+    assert asl_program.find_asl_library() is None
+    path = machine.add(machine.prefix / "lib" / "libpynumero_ASL.so")
+    assert asl_program.find_asl_library() == path
+    assert AmplInterface.libname is None
+
+
+def test_importing_is_quick_and_quiet_without_any_extra():
+    """In a fresh process, with every optional package hidden."""
+    program = """
+import sys
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("casadi", "highspy", "matplotlib", "pandas"):
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Hidden())
+import pyomo.environ
+before = set(sys.modules)
+import pyrobocop_pyomo.solving.in_process, pyrobocop_pyomo.solving.routes
+assert "scipy.sparse" not in set(sys.modules) - before
+assert pyomo.environ.SolverFactory("pyrobocop.ipopt") is not None
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+def test_the_doctor_reports_every_route_and_remedy(machine, capsys):
+    assert command_line.main([]) == 1
+    text = capsys.readouterr().out
+    assert text.count(": not found") == 4
+    assert text.count("remedy") == 4
+    assert "no Ipopt is found on this machine" in text
+
+
+@pytest.mark.executable
+@pytest.mark.asl
+@pytest.mark.casadi
+def test_the_doctor_solves_on_every_route(capsys):
+    assert command_line.main(["doctor"]) == 0
+    text = capsys.readouterr().out
+    assert text.count(": works") == 4
+    assert text.count("objective 17.0140") == 4
+    assert "remedy" not in text
+
+
+def test_the_doctor_survives_a_broken_executable(machine):
+    broken = machine.prefix / "bin" / "ipopt"
+    machine.add(broken)
+    broken.write_text("#!/bin/sh\nexit 3\n")
+    found = doctor.diagnose()
+    assert not found[0].works
+    assert str(broken) in found[0].where
+    assert "does not run" in found[0].result
+
+
+def test_the_command_line_explains_itself(capsys):
+    with pytest.raises(SystemExit) as caught:
+        command_line.main(["--help"])
+    assert caught.value.code == 0
+    assert "build-asl" in capsys.readouterr().out
+
+
+def test_building_needs_casadi_and_says_so(machine, tmp_path, capsys):
+    with pytest.raises(SolverNotFoundError, match="casadi is not installed"):
+        build_asl.build_asl(tmp_path)
+    assert command_line.main(["build-asl", "--prefix", str(tmp_path)]) == 1
+    assert "pip install" in capsys.readouterr().err
+
+
+@pytest.mark.casadi
+def test_building_without_rights_prints_the_command(monkeypatch, tmp_path):
+    monkeypatch.setattr(build_asl, "ASL_HEADERS", tmp_path / "none")
+    monkeypatch.setattr(build_asl, "_privilege", lambda: None)
+    monkeypatch.setattr(build_asl.shutil, "which", lambda name: f"/usr/bin/{name}")
+    with pytest.raises(BuildFailed, match="Run: sudo apt-get install --yes libamplsolver-dev"):
+        build_asl.build_asl(tmp_path)
+
+
+def test_a_failing_step_is_reported_with_its_output():
+    with pytest.raises(BuildFailed, match=r"failed with code 3: sh -c 'echo because; exit 3'\nbecause"):
+        build_asl._run(["sh", "-c", "echo because; exit 3"])
+
+
+def test_what_is_built_is_not_built_again(machine, monkeypatch):
+    machine.add(machine.prefix / "bin" / "ipopt")
+    monkeypatch.setattr(build_asl, "_loads", lambda library: True)
+    said = []
+    build_asl.build_asl(machine.prefix, report=said.append)
+    assert len(said) == 1
+    assert said[0].startswith("already built")
+
+
+@pytest.mark.slow
+@pytest.mark.casadi
+def test_both_are_built_from_packages(tmp_path):
+    if not (build_asl.ASL_HEADERS / "asl.h").is_file() or not build_asl.shutil.which("g++"):
+        pytest.skip("needs libamplsolver-dev and g++")
+    executable, library = build_asl.build_asl(tmp_path)
+    assert ipopt_executable.ipopt_executable_version(str(executable)).startswith("Ipopt 3.")
+    assert library.is_file()
+    assert os.access(executable, os.X_OK)

@@ -1,0 +1,197 @@
+"""SolverFactory("pyrobocop.ipopt") behaves as Pyomo's own Ipopt interfaces do."""
+
+from __future__ import annotations
+
+import io
+import logging
+import time
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
+from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
+from pyomo.opt import SolverStatus
+from small_problems import every_derivative, hock_schittkowski_71
+
+from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
+
+OPTIMUM = 17.0140172891520542
+pytestmark = pytest.mark.casadi
+
+
+def new(**options):
+    return NewSolverFactory("pyrobocop.ipopt", derivatives="casadi", **options)
+
+
+def test_both_factories_know_it():
+    older, newer = pyo.SolverFactory("pyrobocop.ipopt"), NewSolverFactory("pyrobocop.ipopt")
+    assert older.available()
+    assert newer.available()
+    assert newer.version()[0] == 3
+
+
+@every_derivative
+def test_results_tell_what_was_done(derivatives):
+    model, _ = hock_schittkowski_71()
+    result = new().solve(model, derivatives=derivatives)
+    assert result.termination_condition is TerminationCondition.convergenceCriteriaSatisfied
+    assert result.solution_status is SolutionStatus.optimal
+    assert result.incumbent_objective == pytest.approx(OPTIMUM)
+    assert result.solver_name == "pyrobocop.ipopt"
+    assert result.extra_info.derivatives.startswith({"asl": "ASL", "casadi": "CasADi"}[derivatives])
+    assert "ipopt" in result.extra_info.ipopt_library
+    assert result.extra_info.iteration_count == len(result.extra_info.iteration_log) - 1
+    assert result.extra_info.iteration_log[-1].mu < 1e-6
+    assert result.extra_info.ipopt_status is IpoptStatus.SOLVED
+    assert result.timing_info.timer.get_total_time("ipopt") > 0
+    assert not any(variable.stale for variable in model.x.values())
+
+
+def test_which_ipopt_is_used_is_logged(caplog):
+    with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
+        new().solve(hock_schittkowski_71()[0])
+    assert "'hs71': Ipopt 3." in caplog.text
+    assert "derivatives by CasADi" in caplog.text
+
+
+def test_tee_reaches_standard_output_and_nothing_else_does(capsys):
+    new().solve(hock_schittkowski_71()[0])
+    assert capsys.readouterr().out == ""
+    new().solve(hock_schittkowski_71()[0], solver_options={"print_level": 5})
+    assert capsys.readouterr().out == ""
+    result = new().solve(hock_schittkowski_71()[0], tee=True)
+    shown = capsys.readouterr().out
+    assert "EXIT: Optimal Solution Found." in shown
+    assert result.solver_log.strip() == shown.strip()
+
+
+def test_tee_reaches_streams_and_loggers(caplog):
+    stream = io.StringIO()
+    with caplog.at_level(logging.INFO):
+        new().solve(hock_schittkowski_71()[0], tee=[stream, logging.getLogger("of.the.user")])
+    assert "EXIT: Optimal Solution Found." in stream.getvalue()
+    assert "EXIT: Optimal Solution Found." in caplog.text
+
+
+def test_without_loading_the_model_stays_as_it_was():
+    model, _ = hock_schittkowski_71()
+    model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    before = [variable.value for variable in model.x.values()]
+    result = new().solve(model, load_solutions=False)
+    assert [variable.value for variable in model.x.values()] == before
+    assert len(model.dual) == 0
+    assert result.incumbent_objective == pytest.approx(OPTIMUM)
+    assert result.solution_loader.get_vars()[model.x[1]] == pytest.approx(1.0, abs=1e-6)
+    duals = result.solution_loader.get_duals([model.product])
+    assert list(duals) == [model.product]
+    result.solution_loader.load_solution()
+    assert pyo.value(model.cost) == pytest.approx(OPTIMUM)
+    assert model.dual[model.product] == pytest.approx(duals[model.product])
+
+
+def test_the_older_interface_loads_the_point_of_a_limit():
+    model, _ = hock_schittkowski_71()
+    result = pyo.SolverFactory("pyrobocop.ipopt").solve(model, options={"max_iter": 2})
+    assert result.solver.termination_condition == pyo.TerminationCondition.maxIterations
+    assert result.solver.status == SolverStatus.aborted
+    assert model.x[2].value != 5
+
+
+def test_the_newer_interface_raises_and_hands_the_results_over():
+    model, _ = hock_schittkowski_71()
+    with pytest.raises(NoOptimalSolutionError, match="iteration limit") as caught:
+        new().solve(model, solver_options={"max_iter": 2})
+    assert model.x[2].value == 5
+    results = caught.value.results
+    assert results.termination_condition is TerminationCondition.iterationLimit
+    assert results.solution_status is SolutionStatus.unknown
+    results.solution_loader.load_vars()
+    assert model.x[2].value != 5
+
+
+def test_a_time_limit_counts_elapsed_seconds():
+    model, _ = hock_schittkowski_71()
+    result = new().solve(
+        model, time_limit=0.05, raise_exception_on_nonoptimal_result=False,
+        on_iteration=lambda record: time.sleep(0.03),
+    )  # fmt: skip
+    assert result.termination_condition is TerminationCondition.maxTimeLimit
+
+
+def test_infeasible_and_unbounded_are_reported():
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(initialize=1.0)
+    model.cost = pyo.Objective(expr=model.x)
+    quiet = {"raise_exception_on_nonoptimal_result": False, "load_solutions": False}
+    assert new().solve(model, **quiet).termination_condition is TerminationCondition.unbounded
+    model.row = pyo.Constraint(expr=model.x**2 <= -1)
+    result = new().solve(model, **quiet)
+    assert result.termination_condition is TerminationCondition.locallyInfeasible
+    assert result.solution_status is SolutionStatus.infeasible
+
+
+def test_a_constant_row_that_is_violated_is_proven_infeasible():
+    model, _ = hock_schittkowski_71()
+    model.constant = pyo.Var(initialize=3.0)
+    model.constant.fix()
+    model.row = pyo.Constraint(expr=model.constant <= 2)
+    result = new().solve(model, raise_exception_on_nonoptimal_result=False, load_solutions=False)
+    assert result.termination_condition is TerminationCondition.provenInfeasible
+    with pytest.raises(NoSolutionError):
+        new().solve(model, raise_exception_on_nonoptimal_result=False)
+
+
+def test_a_callback_that_stops_is_an_interruption():
+    model, _ = hock_schittkowski_71()
+    result = new().solve(model, on_iteration=lambda record: False, raise_exception_on_nonoptimal_result=False)
+    assert result.termination_condition is TerminationCondition.interrupted
+    assert result.extra_info.ipopt_status is IpoptStatus.STOPPED
+
+
+def test_options_of_the_executable_are_refused_by_name():
+    with pytest.raises(ValueError, match=r"'wantsol'.* It is not a valid option"):
+        new().solve(hock_schittkowski_71()[0], solver_options={"wantsol": 1})
+
+
+def test_an_option_file_is_read(tmp_path):
+    file = tmp_path / "some.opt"
+    file.write_text("max_iter 2\n")
+    result = new().solve(
+        hock_schittkowski_71()[0], solver_options={"option_file_name": str(file)},
+        raise_exception_on_nonoptimal_result=False,
+    )  # fmt: skip
+    assert result.termination_condition is TerminationCondition.iterationLimit
+
+
+def test_a_nested_block_is_solved_by_itself():
+    model = pyo.ConcreteModel()
+    model.outside = pyo.Var(initialize=7.0)
+    model.row = pyo.Constraint(expr=model.outside == 1)
+    model.part, optimum = hock_schittkowski_71()
+    new().solve(model.part)
+    assert pyo.value(model.part.cost) == pytest.approx(optimum)
+    assert model.outside.value == 7.0
+
+
+class NotebookStream(io.TextIOBase):
+    """As a notebook's: text goes over a socket, yet the stream names the descriptor of the kernel's terminal."""
+
+    def __init__(self):
+        self.text = ""
+
+    def write(self, text):
+        self.text += text
+        return len(text)
+
+    def fileno(self):
+        return 1
+
+
+def test_tee_reaches_a_notebook(monkeypatch, capfd):
+    stream = NotebookStream()
+    monkeypatch.setattr("sys.stdout", stream)
+    new().solve(hock_schittkowski_71()[0], tee=True)
+    monkeypatch.undo()
+    assert "EXIT: Optimal Solution Found." in stream.text
+    assert "EXIT" not in capfd.readouterr().out

@@ -1,0 +1,264 @@
+"""What can happen during a run of Ipopt in this process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from small_problems import every_derivative, hock_schittkowski_71
+
+from pyrobocop_pyomo.errors import EvaluationError, SolverOptionError
+from pyrobocop_pyomo.solving.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.solving.ipopt_run import run_ipopt
+from pyrobocop_pyomo.solving.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.solving.written_model import WrittenModel
+
+OPTIMUM = 17.0140172891520542
+FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
+
+
+def written_71(derivatives: str) -> WrittenModel:
+    return WrittenModel(hock_schittkowski_71()[0], derivatives)
+
+
+def run(nlp, options=None, **keywords):
+    return run_ipopt(load_ipopt_library(), nlp, options or {}, **keywords)
+
+
+@every_derivative
+def test_an_outcome_is_complete(derivatives):
+    outcome = run(written_71(derivatives).nlp)
+    assert outcome.status is IpoptStatus.SOLVED
+    assert outcome.objective == pytest.approx(OPTIMUM)
+    assert [record.iteration for record in outcome.records] == list(range(outcome.iterations + 1))
+    assert outcome.records[0].mu > outcome.records[-1].mu > 0
+    assert 0 < outcome.evaluation_seconds < outcome.seconds
+    nlp = written_71(derivatives).nlp
+    assert outcome.g == pytest.approx(nlp.constraints(outcome.x), abs=1e-8)
+    # The stationarity condition holds with the multipliers in the signs that the docstring states.
+    jacobian = np.zeros((nlp.m, nlp.n))
+    np.add.at(jacobian, nlp.jacobian_structure, nlp.jacobian(outcome.x))
+    stationarity = nlp.gradient(outcome.x) + outcome.g_multipliers @ jacobian
+    assert stationarity - outcome.lower_multipliers + outcome.upper_multipliers == pytest.approx(0, abs=1e-6)
+
+
+@every_derivative
+def test_a_program_is_solved_again_from_where_it_ended(derivatives):
+    nlp = written_71(derivatives).nlp
+    first = run(nlp)
+    warm = {"warm_start_init_point": "yes", "mu_init": 1e-9}
+    warm |= dict.fromkeys(("warm_start_bound_push", "warm_start_mult_bound_push", "warm_start_slack_bound_push"), 1e-9)
+    again = run(
+        nlp, warm, x=first.x, g_multipliers=first.g_multipliers, lower_multipliers=first.lower_multipliers,
+        upper_multipliers=first.upper_multipliers,
+    )  # fmt: skip
+    assert again.status is IpoptStatus.SOLVED
+    assert again.iterations < first.iterations / 2
+
+
+def complementary_corner(base: float) -> pyo.ConcreteModel:
+    """The closest point to (2, 1) where x or y is zero; Scholtes' relaxation x y <= base."""
+    m = pyo.ConcreteModel("corner")
+    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1.0), pyo.Var(bounds=(0, None), initialize=1.0)
+    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
+    m.product = pyo.Constraint(expr=m.x * m.y <= base)
+    return m
+
+
+@every_derivative
+def test_a_bound_that_follows_mu_takes_fewer_iterations_than_a_bound_of_zero(derivatives):
+    still = ShiftedRows(WrittenModel(complementary_corner(1e-2), derivatives).nlp, [0], 1e-2)
+    still.delta = 0.0
+    written = WrittenModel(complementary_corner(1e-2), derivatives)
+    moving = ShiftedRows(written.nlp, [written.row_of[written.model.product]], 1e-2)
+    pairs = []
+
+    def follow(record):
+        moving.delta = record.mu
+        pairs.append((record.mu, moving.delta))
+
+    at_zero, following = run(still), run(moving, on_iteration=follow)
+    assert at_zero.status.solved
+    assert following.status.solved
+    assert following.iterations < at_zero.iterations
+    assert following.x == pytest.approx([2, 0], abs=1e-3)
+    assert following.x.prod() < 1e-6
+    assert [mu for mu, _ in pairs] == [record.mu for record in following.records]
+    assert all(mu == delta for mu, delta in pairs)
+    assert pairs[0][0] >= 0.1
+    assert pairs[-1][0] < 1e-8
+
+
+@every_derivative
+def test_ctrl_c_keeps_the_point_and_the_handler(derivatives):
+    handler = signal.getsignal(signal.SIGINT)
+    timer = threading.Timer(0.15, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    outcome = run(written_71(derivatives).nlp, on_iteration=lambda record: time.sleep(0.05))
+    timer.join()
+    assert outcome.status is IpoptStatus.INTERRUPTED
+    assert 0 < outcome.iterations < 8
+    assert np.isfinite(outcome.x).all()
+    assert outcome.x.tolist() != FIRST_POINT
+    assert outcome.objective == pytest.approx(outcome.records[-1].objective)
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+@every_derivative
+def test_a_second_ctrl_c_is_a_keyboard_interrupt(derivatives):
+    def press_twice(record):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        run(written_71(derivatives).nlp, on_iteration=press_twice)
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+@pytest.mark.casadi
+def test_a_run_outside_of_the_main_thread_leaves_signals_alone():
+    outcomes = []
+    thread = threading.Thread(target=lambda: outcomes.append(run(written_71("casadi").nlp)))
+    thread.start()
+    thread.join()
+    assert outcomes[0].status is IpoptStatus.SOLVED
+
+
+@every_derivative
+def test_the_callback_stops_ipopt_at_the_current_point(derivatives):
+    outcome = run(written_71(derivatives).nlp, on_iteration=lambda record: record.iteration < 3)
+    assert outcome.status is IpoptStatus.STOPPED
+    assert outcome.iterations == 3
+    assert outcome.objective == pytest.approx(outcome.records[3].objective)
+
+
+@every_derivative
+def test_an_exception_of_the_callback_comes_out(derivatives):
+    def fail(record):
+        if record.iteration == 2:
+            raise LookupError("of the callback")
+
+    with pytest.raises(LookupError, match="of the callback"):
+        run(written_71(derivatives).nlp, on_iteration=fail)
+
+
+class Wrapped:
+    """A program with one method replaced."""
+
+    def __init__(self, nlp, **replaced):
+        self._nlp = nlp
+        self.__dict__.update(replaced)
+
+    def __getattr__(self, name):
+        return getattr(self._nlp, name)
+
+
+@every_derivative
+@pytest.mark.parametrize("method", ["objective", "gradient", "constraints", "jacobian", "hessian"])
+def test_an_exception_of_an_evaluation_comes_out(method, derivatives):
+    def fail(*arguments):
+        raise ZeroDivisionError(method)
+
+    with pytest.raises(ZeroDivisionError, match=method):
+        run(Wrapped(written_71(derivatives).nlp, **{method: fail}))
+
+
+@pytest.mark.parametrize("how", ["raises", "nan"])
+@every_derivative
+def test_where_a_function_has_no_value_ipopt_shortens_the_step(how, derivatives):
+    """min x - log(x) from x = 10 with a full Newton step to the negative side."""
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=10.0)
+    m.cost = pyo.Objective(expr=m.x - pyo.log(m.x))
+    nlp = WrittenModel(m, derivatives).nlp
+    refused = []
+
+    def objective(x):
+        if x[0] <= 0:
+            refused.append(x[0])
+            if how == "nan":
+                return float("nan")
+            raise EvaluationError("no logarithm")
+        return nlp.objective(x)
+
+    outcome = run(Wrapped(nlp, objective=objective))
+    assert refused
+    assert outcome.x == pytest.approx([1.0], abs=1e-6)
+
+
+@pytest.mark.asl
+def test_an_asl_evaluation_error_is_survived_too():
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=10.0)
+    m.cost = pyo.Objective(expr=m.x - pyo.log(m.x))
+    assert run(WrittenModel(m, "asl").nlp).x == pytest.approx([1.0], abs=1e-6)
+
+
+@every_derivative
+def test_limits_keep_the_point(derivatives):
+    limited = run(written_71(derivatives).nlp, {"max_iter": 2})
+    assert limited.status is IpoptStatus.ITERATION_LIMIT
+    assert limited.iterations == 2
+    assert limited.x.tolist() != FIRST_POINT
+    nap = {"on_iteration": lambda record: time.sleep(0.03)}
+    late = run(written_71(derivatives).nlp, {"max_wall_time": 0.05}, **nap)
+    assert late.status is IpoptStatus.TIME_LIMIT
+    assert late.x.tolist() != FIRST_POINT
+
+
+@every_derivative
+def test_infeasibility_and_too_few_freedoms_are_told_apart(derivatives):
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=1.0)
+    m.cost = pyo.Objective(expr=m.x)
+    m.row = pyo.Constraint(expr=m.x**2 <= -1)
+    assert run(WrittenModel(m, derivatives).nlp).status is IpoptStatus.INFEASIBLE
+    m.row.deactivate()
+    m.equations = pyo.Constraint([1, 2], rule=lambda m, i: m.x**i == 1)
+    few = run(WrittenModel(m, derivatives).nlp)
+    assert few.status is IpoptStatus.TOO_FEW_FREEDOMS
+    assert few.x.tolist() == [1.0]
+    assert few.g == pytest.approx([1.0, 1.0])
+
+
+@every_derivative
+@pytest.mark.parametrize("value", [100, 100.0, "100"], ids=repr)
+def test_an_integer_option_may_be_written_in_any_way(value, derivatives):
+    assert run(written_71(derivatives).nlp, {"max_iter": value}).status is IpoptStatus.SOLVED
+
+
+@every_derivative
+def test_numbers_words_and_truth_values_reach_ipopt(derivatives, capfd):
+    options = {"tol": 1, "mu_strategy": "adaptive", "print_user_options": True, "mu_init": "0.2"}
+    assert run(written_71(derivatives).nlp, options).status is IpoptStatus.SOLVED
+    assert capfd.readouterr().out == ""  # Ipopt comments on each type that it did not expect
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [
+        ("tolerance", 1e-6, r"'tolerance': the value 1e-06 .* It is not a valid option"),
+        ("tol", -1.0, r"'tol': the value -1\.0 .* Allowed, with the default in brackets: 0 < \(1e-08\) <= \+inf"),
+        ("mu_strategy", "clever", r"'mu_strategy': the value 'clever'"),
+        ("max_iter", None, r"'max_iter': the value None"),
+        ("max_iter", 2.5, r"'max_iter': the value 2\.5"),
+    ],
+)
+def test_a_bad_option_is_named_with_the_reason(option, value, reason, capfd):
+    with pytest.raises(SolverOptionError, match=reason):
+        run(written_71("casadi").nlp, {option: value})
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.casadi
+def test_wrong_sizes_are_named():
+    with pytest.raises(ValueError, match=r"'x' has shape \(3,\); this problem needs \(4,\)"):
+        run(written_71("casadi").nlp, x=np.zeros(3))

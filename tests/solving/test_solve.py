@@ -1,0 +1,327 @@
+"""`solve` on every route: the same answers, the model given back, failures that keep their best point."""
+
+from __future__ import annotations
+
+import io
+import signal
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.repn.plugins.nl_writer import NLWriter
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError, TranscriptionError
+from pyrobocop_pyomo.solving import procedure, routes
+from pyrobocop_pyomo.solving import progress as progress_module
+from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
+
+ROUTES = [
+    pytest.param("asl", marks=pytest.mark.asl),
+    pytest.param("casadi", marks=pytest.mark.casadi),
+    pytest.param("executable", marks=pytest.mark.executable),
+]
+RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
+
+
+def corner() -> pyo.ConcreteModel:
+    """min (x - 2)^2 + (y - 1)^2 subject to 0 <= x ⟂ y >= 0: the optimum is (2, 0) with value 1."""
+    m = pyo.ConcreteModel(name="corner")
+    m.x = pyo.Var(bounds=(0, None), initialize=1)
+    m.y = pyo.Var(bounds=(0, None), initialize=1)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
+    return m
+
+
+def touching_mass(elements: int = 15) -> pyo.ConcreteModel:
+    """A mass pushed towards a wall at 0: the wall pushes back only where it is touched."""
+    m = pyo.ConcreteModel(name="mass at a wall")
+    m.move = b = rcp.PhaseBlock(duration=1.5, elements=elements, scheme="implicit_euler")
+    b.gap = rcp.State(initial=1.0, bounds=(0, None), guess=0.5)
+    b.speed = rcp.State(initial=-1.0)
+    b.contact = rcp.Algebraic(bounds=(0, None))
+    b.push = rcp.Control(bounds=(-2, 2))
+    b.ode(mass_rates)
+    b.complementarity(wall)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.push[t] ** 2 + 4 * (b.gap[t] - 0.1) ** 2))
+    return m
+
+
+def mass_rates(b, t):
+    return {b.gap: b.speed[t], b.speed: b.push[t] + b.contact[t]}
+
+
+def wall(b, t):
+    return rcp.complements(b.gap[t] >= 0, b.contact[t] >= 0)
+
+
+def written(model: pyo.ConcreteModel) -> str:
+    """The rows that a solver would see, without the values at which it would start."""
+    text = io.StringIO()
+    NLWriter().write(model, text, linear_presolve=False)
+    body = text.getvalue()
+    start = body.find("\nx")
+    return body if start < 0 else body[:start] + body[body.index("\nr", start) :]
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_every_route_finds_the_corner(route: str) -> None:
+    m = corner()
+    result = rcp.solve(m, route=route)
+    assert result.solved, str(result)
+    result.raise_for_status()
+    assert (m.x.value, m.y.value) == pytest.approx((2, 0), abs=1e-6)
+    assert result.objective == pytest.approx(1.0, abs=1e-6)
+    assert [each.name for each in result.residuals] == ["pair"]
+    assert result.largest_product <= 1e-7
+    assert result.steps[-1].delta == 1e-8
+    assert "Ipopt" in result.solver
+    assert result.derivatives.startswith("CasADi" if route == "casadi" else "ASL")
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(
+    "treatment",
+    [
+        {"grouping": "pair", "schedule": rcp.Fixed(1e-8)},
+        {"grouping": "element", "schedule": rcp.Fixed(1e-8)},
+        {"grouping": "pair", "schedule": rcp.FollowBarrier()},
+        {"grouping": "element", "schedule": rcp.FollowBarrier()},
+        {"relaxation": "penalty", "schedule": rcp.Fixed(1e-4)},
+        {"relaxation": "penalty"},
+        {"schedule": rcp.Geometric(first=1.0, factor=0.1, last=1e-8)},
+    ],
+    ids=["pair", "element", "pair-mu", "element-mu", "penalty", "penalty-continued", "geometric"],
+)
+def test_every_treatment_solves_the_mass_at_the_wall(route: str, treatment: dict) -> None:
+    m = touching_mass()
+    result = rcp.solve(m, route=route, **treatment)
+    assert result.solved, str(result)
+    assert result.largest_product <= 1e-7
+    assert m.move.trajectory().verify().largest_violation <= 2e-4  # a pair at delta = 1e-8 may keep min(a, b) = 1e-4
+    assert result.objective == pytest.approx(BEST_MASS, rel=1e-3)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_the_model_comes_back_as_it_was_but_for_the_values(route: str) -> None:
+    m = touching_mass()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    before = list(m.component_map()), [str(c) for c in m.component_data_objects()]
+    RELAX.apply_to(m, delta=1e-2)
+    rows = written(m)
+    RELAX.revert(m)
+    assert rcp.solve(m, route=route).solved
+    assert (list(m.component_map()), [str(c) for c in m.component_data_objects()]) == before
+    assert all(pair.active for pair in m.move.wall.values())
+    assert m.dual.active
+    # Every multiplier belongs to a constraint of the user; those of generated rows went with the rows.
+    assert {component.parent_block() for component in m.dual} == {m.move}
+    assert len(m.dual) == len(list(m.component_data_objects(pyo.Constraint)))
+    RELAX.apply_to(m, delta=1e-2)
+    assert written(m) == rows
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_relaxation_of_the_users_own_is_used_and_kept(route: str) -> None:
+    m = corner()
+    token = RELAX.apply_to(m, delta=1e-3, grouping="element")
+    assert rcp.solve(m, route=route).solved
+    assert m.x.value == pytest.approx(2, abs=1e-6)
+    assert token.block.active
+    assert token.block.delta.value == 1e-3
+    assert not m.pair.active
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_model_without_pairs_is_solved_by_one_run(route: str) -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=3.0)
+    m.cost = pyo.Objective(expr=pyo.exp(m.x) - 2 * m.x)
+    result = rcp.solve(m, route=route)
+    assert result.solved
+    assert len(result.steps) == 1
+    assert m.x.value == pytest.approx(0.6931471805599453, abs=1e-7)
+
+
+@pytest.mark.parametrize("route", ROUTES[:2])
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_delta_follows_mu_inside_the_solve(route: str, factor: float) -> None:
+    schedule = rcp.FollowBarrier(floor=1e-8, factor=factor)
+    (step,) = rcp.solve(touching_mass(), route=route, schedule=schedule).steps
+    mus, deltas = zip(*step.path, strict=True)
+    assert len(mus) == step.iterations + 1
+    assert mus[0] == pytest.approx(0.1)
+    assert deltas[0] == factor * 0.1
+    # The bound in force during an iteration is that of the barrier parameter one iteration before.
+    assert list(deltas[1:]) == [max(1e-8, factor * mu) for mu in mus[:-1]]
+    assert len(set(deltas)) > 3
+    assert deltas[-1] == 1e-8
+    assert list(deltas) == sorted(deltas, reverse=True)
+
+
+@pytest.mark.parametrize("route", ROUTES[:2])
+def test_following_mu_takes_fewer_iterations_than_no_relaxation(route: str) -> None:
+    m = corner()
+    followed = rcp.solve(m, route=route, schedule=rcp.FollowBarrier())
+    m = corner()
+    RELAX.apply_to(m, delta=1e-8)
+    RELAX.get_delta(m).set_value(0.0)
+    solver = pyo.SolverFactory("pyrobocop.ipopt", solver_options={"bound_relax_factor": 0.0})
+    solver.config.derivatives = route
+    log: list = []
+    solver.config.on_iteration = log.append
+    solver.solve(m, load_solutions=False)
+    assert followed.iterations < log[-1].iteration
+
+
+@pytest.mark.executable
+def test_from_outside_delta_walks_down_with_mu() -> None:
+    result = rcp.solve(touching_mass(), route="executable", schedule=rcp.FollowBarrier(factor=1.0))
+    deltas = [step.delta for step in result.steps]
+    assert deltas == sorted(deltas, reverse=True)
+    assert deltas[0] == pytest.approx(0.1)
+    assert deltas[-1] == 1e-8
+    assert all(step.mu == pytest.approx(step.delta) for step in result.steps[:-1])
+    # Warm in primal and dual values: the steps after the first are short.
+    assert max(step.iterations for step in result.steps[2:]) <= result.steps[0].iterations
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_limit_is_told_apart_from_success_and_keeps_the_point(route: str) -> None:
+    m = touching_mass()
+    start = m.move.push[m.move.final_time].value
+    result = rcp.solve(m, route=route, options={"max_iter": 4}, schedule=rcp.FollowBarrier())
+    assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
+    assert result.quality is rcp.Quality.INFEASIBLE
+    assert m.move.push[m.move.final_time].value != start
+    with pytest.raises(rcp.SolveFailed, match=r"'mass at a wall': Ipopt reached its iteration limit.*'move.wall\["):
+        result.raise_for_status()
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_contradiction_is_not_called_solved(route: str) -> None:
+    m = corner()
+    m.x.setlb(1)
+    m.y.setlb(1)
+    result = rcp.solve(m, route=route)
+    assert result.quality is rcp.Quality.INFEASIBLE
+    assert len(result.steps) > 1  # the fallback was tried
+    with pytest.raises(rcp.SolveFailed):
+        result.raise_for_status()
+
+
+@pytest.mark.parametrize("route", ROUTES[:2])
+def test_ctrl_c_stops_cleanly_and_keeps_the_point(route: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def press(record):
+        if record.iteration == 5:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(procedure, "_live_line", lambda *arguments: press)
+    handler = signal.getsignal(signal.SIGINT)
+    m = touching_mass()
+    result = rcp.solve(m, route=route)
+    assert result.stop_reason is rcp.StopReason.INTERRUPTED
+    assert len(result.steps) == 1
+    assert 5 <= result.iterations <= 6
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert all(pair.active for pair in m.move.wall.values())
+    assert m.move.push[m.move.final_time].value != 0.0
+
+
+@pytest.mark.executable
+def test_ctrl_c_during_the_executable_keeps_the_last_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pyomo.contrib.solver.solvers.ipopt import Ipopt
+
+    calls = []
+
+    def solve(self, *arguments, **options):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return original(self, *arguments, **options)
+
+    original = Ipopt.solve
+    monkeypatch.setattr(Ipopt, "solve", solve)
+    result = rcp.solve(touching_mass(), route="executable")
+    assert result.stop_reason is rcp.StopReason.INTERRUPTED
+    assert [step.status for step in result.steps][-1] is IpoptStatus.INTERRUPTED
+    assert len(calls) == 3
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_time_limit(route: str) -> None:
+    result = rcp.solve(touching_mass(100), route=route, time_limit=1e-3)
+    assert result.stop_reason is rcp.StopReason.TIME_LIMIT
+    assert len(result.steps) == 1
+
+
+def test_no_ipopt_anywhere_is_one_clear_message_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("find_ipopt_library", "find_ipopt_executable"):
+        monkeypatch.setattr(routes, name, lambda: None)
+    m = corner()
+    with pytest.raises(SolverNotFoundError, match=r"no Ipopt is found(.|\n)*pip install(.|\n)*conda(.|\n)*build-asl"):
+        rcp.solve(m)
+    with pytest.raises(SolverNotFoundError, match="the ipopt executable.*not found.*found: none"):
+        rcp.solve(m, route="executable")
+    assert m.pair.active
+    assert list(m.component_map()) == ["x", "y", "pair", "cost"]
+
+
+def test_an_unknown_route_is_refused() -> None:
+    with pytest.raises(ValueError, match="route = 'amplify'; choose 'in process', 'asl', 'casadi', 'executable'"):
+        rcp.solve(corner(), route="amplify")
+
+
+@pytest.mark.casadi
+def test_delta_cannot_follow_mu_in_a_penalty() -> None:
+    m = corner()
+    with pytest.raises(ComplementarityError, match=r"'corner': delta cannot follow.*Use schedule=Geometric"):
+        rcp.solve(m, relaxation="penalty", schedule=rcp.FollowBarrier())
+    assert m.cost.active
+    assert m.pair.active
+    assert list(m.component_map()) == ["x", "y", "pair", "cost"]
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("spoil", ["phase", "pair"])
+def test_a_senseless_model_is_refused_before_any_solve(spoil: str) -> None:
+    m = touching_mass()
+    if spoil == "phase":
+        m.move.idle = rcp.Control()
+        message = r"phase 'move': control 'idle' \(declared at test_solve.py:\d+\) appears in no equation"
+        kind: type[Exception] = TranscriptionError
+    else:
+        m.free = pyo.Var()
+        m.bad = rcp.Complementarity(expr=rcp.complements(m.free, m.move.push[0.1] >= 0))
+        message, kind = r"'bad': side 'free' has no finite bound", ComplementarityError
+    names = list(m.component_map())
+    with pytest.raises(kind, match=message):
+        rcp.solve(m)
+    assert list(m.component_map()) == names
+    assert m.move.wall.active
+
+
+@pytest.mark.casadi
+def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def __init__(self, terminal: bool) -> None:
+            super().__init__()
+            self.terminal = terminal
+
+        def isatty(self) -> bool:
+            return self.terminal
+
+    for terminal in (True, False):
+        stream = Terminal(terminal)
+        monkeypatch.setattr(progress_module.sys, "stderr", stream)
+        rcp.solve(corner(), route="casadi")
+        assert ("delta follows mu" in stream.getvalue()) is terminal
+
+
+def test_the_result_reads_well() -> None:
+    step = rcp.solving.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 12, 0.5, 3.25, 1e-12, 2e-9, 1e-9)
+    assert str(step).split() == ["fixed", "delta", "1.0e-08", "12", "3.25", "1.0e-12", "2.0e-09", "0.50", "SOLVED"]
+
+
+# Found by all routes and treatments alike; a worse value would be a wrong path, a better one a discovery.
+BEST_MASS = 0.8070546
