@@ -16,7 +16,8 @@ PYTHON = ROOT / ".venv" / "bin" / "python"
 
 
 def main(extras):
-    if sys.version_info < (3, 10):
+    """Make the environment unless it is there, then install or update."""
+    if sys.version_info < (3, 10):  # noqa: UP036  an older Python is what this line is for
         sys.exit(f"Python 3.10 or newer is needed; this is {sys.version.split()[0]} ({sys.executable}).")
     if not has_pip():
         make()
@@ -24,6 +25,7 @@ def main(extras):
 
 
 def has_pip():
+    """Whether the environment is there and complete: an attempt that was broken off is made again."""
     return PYTHON.exists() and subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode == 0
 
 
