@@ -73,7 +73,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     left, right = figure.subfigures(1, 2)
     rcp.draw_linkage(trajectory.time, joints, title=m.name, figure=left)
     trajectory.plot(
-        {"q1": "shoulder [rad]", "q2": "elbow [rad]", "dq1": "shoulder [rad/s]", "torque": "torque [N m]"},
+        {"q1": "q1 [rad]", "q2": "q2 [rad]", "dq1": "dq1 [rad/s]", "torque": "torque [N m]"},
         figure=right,
     )
 
@@ -82,4 +82,4 @@ if __name__ == "__main__":
     from run_example import run_example
 
     cases = {"published": {}, "physical": {"gravity_arm": "physical"}}
-    run_example(build, draw, cases=cases, default="published", coarse={"elements": 40})
+    run_example(build, draw, cases=cases, default="published", coarse={"elements": 40}, size=(10, 5.4))

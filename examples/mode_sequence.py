@@ -74,7 +74,7 @@ def state_push(b, contact, initial=(None, None, None), final=(None, None, None),
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """Slider and pusher in both phases, and their forces."""
     places = figure.subfigures(2, 2, height_ratios=(1.7, 1))
-    for phase, (above, below) in zip((m.first, m.second), places.T, strict=True):
+    for phase, snapshots, (above, below) in zip((m.first, m.second), (10, 5), places.T, strict=True):
         trajectory = phase.trajectory()
         pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
         rcp.draw_planar_pushing(
@@ -82,6 +82,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
             pose,
             np.tile(CONTACTS[phase.local_name], (len(pose), 1)),
             half_side=SLIDER.half_side,
+            snapshots=snapshots,
             title=f"{phase.local_name} push, {trajectory.duration:.3f} s",
             figure=above,
         )

@@ -1,6 +1,4 @@
-"""Swing a pendulum up with a weak motor.
-
-The motor cannot hold the pendulum horizontal for long, so the optimum gathers speed first.
+"""Swing a pendulum up with a motor that is barely stronger than gravity.
 
 The published problem takes the moment of inertia as ``m g l^2``, a slip of the pen: gravity does not belong into
 an inertia. It is kept for comparison; ``build(inertia="physical")`` takes ``m l^2``.

@@ -70,7 +70,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
     rcp.draw_planar_pushing(trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above)
-    trajectory.plot({"contact": "contact [-]", "normal": "normal force [N]"}, figure=below)
+    trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)
 
 
 if __name__ == "__main__":

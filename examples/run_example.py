@@ -52,7 +52,7 @@ def run_example(
     solved = True
     for name, place in zip(chosen, places, strict=True):
         model = build(**{**cases[name], **(coarse if arguments.coarse else {})})
-        model.name = f"{model.name}, {name}"
+        model.name = f"{model.name} - {name}"
         result = rcp.solve(model, route=arguments.route, tee=arguments.tee)
         print(result)
         for phase in model.block_data_objects(active=True):

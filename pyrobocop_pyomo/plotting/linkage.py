@@ -49,7 +49,7 @@ def draw_linkage(
     colours = time_colours(time)
     if cart is not None:
         axis.axhline(0.0, color="0.7", linewidth=1, zorder=0)
-    axis.scatter(*joints[:, -1].T, c=colours.to_rgba(time), s=4, zorder=1)
+    axis.plot(*joints[:, -1].T, color="0.6", linewidth=1, zorder=1)
     for layer, i in enumerate(evenly_moved(joints, snapshots)):
         colour = colours.to_rgba(time[i])
         if cart is not None:
@@ -68,5 +68,5 @@ def draw_linkage(
     axis.set_ylabel("y [m]")
     axis.set_title(title)
     axis.grid(alpha=0.25)
-    figure.colorbar(colours, ax=axis, label="time [s]", shrink=0.9)
+    figure.colorbar(colours, ax=axis, label="time [s]")
     return figure

@@ -21,12 +21,14 @@ def draw_planar_pushing(
     *,
     half_side: float,
     pusher_radius: float = 0.005,
-    snapshots: int = 10,
+    snapshots: int = 9,
     title: str = "",
     force: Array | None = None,
     figure: Any = None,
 ) -> Any:
     """Draw the slider and the pusher at several times, light to dark, with the path of the slider's centre.
+
+    A circle marks where the centre starts, a star where it ends, a line inside the slider its x axis.
 
     Parameters
     ----------
@@ -90,14 +92,14 @@ def draw_planar_pushing(
     axis.plot(*pose[:, :2].T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=99)
     axis.plot(*pose[0, :2], "o", color="white", markeredgecolor="black", markersize=6, zorder=100)
     axis.plot(*pose[-1, :2], "*", color="white", markeredgecolor="black", markersize=11, zorder=100)
-    axis.set_aspect("equal")
+    axis.set_aspect("equal", adjustable="datalim")  # fills its place, whatever the shape of the motion
     axis.autoscale_view()
     axis.margins(0.08)
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
     axis.set_title(title)
     axis.grid(alpha=0.25)
-    figure.colorbar(colours, ax=axis, label="time [s]", shrink=0.9)
+    figure.colorbar(colours, ax=axis, label="time [s]")
     return figure
 
 

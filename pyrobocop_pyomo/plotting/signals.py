@@ -12,6 +12,8 @@ from pyrobocop_pyomo.optional_imports import matplotlib
 
 Array = NDArray[np.float64]
 
+_MOST_DOTS = 120  # beyond, they merge and hide the line
+
 
 def plot_signals(
     title: str,
@@ -23,7 +25,7 @@ def plot_signals(
     labels: Mapping[str, str] | None = None,
     figure: Any = None,
 ) -> Any:
-    """One panel per signal, the interpolation as a line, the nodes as dots.
+    """One panel per signal, the interpolation as a line, the nodes as dots where they are not too many.
 
     Parameters
     ----------
@@ -56,7 +58,9 @@ def plot_signals(
             axis.step(time, values[name], where="pre", linewidth=1.4)
         else:
             axis.plot(time, values[name], linewidth=1.4)
-            axis.plot(*nodes[name], ".", markersize=3, color="0.35")
+            if len(nodes[name][0]) <= _MOST_DOTS:
+                axis.plot(*nodes[name], ".", markersize=3, color="0.35")
+        _show_no_noise(axis, values[name])
         axis.set_ylabel((labels or {}).get(name, name))
         axis.grid(alpha=0.3)
     for axis in axes[len(values) :]:
@@ -68,3 +72,13 @@ def plot_signals(
     if title:
         figure.suptitle(title)
     return figure
+
+
+def _show_no_noise(axis: Any, values: Array) -> None:
+    """A constant up to the solver's tolerance is drawn as a constant, not stretched over the panel."""
+    lowest, highest = float(values.min()), float(values.max())
+    least = max(1e-4 * max(abs(lowest), abs(highest)), 1e-6)
+    if highest - lowest < least:
+        middle = (lowest + highest) / 2
+        half = max(0.1 * abs(middle), least)
+        axis.set_ylim(middle - half, middle + half)
