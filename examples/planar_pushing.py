@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
+import numpy as np
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
@@ -60,3 +61,20 @@ def build(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100,
         )
     )
     return m
+
+
+def draw(figure, m: pyo.ConcreteModel) -> None:
+    """Slider and pusher over time, where the pusher touches, and with what force."""
+    trajectory = m.push.trajectory()
+    pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
+    contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
+    above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    rcp.draw_planar_pushing(trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above)
+    trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)
+
+
+if __name__ == "__main__":
+    from run_example import run_example
+
+    cases = {name: {"goal": goal} for name, goal in GOALS.items()}
+    run_example(build, draw, cases=cases, default="all", coarse={"elements": 40}, size=(10, 8))

@@ -168,20 +168,22 @@ class Trajectory:
             )
         return judge.verify(self)
 
-    def plot(self, names: list[str] | None = None) -> Any:
+    def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
         """Draw signals over time; returns the Matplotlib figure.
 
         Parameters
         ----------
-        names : list of str, optional
-            What to draw; everything by default.
+        names : list of str, or mapping of name to label, optional
+            What to draw, and what to write beside it; everything under its name by default.
+        figure : Figure or SubFigure, optional
+            Where to draw; a new figure, with the name of the phase as title, by default.
 
         Raises
         ------
         TrajectoryError
             When a name is unknown.
         """
-        chosen = self.names if names is None else names
+        chosen = self.names if names is None else list(names)
         unknown = [name for name in chosen if name not in self.names]
         if unknown:
             raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
@@ -199,7 +201,15 @@ class Trajectory:
         steps = {
             name for name in chosen if name in self.signals and (self.grid.scheme.stages == 1 or name in self.held)
         }
-        return plot_signals(self.name, dense, {name: values[name] for name in chosen}, nodes, steps)
+        return plot_signals(
+            self.name if figure is None else "",
+            dense,
+            {name: values[name] for name in chosen},
+            nodes,
+            steps,
+            labels=names if isinstance(names, Mapping) else None,
+            figure=figure,
+        )
 
     def to_pandas(self) -> Any:
         """A data frame: one row per time, one column per state, algebraic and control.
