@@ -104,6 +104,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
     judge = _Judge(block, record, trajectory)
+    judge.remark_what_is_not_stated(block)
     defect, equations, natural, product = judge.at_collocation_points()
     element_error, horizon_error = judge.reintegrate()
     return Verification(
@@ -147,6 +148,12 @@ class _Judge:
             for statement in self._statements("ode")
             for state, rate in self.point.ask(statement, time).items()
         }
+
+    def remark_what_is_not_stated(self, block: Any) -> None:
+        known = self.record.generated_rows | {statement.name for statement in self.record.statements}
+        own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
+        if own:
+            self.remarks.append(f"not judged, since they were not stated through the phase: {', '.join(own)}.")
 
     def at_collocation_points(self) -> tuple[float, float, float, float]:
         defect = equations = natural = product = 0.0
