@@ -113,7 +113,8 @@ class Control(Declaration):
     Attributes
     ----------
     parametrization : {"collocated", "piecewise_constant"}
-        One value per collocation point (the default), or one per element.
+        One value per collocation point (the default), or one per element. The latter respects its bounds
+        at every collocation point of the element.
     """
 
     parametrization: str = "collocated"

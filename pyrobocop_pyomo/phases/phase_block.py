@@ -54,6 +54,8 @@ class PhaseBlockData(BlockData):
     def __setattr__(self, name: str, value: Any) -> None:
         if isinstance(value, Declaration):
             self.declare(name, value)
+        elif isinstance(value, type) and issubclass(value, Declaration):
+            raise DeclarationError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
         else:
             super().__setattr__(name, value)
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
-from pyrobocop_pyomo.complementarity import Complementarity, canonical_side
+from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -21,6 +19,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .point_model import PointModel
 from .record import PhaseRecord, Statement
+from .violations import outside, rows, sides, violation
 
 Array = NDArray[np.float64]
 
@@ -104,6 +103,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
     judge = _Judge(block, record, trajectory)
+    judge.remark_what_is_not_stated(block)
     defect, equations, natural, product = judge.at_collocation_points()
     element_error, horizon_error = judge.reintegrate()
     return Verification(
@@ -148,6 +148,12 @@ class _Judge:
             for state, rate in self.point.ask(statement, time).items()
         }
 
+    def remark_what_is_not_stated(self, block: Any) -> None:
+        known = self.record.generated_rows | {statement.name for statement in self.record.statements}
+        own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
+        if own:
+            self.remarks.append(f"not judged, since they were not stated through the phase: {', '.join(own)}.")
+
     def at_collocation_points(self) -> tuple[float, float, float, float]:
         defect = equations = natural = product = 0.0
         for i, times in enumerate(self.grid.stage_times):
@@ -161,14 +167,14 @@ class _Judge:
                 for name, rate in self._rates(time).items():
                     defect = max(defect, abs(slope[name] - rate))
                 for statement in self._statements("residual") + self._statements("constraint"):
-                    for row in _rows(self.point.ask(statement, time)):
-                        equations = max(equations, _violation(row))
+                    for row in rows(self.point.ask(statement, time)):
+                        equations = max(equations, violation(row))
                 for statement in self._statements("complementarity"):
                     answer = self.point.ask(statement, time)
-                    for pair in _rows(answer, single=tuple):
+                    for pair in rows(answer, single=tuple):
                         if pair is Complementarity.Skip:
                             continue
-                        a, b = _sides(pair, statement)
+                        a, b = sides(pair, statement)
                         natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
         return defect, equations, natural, product
 
@@ -181,7 +187,7 @@ class _Judge:
     def bounds(self) -> float:
         worst = 0.0
         if isinstance(self.record.duration, Duration):
-            worst = _outside(self.trajectory.duration, *self.record.duration.bounds_at(0.0, "duration"))
+            worst = outside(self.trajectory.duration, *self.record.duration.bounds_at(0.0, "duration"))
         for name, declaration in self.record.declarations.items():
             if name in self.trajectory.parameters:
                 samples = [(0.0, self.trajectory.parameters[name])]
@@ -190,13 +196,13 @@ class _Judge:
                 assert isinstance(declaration, State)
                 for given, reached in ((declaration.initial, samples[0][1]), (declaration.final, samples[-1][1])):
                     lower, upper = given if isinstance(given, tuple) else (given, given)
-                    worst = max(worst, _outside(reached, lower, upper))
+                    worst = max(worst, outside(reached, lower, upper))
                 for slope in self.slopes[name].ravel():
-                    worst = max(worst, _outside(slope, *(declaration.derivative_bounds or UNBOUNDED)))
+                    worst = max(worst, outside(slope, *(declaration.derivative_bounds or UNBOUNDED)))
             else:
                 samples = list(zip(self.grid.points, self.trajectory.signals[name], strict=True))
             for time, sample in samples:
-                worst = max(worst, _outside(sample, *declaration.bounds_at(self._index(time), name)))
+                worst = max(worst, outside(sample, *declaration.bounds_at(self._index(time), name)))
         return worst
 
     def reintegrate(self) -> tuple[float | None, float | None]:
@@ -271,40 +277,3 @@ def _integrate(rates: Callable[[int, float, Array], Array], i: int, start: float
     except (OverflowError, ZeroDivisionError, ValueError):
         return np.full_like(initial, np.inf)
     return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)
-
-
-def _rows(answer: Any, single: type | tuple[type, ...] = ()) -> list[Any]:
-    if isinstance(answer, Mapping):
-        return list(answer.values())
-    if isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
-        return list(answer)
-    return [answer]
-
-
-def _violation(row: Any) -> float:
-    """How far a stated relation is from holding."""
-    if row is Constraint.Skip:
-        return 0.0
-    if isinstance(row, RelationalExpression):
-        terms = [float(value(term)) for term in row.args]
-        if isinstance(row, EqualityExpression):
-            return abs(terms[0] - terms[1])
-        return max(_outside(smaller, None, larger) for smaller, larger in pairwise(terms))
-    if isinstance(row, tuple):
-        lower, body, upper = (row[1], row[0], row[1]) if len(row) == 2 else row
-        return _outside(*(None if each is None else float(value(each)) for each in (body, lower, upper)))  # type: ignore[arg-type]
-    return abs(float(value(row)))
-
-
-def _outside(number: float, lower: float | None, upper: float | None) -> float:
-    below = lower - number if lower is not None else 0.0
-    above = number - upper if upper is not None else 0.0
-    return float(max(below, above, 0.0))
-
-
-def _sides(pair: Any, statement: Statement) -> tuple[float, float]:
-    first, second, *choices = pair
-    choices = choices or [None, None]
-    sides = (canonical_side(side, choice, statement) for side, choice in zip((first, second), choices, strict=True))
-    a, b = (float(value(side.expression)) for side in sides)
-    return a, b

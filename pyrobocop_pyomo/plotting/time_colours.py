@@ -38,5 +38,6 @@ def evenly_moved(points: Array, snapshots: int) -> NDArray[np.int64]:
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=-1).mean(axis=-1)
     moved = np.concatenate([[0.0], np.cumsum(steps)])
-    wanted = np.searchsorted(moved, np.linspace(0.0, moved[-1], snapshots)[1:-1])
-    return np.unique([0, *wanted, len(points) - 1])
+    wanted = np.linspace(0.0, moved[-1], snapshots)[1:-1]
+    nearest = np.abs(moved[:, None] - wanted[None, :]).argmin(axis=0)
+    return np.unique([0, *nearest, len(points) - 1])

@@ -181,7 +181,7 @@ class Trajectory:
         Raises
         ------
         TrajectoryError
-            When a name is unknown.
+            When a name is unknown, or none is given.
         """
         chosen = self.names if names is None else list(names)
         unknown = [name for name in chosen if name not in self.names]

@@ -88,6 +88,11 @@ def test_lagrange_matrices_reproduce_any_polynomial(nodes: list[int], coefficien
     assert (integration_matrix(tau, [at]) @ polynomial(tau))[0] == pytest.approx(area, abs=area_scale)
 
 
+@pytest.mark.parametrize("gap", [0.0, 5e-324, 1e-250, 1e-150])
+def test_next_to_a_node_its_value_is_the_value(gap: float) -> None:
+    assert evaluation_matrix([0.0, 0.5, 1.0], [gap]).tolist() == [[1.0, pytest.approx(0), pytest.approx(0)]]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

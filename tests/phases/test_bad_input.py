@@ -91,6 +91,13 @@ def test_a_message_points_at_the_line_of_the_declaration() -> None:
         b.z = rcp.State(initial=2, bounds=(0, 1))
 
 
+def test_a_class_in_place_of_a_declaration_is_refused() -> None:
+    m, b = started()
+    with pytest.raises(DeclarationError, match=r"phase 'p': 'z' was given the class; write Algebraic\(\)"):
+        b.z = rcp.Algebraic
+    complete(m)
+
+
 def test_an_unknown_parametrization_is_refused() -> None:
     with pytest.raises(DeclarationError, match="'linear' is unknown; choose 'collocated' or"):
         rcp.Control(parametrization="linear")

@@ -211,6 +211,14 @@ def test_rules_that_need_the_grid_cost_the_re_integration_and_nothing_else() -> 
     assert "read the derivative of 'x', which is known at the grid only" in verdict.remarks[0]
 
 
+def test_rows_that_were_not_stated_through_the_phase_are_named_as_not_judged() -> None:
+    phase = hand_made()
+    phase.own_limit = pyo.Constraint(expr=phase.x[1.0] <= 1)
+    phase.own_pair = rcp.Complementarity(expr=rcp.complements(phase.x[1.0] >= 0, phase.k >= 1))
+    (remark,) = phase.trajectory().verify().remarks
+    assert remark == "not judged, since they were not stated through the phase: own_limit, own_pair."
+
+
 def test_an_unstable_motion_is_no_crash() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=10, elements=2, scheme="implicit_euler")

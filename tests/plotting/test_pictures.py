@@ -78,7 +78,7 @@ def test_signals_can_be_drawn_without_a_trajectory() -> None:
 def test_a_pushed_slider_is_drawn_at_each_snapshot(with_force: bool) -> None:
     time = np.linspace(0, 10, 21)
     pose = np.column_stack([0.1 * time, 0 * time, 0.3 * time])
-    contact = np.column_stack([np.full(21, -0.045), 0.01 * np.sin(time)])
+    contact = np.column_stack([np.full(21, -0.045), 0 * time])  # snapshots are spaced by motion: here it is even
     force = np.column_stack([np.full(21, 0.5), 0 * time]) if with_force else None
     figure = draw_planar_pushing(time, pose, contact, half_side=0.045, snapshots=5, title="push", force=force)
     axis = figure.axes[0]
