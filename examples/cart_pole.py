@@ -1,4 +1,8 @@
-"""Swing up a pole that hangs from a cart, and park the cart elsewhere."""
+"""Swing up a pole that hangs from a cart, and park the cart elsewhere.
+
+Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
+ICRA 2022, doi:10.1109/ICRA46639.2022.9812069
+"""
 
 from __future__ import annotations
 
@@ -13,9 +17,9 @@ CART, POLE, LENGTH, GRAVITY = 1.0, 1.0, 0.75, 9.8
 GOAL = 0.5
 
 
-def accelerations(theta, omega, force, sin=pyo.sin, cos=pyo.cos):
-    """Acceleration of the cart and of the pole's angle."""
-    s, c = sin(theta), cos(theta)
+def accelerations(theta, omega, force):
+    """Acceleration of the cart and of the pole's angle; plain arithmetic."""
+    s, c = pyo.sin(theta), pyo.cos(theta)
     moving = CART + POLE * s**2
     cart = (force + POLE * s * (LENGTH * omega**2 + GRAVITY * c)) / moving
     pole = (-force * c - POLE * LENGTH * omega**2 * c * s - (CART + POLE) * GRAVITY * s) / (LENGTH * moving)

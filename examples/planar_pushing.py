@@ -1,4 +1,12 @@
-"""Push a square slider across a table with one finger that may stick or slip."""
+"""Push a square slider across a table with one finger that may stick or slip.
+
+The finger pushes the left face. Its force lies within the friction cone; while it lies strictly within, the finger
+sticks, and it slips along the face only at the edge of the cone: one complementarity pair per direction. Nothing
+tells the optimiser when to stick and when to slip.
+
+Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
+ICRA 2022, sec. V-C and fig. 2, doi:10.1109/ICRA46639.2022.9812069
+"""
 
 from __future__ import annotations
 
@@ -14,12 +22,15 @@ FRICTION = 0.3
 GOALS = {"turn": (0.0, 0.0, pi), "turn-and-shift": (0.0, 0.5, pi)}
 
 
-def build(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100, duration: float = 10.0):
+def build(
+    goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100, duration: float = 10.0
+) -> pyo.ConcreteModel:
     """The pusher-slider with sticking and slipping contact, transcribed by implicit Euler."""
     m = pyo.ConcreteModel(name="planar pushing")
     m.push = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
     step = duration / elements
 
+    # The published bounds on rates, 5 m/s and 5 rad/s, are left out: with these forces they cannot be reached.
     b.x = rcp.State(initial=0, final=goal[0], bounds=(-5, 5))
     b.y = rcp.State(initial=0, final=goal[1], bounds=(-5, 5))
     b.theta = rcp.State(initial=0, final=goal[2], bounds=(-2 * pi, 2 * pi))
