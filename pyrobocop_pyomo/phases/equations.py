@@ -14,6 +14,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import collocation_rows
 
+from .answers import labelled_rows
 from .declarations import State, check_bounds
 from .record import PhaseRecord
 from .variables import add_generated
@@ -101,7 +102,7 @@ def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
 def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for implicit and algebraic equations."""
     what = f"phase '{block.name}': residual '{rule_name(rule)}'"
-    answers = _collect(block, record, rule, what)
+    answers = _collect(block, record, rule, what, "residual")
     for time, rows in answers.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
@@ -126,7 +127,7 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
 def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for path constraints."""
     what = f"phase '{block.name}': constraint '{rule_name(rule)}'"
-    answers = _collect(block, record, rule, what)
+    answers = _collect(block, record, rule, what, "constraint")
     for time, rows in answers.items():
         for row in rows.values():
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
@@ -139,7 +140,7 @@ def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
 def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     what = f"phase '{block.name}': complementarity '{rule_name(rule)}'"
-    answers = _collect(block, record, rule, what, single=tuple)
+    answers = _collect(block, record, rule, what, "complementarity")
     pairs = {_index(time, label): pair for time, rows in answers.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in answers.items() for label in rows}
     _check_name(block, rule_name(rule), what)
@@ -152,21 +153,14 @@ def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     block.add_component(rule_name(rule), component)
 
 
-def _collect(
-    block: Any, record: PhaseRecord, rule: Rule, what: str, single: type | tuple[type, ...] = ()
-) -> dict[float, dict[Hashable, Any]]:
-    """Answers of a rule at each point as {time: {label: row}}; label None where there is just one."""
+def _collect(block: Any, record: PhaseRecord, rule: Rule, what: str, kind: str) -> dict[float, dict[Hashable, Any]]:
+    """Answers of a rule at each point as {time: {label: row}}."""
     answers: dict[float, dict[Hashable, Any]] = {}
     for time in record.grid.points:
         answer = rule(block, time)
         if answer is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
-        if isinstance(answer, Mapping):
-            answers[time] = dict(answer)
-        elif isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
-            answers[time] = dict(enumerate(answer))
-        else:
-            answers[time] = {None: answer}
+        answers[time] = labelled_rows(kind, answer)
     return answers
 
 

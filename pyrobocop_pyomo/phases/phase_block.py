@@ -116,7 +116,8 @@ class PhaseBlockData(BlockData):
         """State path constraints: ``rule(phase, t)`` returns one or several relations.
 
         Usable as a decorator. They hold at each collocation point. Unlike residuals they do not
-        count as equations that determine states and algebraics.
+        count as equations that determine states and algebraics. A tuple ``(lower, body, upper)`` is one
+        relation, as everywhere in Pyomo.
 
         Raises
         ------

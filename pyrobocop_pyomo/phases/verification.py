@@ -16,10 +16,11 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .answers import labelled_rows
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .point_model import PointModel
 from .record import PhaseRecord, Statement
-from .violations import outside, rows, sides, violation
+from .violations import outside, sides, violation
 
 Array = NDArray[np.float64]
 
@@ -167,11 +168,10 @@ class _Judge:
                 for name, rate in self._rates(time).items():
                     defect = max(defect, abs(slope[name] - rate))
                 for statement in self._statements("residual") + self._statements("constraint"):
-                    for row in rows(self.point.ask(statement, time)):
+                    for row in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
                         equations = max(equations, violation(row))
                 for statement in self._statements("complementarity"):
-                    answer = self.point.ask(statement, time)
-                    for pair in rows(answer, single=tuple):
+                    for pair in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
                         if pair is Complementarity.Skip:
                             continue
                         a, b = sides(pair, statement)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -13,15 +12,6 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 from pyrobocop_pyomo.complementarity import canonical_side
 
 from .record import Statement
-
-
-def rows(answer: Any, single: type | tuple[type, ...] = ()) -> list[Any]:
-    """The rows of an answer; an instance of `single` is one row, not several."""
-    if isinstance(answer, Mapping):
-        return list(answer.values())
-    if isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
-        return list(answer)
-    return [answer]
 
 
 def violation(row: Any) -> float:

@@ -153,3 +153,29 @@ def test_the_fastest_way_from_rest_to_rest_takes_two_square_roots() -> None:
     solve(m, 1e-9)
     assert pyo.value(b.duration) == pytest.approx(2.0, abs=1e-5)
     assert b.trajectory().time[-1] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_a_tuple_of_three_numbers_and_expressions_is_one_row_with_two_bounds() -> None:
+    """Pyomo's own form; relations in a list or tuple are rows of their own."""
+    counts = {}
+    for name, rule in {
+        "ranged": lambda b, t: (-1, b.v[t], 0.9),
+        "relations": lambda b, t: (b.v[t] >= -1, b.v[t] <= 0.9),
+        "inequality": lambda b, t: pyo.inequality(-1, b.v[t], 0.9),
+    }.items():
+        m = pyo.ConcreteModel()
+        m.p = rcp.PhaseBlock(duration=1, elements=2, stages=1)
+        m.p.v = rcp.State(initial=0)
+        m.p.u = rcp.Control()
+        m.p.ode(lambda b, t: {b.v: b.u[t]})
+        rule.__name__ = name
+        m.p.constraint(rule)
+        rows = list(m.p.component(name).values())
+        counts[name] = len(rows)
+        assert min(row.ub for row in rows if row.ub is not None) == 0.9
+        for v in m.p.v.values():
+            v.set_value(2.0)
+        for u in m.p.u.values():
+            u.set_value(0.0)
+        assert m.p.trajectory().verify().equations == pytest.approx(1.1)
+    assert counts == {"ranged": 2, "relations": 4, "inequality": 2}
