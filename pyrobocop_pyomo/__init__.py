@@ -15,7 +15,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
 from pyrobocop_pyomo.mechanics import SquareSlider
-from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh, find_scheme, gauss_legendre, radau
+from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -39,7 +39,6 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 __all__ = [
     "Algebraic",
-    "CollocationScheme",
     "Complementarity",
     "Control",
     "Duration",
@@ -56,6 +55,7 @@ __all__ = [
     "PyRobocopError",
     "Quality",
     "Route",
+    "Scheme",
     "Scholtes",
     "SolveFailed",
     "SolveResult",
@@ -70,8 +70,10 @@ __all__ = [
     "complements",
     "draw_linkage",
     "draw_planar_pushing",
+    "explicit",
     "find_scheme",
     "gauss_legendre",
+    "lobatto",
     "radau",
     "solve",
 ]

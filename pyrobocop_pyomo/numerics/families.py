@@ -122,8 +122,7 @@ def find_scheme(scheme: str | Scheme, stages: int | None = None) -> Scheme:
     if isinstance(scheme, Scheme):
         if stages not in (None, scheme.stages):
             raise SchemeError(
-                f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. "
-                "Leave 'stages' out."
+                f"{scheme.name} has {scheme.stages} stages, but stages = {stages} was asked for. Leave 'stages' out."
             )
         return scheme
     if scheme in SINGLE_SCHEMES:

@@ -114,6 +114,11 @@ class Grid:
         """All stage times in order: where equations hold and controls live. Shared stages count once."""
         return tuple(sorted({time for row in self.stage_times for time in row}))
 
+    @property
+    def elements_share_points(self) -> bool:
+        """True when the last stage of an element is the first of the next."""
+        return self.scheme.starts_on_a_stage and self.scheme.stiffly_accurate
+
     @cached_property
     def times(self) -> tuple[float, ...]:
         """Boundaries and state nodes in order: where states live."""

@@ -67,8 +67,8 @@ class Scheme:
             )
         if self.c[-1] == 1.0 and not self.stiffly_accurate:
             raise SchemeError(
-                f"{self.name}: its last stage lies at the element end but is not the end value (the last row of A is not "
-                "b): the state would have two values there. Use a scheme without a stage at 1."
+                f"{self.name}: its last stage lies at the element end but is not the end value (the last row of A is "
+                "not b): the state would have two values there. Use a scheme without a stage at 1."
             )
         if np.linalg.cond(self._stage_matrix) > 1e12:
             raise SchemeError(f"{self.name}: the stage equations are singular; the stages cannot be told apart.")

@@ -33,6 +33,11 @@ def extract_trajectory(block: Any, record: PhaseRecord) -> Trajectory:
         signals={name: _read(block, name, grid.points) for name in names},
         parameters={name: float(value(block.component(name))) for name in record.names(Parameter)},
         pairs=_read_pairs(block, grid),
+        rates={
+            name: _read_rates(block, name, record.grid.points)
+            for name in record.names_of_states
+            if _has_rate(block, record, name)
+        },
         held=frozenset(name for name, declaration in record.declarations.items() if is_held(declaration)),
         phase=block,
     )
@@ -45,6 +50,15 @@ def _read(block: Any, name: str, times: tuple[float, ...]) -> np.ndarray:
         missing = variable[times[values.index(None)]]
         raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it a guess.")
     return np.array(values, dtype=float)
+
+
+def _has_rate(block: Any, record: PhaseRecord, name: str) -> bool:
+    return name in record.equation_of or block.component(f"{name}_derivative") is not None
+
+
+def _read_rates(block: Any, name: str, points: tuple[float, ...]) -> np.ndarray:
+    rates = block.derivative(name)
+    return np.array([float(value(rates[time])) for time in points])
 
 
 def _real_time(block: Any, record: PhaseRecord) -> Grid:

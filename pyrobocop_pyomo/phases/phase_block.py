@@ -16,7 +16,7 @@ from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedCompon
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import DeclarationError, MeshError, ModelError, TranscriptionError
-from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh, find_scheme
+from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
 
@@ -273,7 +273,7 @@ class PhaseBlockData(BlockData):
         duration: float | Duration,
         elements: int | None,
         mesh: Any,
-        scheme: str | CollocationScheme,
+        scheme: str | Scheme,
         stages: int | None,
         start: float,
     ) -> None:
@@ -356,7 +356,7 @@ class PhaseBlock(Block):
         Number of elements of a uniform mesh; 10 by default.
     mesh : sequence of float or Mesh, optional
         Element boundaries, from start to end, kept exactly as given. In normalised time with a free duration.
-    scheme : str or CollocationScheme
+    scheme : str or Scheme
         ``"radau"`` (default), ``"gauss"``, ``"implicit_euler"``, ``"implicit_midpoint"``, or a scheme object.
     stages : int, optional
         Collocation points per element; 3 by default.
@@ -411,7 +411,7 @@ class PhaseBlock(Block):
         duration: float | Duration = 1.0,
         elements: int | None = None,
         mesh: Any = None,
-        scheme: str | CollocationScheme = "radau",
+        scheme: str | Scheme = "radau",
         stages: int | None = None,
         start: float = 0.0,
         rule: Rule | None = None,

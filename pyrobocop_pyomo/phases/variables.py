@@ -106,6 +106,12 @@ def _add_indexed(block: Any, name: str, declaration: Declaration, index: Any, gu
 def _add_held_control(block: Any, record: PhaseRecord, name: str, control: Control, what: str) -> None:
     """One variable per element, seen at each collocation point of it: no extra rows are needed."""
     grid = record.grid
+    if grid.elements_share_points:
+        raise DeclarationError(
+            f"{what} (declared at {control.declared_at}): with the scheme {grid.scheme.name} neighbouring elements share "
+            "a collocation point, where a piecewise constant control would have two values. Choose another "
+            "parametrization, or a radau or gauss scheme."
+        )
     bounds = [_common_bounds(control, times, what) for times in grid.stage_times]
     guess = element_guess(control.guess, grid, what).tolist()
     values = {i: _within(value, bounds[i]) for i, value in enumerate(guess)}

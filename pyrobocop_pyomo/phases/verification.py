@@ -131,9 +131,20 @@ class _Judge:
         self.free_duration = block.has_free_duration
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
-        scheme, widths = self.grid.scheme, self.grid.mesh.widths
-        self.slopes = {name: values @ scheme.D.T / widths[:, None] for name, values in self.states.items()}
+        self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
+
+    def _slopes(self, name: str) -> Array:
+        """Derivatives at the stages: of the polynomial, or as handed over where its values do not determine them."""
+        scheme, widths = self.grid.scheme, self.grid.mesh.widths
+        if len(scheme.D) == scheme.stages:
+            return self.states[name] @ scheme.D.T / widths[:, None]
+        if name not in self.trajectory.rates:
+            raise TrajectoryError(
+                f"trajectory '{self.trajectory.name}' has no rates of '{name}'; with the scheme {scheme.name} the "
+                "values alone do not determine them. Extract it with phase.trajectory()."
+            )
+        return self.trajectory.element_rates(name)
 
     def _index(self, time: float) -> float:
         return (time - self.record.start) / self.trajectory.duration if self.free_duration else time
@@ -156,17 +167,18 @@ class _Judge:
             self.remarks.append(f"not judged, since they were not stated through the phase: {', '.join(own)}.")
 
     def at_collocation_points(self) -> tuple[float, float, float, float]:
-        defect = equations = natural = product = 0.0
+        equations = natural = product = 0.0
+        stated = {name: np.full_like(slopes, np.nan) for name, slopes in self.slopes.items()}
+        stage_states = {name: self._at_stages(each) for name, each in self.states.items()}
         for i, times in enumerate(self.grid.stage_times):
             for k, real_time in enumerate(times):
                 time = self._index(real_time)
-                values = {name: each[i, k + 1] for name, each in self.states.items()}
-                values |= {name: each[i, k] for name, each in self.signals.items()}
+                values = {name: each[i, k] for name, each in (stage_states | self.signals).items()}
                 slope = {name: float(each[i, k]) for name, each in self.slopes.items()}
                 self.point.set_values(values, slope)
                 self.point.set_bounds(time)
                 for name, rate in self._rates(time).items():
-                    defect = max(defect, abs(slope[name] - rate))
+                    stated[name][i, k] = rate
                 for statement in self._statements("residual") + self._statements("constraint"):
                     for row in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
                         equations = max(equations, violation(row))
@@ -176,7 +188,23 @@ class _Judge:
                             continue
                         a, b = sides(pair, statement)
                         natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
-        return defect, equations, natural, product
+        return self._defect(stated), equations, natural, product
+
+    def _at_stages(self, states: Array) -> Array:
+        """The columns of the nodes that are stages: all but an element start, or an end, that is none."""
+        scheme = self.grid.scheme
+        first = 0 if scheme.starts_on_a_stage else 1
+        return states[:, first : first + scheme.stages]
+
+    def _defect(self, stated: Mapping[str, Array]) -> float:
+        """How far the rows of the scheme are from holding with the stated rates, and these from the handed over."""
+        scheme, widths = self.grid.scheme, self.grid.mesh.widths
+        worst = 0.0
+        for name, slopes in self.slopes.items():
+            rates = np.where(np.isnan(stated[name]), slopes, stated[name])
+            rows = self.states[name] @ scheme.D.T / widths[:, None] - rates @ scheme.F.T
+            worst = max(worst, float(np.abs(rows).max()), float(np.abs(rates - slopes).max()))
+        return worst
 
     def continuity(self) -> float:
         end_weights = self.grid.scheme.end_weights

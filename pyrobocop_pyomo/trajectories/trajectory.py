@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh
+from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
 
 from .exchange import as_data_frame, as_time_series
@@ -35,6 +35,8 @@ class Trajectory:
         Values at every element boundary and collocation point.
     signals : dict of name to array, shape (len(points),)
         Algebraics and controls, at the collocation points.
+    rates : dict of name to array, shape (len(points),)
+        Derivatives of the states at the collocation points; may be empty.
     held : frozenset of str
         Those of the signals that are constant over each element.
     parameters : dict of name to float
@@ -55,6 +57,7 @@ class Trajectory:
     signals: Mapping[str, Array]
     parameters: Mapping[str, float]
     pairs: Mapping[str, Array]
+    rates: Mapping[str, Array] = field(default_factory=dict)
     held: frozenset[str] = frozenset()
     phase: Any = field(default=None, repr=False)
 
@@ -118,34 +121,43 @@ class Trajectory:
             )
         element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, self.grid.mesh.elements - 1)
         local = np.clip((times - boundaries[element]) / self.grid.mesh.widths[element], 0.0, 1.0)
-        state_weights = self.grid.scheme.state_at(local)
         stage_weights = self.grid.scheme.stage_polynomial_at(local)
-        values = {name: self._interpolate(self.element_states(name), state_weights, element) for name in self.states}
+        values = {name: self._interpolate_state(name, element, local) for name in self.states}
         values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
+
+    def _interpolate_state(self, name: str, element: NDArray[np.int64], local: Array) -> Array:
+        scheme = self.grid.scheme
+        per_element = self.element_states(name)
+        if not (scheme.starts_on_a_stage and scheme.is_collocation and name in self.rates):
+            return self._interpolate(per_element, scheme.state_at(local), element)
+        # The values at the nodes alone leave the polynomial of such a scheme one degree short.
+        increments = self._interpolate(self._per_stage(self.rates[name]), scheme.increments_at(local), element)
+        return per_element[element, 0] + self.grid.mesh.widths[element] * increments
 
     @staticmethod
     def _interpolate(per_element: Array, weights: Array, element: NDArray[np.int64]) -> Array:
         return np.einsum("tk,tk->t", weights, per_element[element])
 
     def element_states(self, name: str) -> Array:
-        """A state per element at its start and its stages, shape ``(N, s + 1)``."""
-        return self.states[name][self._state_positions]
+        """A state per element at its nodes, the element start first, shape ``(N, nodes)``."""
+        return self.states[name][self._positions(self.grid.times, self.grid.node_times)]
 
     def element_signals(self, name: str) -> Array:
         """An algebraic or control per element at the stages, shape ``(N, s)``."""
-        return self.signals[name].reshape(self.grid.mesh.elements, self.grid.scheme.stages)
+        return self._per_stage(self.signals[name])
 
-    @cached_property
-    def _state_positions(self) -> NDArray[np.int64]:
-        position = {time: i for i, time in enumerate(self.grid.times)}
-        starts = self.grid.mesh.boundaries[:-1]
-        return np.array(
-            [
-                [position[time] for time in (start, *stages)]
-                for start, stages in zip(starts, self.grid.stage_times, strict=True)
-            ]
-        )
+    def element_rates(self, name: str) -> Array:
+        """The derivative of a state per element at the stages, shape ``(N, s)``."""
+        return self._per_stage(self.rates[name])
+
+    def _per_stage(self, values: Array) -> Array:
+        return values[self._positions(self.grid.points, self.grid.stage_times)]
+
+    @staticmethod
+    def _positions(times: tuple[float, ...], per_element: tuple[tuple[float, ...], ...]) -> NDArray[np.int64]:
+        position = {time: i for i, time in enumerate(times)}
+        return np.array([[position[time] for time in row] for row in per_element])
 
     def verify(self, phase: Any = None) -> Any:
         """Judge these values by the equations of a phase, recomputed independently of the solver.
@@ -230,10 +242,10 @@ class Trajectory:
             "parameters": dict(self.parameters),
             "held": sorted(self.held),
         }
-        grid = {"boundaries": np.array(self.grid.mesh.boundaries), "points": self.grid.scheme.c}
-        return write_archive(
-            path, facts, {"grid": grid, "states": self.states, "signals": self.signals, "pairs": self.pairs}
-        )
+        scheme = self.grid.scheme
+        grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
+        groups = {"states": self.states, "signals": self.signals, "pairs": self.pairs, "rates": self.rates}
+        return write_archive(path, facts, {"grid": grid, **groups})
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:
@@ -247,7 +259,7 @@ class Trajectory:
         facts, groups = read_archive(path)
         try:
             grid = groups.pop("grid")
-            scheme = CollocationScheme.from_points(facts["scheme"], grid["points"])
+            scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
             return cls(
                 name=facts["name"],
                 grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),

@@ -1,12 +1,14 @@
 """The rows that make a polynomial follow a differential equation.
 
-On element ``i`` with width ``h_i``, start value ``x_{i,0}`` and stage values ``x_{i,1..s}``::
+On element ``i`` with width ``h_i``, values ``x_{i,n}`` at the state's nodes (the element start first) and right-hand
+sides ``f_{i,k}`` at the stages, with the matrices ``D`` and ``F`` of the scheme::
 
-    sum_{j=0..s} D[k, j] x_{i,j} - h_i f(t_{i,k}, ...) = 0          k = 1..s    (collocation)
-    x_{i+1,0} - sum_{j=0..s} end_weights[j] x_{i,j}    = 0                      (continuity)
+    sum_n D[r, n] x_{i,n} - h_i sum_k F[r, k] f_{i,k} = 0     one per row r          (collocation)
+    sum_n end_weights[n] x_{i,n} - x_{i+1,0}          = 0                            (continuity)
 
-The second family exists only where the last stage is not the element end. This differential form holds
-``f`` once per row; the integral form ``x_{i,k} = x_{i,0} + h_i sum_j A[k, j] f_j`` would hold it ``s`` times.
+The second family exists only where the element end is no node. ``F`` is the identity but for schemes that start and
+end on a stage, so this form holds ``f`` once or twice per row; the Runge-Kutta form ``x_{i,k} = x_{i,0} + h_i sum_j
+A[k, j] f_j`` would hold it up to ``s`` times.
 """
 
 from __future__ import annotations
@@ -40,13 +42,18 @@ def collocation_rows(
     (time, row) : tuple
         The collocation point and ``(body, 0)``, the tuple form of an equality constraint.
     """
-    coefficients = [row.tolist() for row in grid.scheme.D]
-    for i, times in enumerate(grid.stage_times):
-        variables = [state[grid.mesh.boundaries[i]], *(state[time] for time in times)]
-        width = widths[i]
-        for time, row in zip(times, coefficients, strict=True):
+    scheme = grid.scheme
+    coefficients = scheme.D.tolist()
+    mixtures = [[(k, weight) for k, weight in enumerate(row) if weight != 0.0] for row in scheme.F.tolist()]
+    for nodes, stages, width in zip(grid.node_times, grid.stage_times, widths, strict=True):
+        variables = [state[time] for time in nodes]
+        for stage, row, mixture in zip(scheme.row_stages, coefficients, mixtures, strict=True):
             # A LinearExpression from lists is several times cheaper to build, and to write, than a sum of products.
-            yield time, (LinearExpression(linear_vars=variables, linear_coefs=row) - width * rate[time], 0)
+            if len(mixture) == 1:
+                slope = rate[stages[stage]]
+            else:
+                slope = sum(weight * rate[stages[k]] for k, weight in mixture)
+            yield stages[stage], (LinearExpression(linear_vars=variables, linear_coefs=row) - width * slope, 0)
 
 
 def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[float, Any]]:
@@ -55,12 +62,12 @@ def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[fl
     Yields
     ------
     (time, row) : tuple
-        The element end and ``(body, 0)``. Nothing for a stiffly accurate scheme.
+        The element end and ``(body, 0)``. Nothing where the end is a node.
     """
-    if grid.scheme.stiffly_accurate:
+    if grid.scheme.end_is_a_node:
         return
     coefficients = [-1.0, *grid.scheme.end_weights.tolist()]
-    for i, times in enumerate(grid.stage_times):
-        start, end = grid.mesh.boundaries[i : i + 2]
-        variables = [state[end], state[start], *(state[time] for time in times)]
+    for i, nodes in enumerate(grid.node_times):
+        end = grid.mesh.boundaries[i + 1]
+        variables = [state[end], *(state[time] for time in nodes)]
         yield end, (LinearExpression(linear_vars=variables, linear_coefs=coefficients), 0)

@@ -41,7 +41,7 @@ def stage_guess(guess: Guess, grid: Grid, name: str) -> Array:
     """
     elements, points = grid.mesh.elements, grid.points
     values = _values(guess, points, {len(points), elements}, name, f"{elements} elements")
-    return values if len(values) == len(points) else np.repeat(values, grid.scheme.stages)
+    return values if len(values) == len(points) else values[[grid.element_of[time] for time in points]]
 
 
 def element_guess(guess: Guess, grid: Grid, name: str) -> Array:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pyrobocop_pyomo import CollocationScheme
+from pyrobocop_pyomo import Scheme
 
 
-def chebyshev(stages: int) -> CollocationScheme:
+def chebyshev(stages: int) -> Scheme:
     """Collocation at the roots of the Chebyshev polynomial of degree ``stages``, mapped to (0, 1).
 
     Points strictly increase in (0, 1]. A last point of exactly 1.0 makes the scheme stiffly accurate: it then
@@ -15,4 +15,4 @@ def chebyshev(stages: int) -> CollocationScheme:
     """
     k = np.arange(stages)
     roots = np.cos((2 * k + 1) * np.pi / (2 * stages))
-    return CollocationScheme.from_points(f"chebyshev({stages})", np.sort((1.0 + roots) / 2.0))
+    return Scheme.from_points(f"chebyshev({stages})", np.sort((1.0 + roots) / 2.0))

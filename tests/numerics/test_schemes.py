@@ -9,21 +9,25 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import SchemeError
 from pyrobocop_pyomo.numerics import (
-    CollocationScheme,
+    Scheme,
     differentiation_matrix,
     evaluation_matrix,
+    explicit,
     find_scheme,
     gauss_legendre,
     integration_matrix,
+    lobatto,
     radau,
 )
 
 STAGES = range(1, 13)
 SCHEMES = [scheme(s) for scheme in (radau, gauss_legendre) for s in STAGES]
+LOBATTO = [lobatto(s) for s in range(2, 13)]
+EXPLICIT = [explicit(s) for s in (1, 2, 3)]
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
-def test_state_polynomials_are_differentiated_exactly(scheme: CollocationScheme) -> None:
+def test_state_polynomials_are_differentiated_exactly(scheme: Scheme) -> None:
     for degree in range(scheme.stages + 1):
         values = scheme.state_nodes**degree
         expected = degree * scheme.c ** max(degree - 1, 0)
@@ -31,7 +35,7 @@ def test_state_polynomials_are_differentiated_exactly(scheme: CollocationScheme)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
-def test_quadrature_is_exact_below_the_order(scheme: CollocationScheme) -> None:
+def test_quadrature_is_exact_below_the_order(scheme: Scheme) -> None:
     for degree in range(scheme.order):
         assert scheme.b @ scheme.c**degree == pytest.approx(1 / (degree + 1), abs=1e-13)
 
@@ -44,7 +48,7 @@ def test_computed_order_is_the_known_one(stages: int) -> None:
 
 def test_order_is_computed_from_the_points_and_not_from_the_name() -> None:
     # One doubled digit in the middle point of radau(3): the order drops from 5 to 3.
-    assert CollocationScheme.from_points("typed", [0.155051, 0.6444949, 1.0]).order == 3
+    assert Scheme.from_points("typed", [0.155051, 0.6444949, 1.0]).order == 3
 
 
 @pytest.mark.parametrize("stages", STAGES)
@@ -99,7 +103,7 @@ def test_next_to_a_node_its_value_is_the_value(gap: float) -> None:
         (("runge", 3), "unknown scheme 'runge'; known are 'radau', 'gauss'"),
         (("radau", 0), "radau: stages = 0; expected an integer of at least 1"),
         (("gauss", 2.0), r"gauss: stages = 2\.0; expected an integer"),
-        (("implicit_euler", 2), "'implicit_euler' has one stage, but stages = 2"),
+        (("implicit_euler", 2), "'implicit_euler' has 1 stage, but stages = 2"),
         ((radau(2), 3), r"radau\(2\) has 2 stages, but stages = 3"),
     ],
 )
@@ -110,7 +114,50 @@ def test_a_scheme_that_does_not_exist_is_refused(arguments: tuple, message: str)
 
 def test_an_inconsistent_tableau_is_refused() -> None:
     good = radau(2)
-    with pytest.raises(SchemeError, match="row 1 of A differs by"):
-        CollocationScheme("mine", A=good.A + np.array([[0, 0], [0.1, 0]]), b=good.b, c=good.c)
+    with pytest.raises(SchemeError, match="row 1 of A sums to"):
+        Scheme("mine", A=good.A + np.array([[0, 0], [0.1, 0]]), b=good.b, c=good.c)
     with pytest.raises(SchemeError, match="must strictly increase"):
-        CollocationScheme.from_points("mine", [0.5, 0.2])
+        Scheme.from_points("mine", [0.5, 0.2])
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, *LOBATTO, *EXPLICIT], ids=str)
+def test_every_scheme_is_its_tableau_in_one_form_of_rows(scheme: Scheme) -> None:
+    """``D x = h F f`` and the end weights hold for what the Runge-Kutta form gives, for arbitrary right-hand sides."""
+    rng = np.random.default_rng(scheme.stages)
+    rates, start, width = rng.standard_normal(scheme.stages), rng.standard_normal(), 0.3
+    stage_values = start + width * scheme.A @ rates
+    end = start + width * scheme.b @ rates
+    values = {0.0: start, 1.0: end, **dict(zip(scheme.c.tolist(), stage_values, strict=True))}
+    nodes = np.array([values[tau] for tau in scheme.state_nodes.tolist()])
+    np.testing.assert_allclose(scheme.D @ nodes, width * scheme.F @ rates, atol=1e-9)
+    assert scheme.end_weights @ nodes == pytest.approx(end, abs=1e-10)
+    assert [scheme.F[row, stage] for row, stage in enumerate(scheme.row_stages)] == [1.0] * len(scheme.D)
+
+
+@pytest.mark.parametrize("scheme", LOBATTO, ids=str)
+def test_lobatto_is_symmetric_of_its_order_and_shares_its_ends(scheme: Scheme) -> None:
+    assert scheme.order == 2 * scheme.stages - 2
+    assert (scheme.c[0], scheme.c[-1]) == (0.0, 1.0)
+    assert scheme.starts_on_a_stage
+    assert scheme.stiffly_accurate
+    np.testing.assert_allclose(scheme.c + scheme.c[::-1], 1.0, atol=1e-15)
+    np.testing.assert_allclose(scheme.b, scheme.b[::-1], atol=1e-14)
+
+
+def test_named_members_are_the_textbook_ones() -> None:
+    trapezoid, simpson = find_scheme("trapezoid"), find_scheme("hermite_simpson")
+    np.testing.assert_allclose(trapezoid.A, [[0, 0], [0.5, 0.5]], atol=1e-15)
+    np.testing.assert_allclose(simpson.A, [[0, 0, 0], [5 / 24, 1 / 3, -1 / 24], [1 / 6, 2 / 3, 1 / 6]], atol=1e-15)
+    assert [scheme.order for scheme in EXPLICIT] == [1, 2, 3]
+    assert not EXPLICIT[2].is_collocation
+
+
+def test_a_stage_at_the_end_that_is_not_the_end_is_refused() -> None:
+    # The classical order-four method: its last stage lies at 1, beside the end value.
+    A = np.array([[0, 0, 0, 0], [1 / 3, 0, 0, 0], [-1 / 3, 1, 0, 0], [1, -1, 1, 0]])
+    with pytest.raises(SchemeError, match="its last stage lies at the element end but is not the end value"):
+        Scheme("three-eighths", A=A, b=np.array([1, 3, 3, 1]) / 8, c=A.sum(axis=1))
+    with pytest.raises(SchemeError, match="explicit: stages = 4; there are one to three"):
+        find_scheme("explicit", 4)
+    with pytest.raises(SchemeError, match="lobatto: stages = 1; expected an integer of at least 2"):
+        lobatto(1)

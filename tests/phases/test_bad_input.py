@@ -287,7 +287,7 @@ OPTIONS = {
     ),
     "scheme": ({"scheme": "euler"}, SchemeError, "unknown scheme 'euler'; known are 'radau'"),
     "stages": ({"stages": 0}, SchemeError, "stages = 0; expected an integer"),
-    "too many stages": ({"scheme": "implicit_euler", "stages": 2}, SchemeError, "'implicit_euler' has one stage"),
+    "too many stages": ({"scheme": "implicit_euler", "stages": 2}, SchemeError, "'implicit_euler' has 1 stage"),
     "start": ({"start": NAN}, DeclarationError, "start = nan; expected a finite number"),
 }
 

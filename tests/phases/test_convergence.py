@@ -12,7 +12,11 @@ from harness.phases import EXACT_COSTS, HORIZON, exact_x, exact_y, oscillators, 
 
 import pyrobocop_pyomo as rcp
 
-SCHEMES = [scheme(stages) for stages in range(1, 6) for scheme in (rcp.radau, rcp.gauss_legendre)]
+SCHEMES = [
+    *(scheme(stages) for stages in range(1, 6) for scheme in (rcp.radau, rcp.gauss_legendre)),
+    *(rcp.lobatto(stages) for stages in range(2, 6)),
+    *(rcp.explicit(stages) for stages in range(1, 4)),
+]
 # Fine enough for the leading term of the error, coarse enough for three meshes above rounding.
 MESHES = {
     1: (80, 120, 160, 240),
@@ -31,7 +35,7 @@ pytestmark = pytest.mark.casadi
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
-def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp.CollocationScheme) -> None:
+def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp.Scheme) -> None:
     state_errors, cost_errors = [], []
     for elements in MESHES[scheme.order]:
         m = oscillators(elements=elements, scheme=scheme)
@@ -51,7 +55,7 @@ def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp
     "scheme", [rcp.radau(1), rcp.radau(2), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(2)], ids=str
 )
 def test_a_differential_algebraic_equation_of_index_one_converges_with_the_computed_order(
-    scheme: rcp.CollocationScheme,
+    scheme: rcp.Scheme,
 ) -> None:
     """``x' - z = 0`` and ``z exp(-x) = cos(t)``, both implicit: then exp(-x) = 1 - sin(t)."""
     errors = []

@@ -28,7 +28,7 @@ def solved(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
 
 
 @each_scheme
-def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: rcp.CollocationScheme) -> None:
+def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: rcp.Scheme) -> None:
     substituted = solved(oscillators(elements=4, scheme=scheme))
     kept = pyo.ConcreteModel()
     kept.swing = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
@@ -44,7 +44,7 @@ def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: r
 
 
 @each_scheme
-def test_the_residual_form_is_the_ode_form(scheme: rcp.CollocationScheme) -> None:
+def test_the_residual_form_is_the_ode_form(scheme: rcp.Scheme) -> None:
     explicit = solved(oscillators(elements=4, scheme=scheme))
     implicit = pyo.ConcreteModel()
     implicit.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
@@ -61,7 +61,7 @@ def test_the_residual_form_is_the_ode_form(scheme: rcp.CollocationScheme) -> Non
 
 
 @each_scheme
-def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.CollocationScheme) -> None:
+def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.Scheme) -> None:
     fixed = solved(oscillators(elements=4, scheme=scheme, start=0.25))
     free = oscillators(elements=4, scheme=scheme, start=0.25, duration=rcp.Duration(bounds=(0.1, 9)))
     free.swing.duration.fix(HORIZON)
@@ -75,7 +75,7 @@ def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.Col
 @pytest.mark.parametrize(
     ("name", "scheme"), [("implicit_euler", rcp.radau(1)), ("implicit_midpoint", rcp.gauss_legendre(1))]
 )
-def test_the_one_stage_names_are_the_one_stage_members(name: str, scheme: rcp.CollocationScheme) -> None:
+def test_the_one_stage_names_are_the_one_stage_members(name: str, scheme: rcp.Scheme) -> None:
     by_name, member = (solved(oscillators(elements=5, scheme=each)) for each in (name, scheme))
     assert values(by_name.swing, "x", "y") == values(member.swing, "x", "y")
 
@@ -119,7 +119,7 @@ def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
 
 @each_scheme
 @pytest.mark.parametrize("duration", [HORIZON, rcp.Duration(bounds=(1.1, 1.3))])
-def test_an_integral_is_the_gain_of_an_additional_state(scheme: rcp.CollocationScheme, duration: Any) -> None:
+def test_an_integral_is_the_gain_of_an_additional_state(scheme: rcp.Scheme, duration: Any) -> None:
     m = oscillators(elements=3, scheme=scheme, duration=duration)
     m.swing.gain = rcp.State(initial=0)
     m.swing.ode(lambda b, t: {b.gain: b.x[t] * b.y[t] - b.clock(t)})

@@ -11,7 +11,7 @@ from harness.phases import free_variables, oscillators, rank, rows, undetermined
 import pyrobocop_pyomo as rcp
 
 
-def plant(scheme: rcp.CollocationScheme, parametrization: str = "collocated", **options: Any) -> pyo.ConcreteModel:
+def plant(scheme: rcp.Scheme, parametrization: str = "collocated", **options: Any) -> pyo.ConcreteModel:
     """Two states, an algebraic, a control, a parameter."""
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(**{"duration": 2, "elements": 6, "scheme": scheme, **options})
@@ -41,7 +41,7 @@ each_control = pytest.mark.parametrize("parametrization", ["collocated", "piecew
 
 @each_scheme
 @each_control
-def test_counts_follow_the_formulas(scheme: rcp.CollocationScheme, parametrization: str) -> None:
+def test_counts_follow_the_formulas(scheme: rcp.Scheme, parametrization: str) -> None:
     m, n, s = plant(scheme, parametrization), 6, scheme.stages
     ends = 0 if scheme.stiffly_accurate else n
     per_state = 1 + n * s + ends
@@ -55,7 +55,7 @@ def test_counts_follow_the_formulas(scheme: rcp.CollocationScheme, parametrizati
 
 @each_scheme
 @each_control
-def test_every_variable_is_determined(scheme: rcp.CollocationScheme, parametrization: str) -> None:
+def test_every_variable_is_determined(scheme: rcp.Scheme, parametrization: str) -> None:
     m = plant(scheme, parametrization, duration=rcp.Duration(bounds=(1, 2)))
     m.p.check()
     assert undetermined(m) == []
@@ -63,7 +63,7 @@ def test_every_variable_is_determined(scheme: rcp.CollocationScheme, parametriza
 
 
 @each_scheme
-def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.CollocationScheme) -> None:
+def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.Scheme) -> None:
     m = oscillators(scheme=scheme, elements=4)
     assert len(free_variables(m)) == len(rows(m)) == rank(m)
 
