@@ -147,7 +147,7 @@ class Scheme:
     def F(self) -> Array:
         """Coefficients of the right-hand sides in the rows, shape ``(rows, s)``: one 1 per row, and the shared first
         stage of a scheme that starts and ends on stages."""
-        matrix = np.linalg.solve(self._stage_matrix, self._increments)
+        matrix: Array = np.asarray(np.linalg.solve(self._stage_matrix, self._increments), dtype=np.float64)
         # Exact where it is exact: a coefficient that is zero by construction must not appear in a row.
         square = matrix[:, matrix.shape[1] - matrix.shape[0] :]
         square[...] = np.eye(len(square))
@@ -162,9 +162,9 @@ class Scheme:
     def end_weights(self) -> Array:
         """Value at the element end in terms of the values at `state_nodes`."""
         if self.end_is_a_node:
-            return np.eye(len(self.state_nodes))[-1]
+            return np.asarray(np.eye(len(self.state_nodes))[-1], dtype=np.float64)
         weights = np.linalg.solve(self._stage_matrix.T, self.b)
-        return np.concatenate([[1.0 - weights.sum()], weights])
+        return np.asarray([1.0 - weights.sum(), *weights], dtype=np.float64)
 
     def state_at(self, tau: ArrayLike) -> Array:
         """Weights of the values at `state_nodes` that give the state at local times, shape ``(len(tau), nodes)``.

@@ -108,8 +108,8 @@ def _add_held_control(block: Any, record: PhaseRecord, name: str, control: Contr
     grid = record.grid
     if grid.elements_share_points:
         raise DeclarationError(
-            f"{what} (declared at {control.declared_at}): with the scheme {grid.scheme.name} neighbouring elements share "
-            "a collocation point, where a piecewise constant control would have two values. Choose another "
+            f"{what} (declared at {control.declared_at}): with the scheme {grid.scheme.name} neighbouring elements "
+            "share a collocation point, where a piecewise constant control would have two values. Choose another "
             "parametrization, or a radau or gauss scheme."
         )
     bounds = [_common_bounds(control, times, what) for times in grid.stage_times]
