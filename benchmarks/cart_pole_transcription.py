@@ -46,7 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="20 elements, once")
     parser.add_argument("--elements", type=int, nargs="+", default=[50, 200, 1000])
-    parser.add_argument("--repeat", type=int, default=5, help="runs of each; the fastest counts")
+    parser.add_argument("--repeat", type=int, default=3, help="runs of each; the fastest counts")
     arguments = parser.parse_args()
     meshes, repeat = ([20], 1) if arguments.quick else (arguments.elements, arguments.repeat)
 

@@ -66,4 +66,4 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
 if __name__ == "__main__":
     from run_example import run_example
 
-    run_example(build, draw, cases={"published": {}}, default="published", coarse={"elements": 20})
+    run_example(build, draw, cases={"published": {}}, default="published", coarse={"elements": 20}, size=(10, 3.8))
