@@ -1,9 +1,18 @@
-"""Push a square slider across a table with one finger that may stick or slip."""
+"""Push a square slider across a table with one finger that may stick or slip.
+
+The finger pushes the left face. Its force lies within the friction cone; while it lies strictly within, the finger
+sticks, and it slips along the face only at the edge of the cone: one complementarity pair per direction. Nothing
+tells the optimiser when to stick and when to slip.
+
+Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
+ICRA 2022, sec. V-C and fig. 2, doi:10.1109/ICRA46639.2022.9812069
+"""
 
 from __future__ import annotations
 
 from math import pi
 
+import numpy as np
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
@@ -13,12 +22,15 @@ FRICTION = 0.3
 GOALS = {"turn": (0.0, 0.0, pi), "turn-and-shift": (0.0, 0.5, pi)}
 
 
-def build(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100, duration: float = 10.0):
+def build(
+    goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100, duration: float = 10.0
+) -> pyo.ConcreteModel:
     """The pusher-slider with sticking and slipping contact, transcribed by implicit Euler."""
     m = pyo.ConcreteModel(name="planar pushing")
     m.push = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
     step = duration / elements
 
+    # The published bounds on rates, 5 m/s and 5 rad/s, are left out: with these forces they cannot be reached.
     b.x = rcp.State(initial=0, final=goal[0], bounds=(-5, 5))
     b.y = rcp.State(initial=0, final=goal[1], bounds=(-5, 5))
     b.theta = rcp.State(initial=0, final=goal[2], bounds=(-2 * pi, 2 * pi))
@@ -60,3 +72,20 @@ def build(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 100,
         )
     )
     return m
+
+
+def draw(figure, m: pyo.ConcreteModel) -> None:
+    """Slider and pusher over time, where the pusher touches, and with what force."""
+    trajectory = m.push.trajectory()
+    pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
+    contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
+    above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    rcp.draw_planar_pushing(trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above)
+    trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)
+
+
+if __name__ == "__main__":
+    from run_example import run_example
+
+    cases = {name: {"goal": goal} for name, goal in GOALS.items()}
+    run_example(build, draw, cases=cases, default="all", coarse={"elements": 40}, size=(10, 8))

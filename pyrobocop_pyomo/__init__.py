@@ -25,7 +25,7 @@ from pyrobocop_pyomo.phases import (
     State,
     Verification,
 )
-from pyrobocop_pyomo.plotting import draw_planar_pushing
+from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
     Route,
@@ -68,6 +68,7 @@ __all__ = [
     "active_pairs",
     "available_routes",
     "complements",
+    "draw_linkage",
     "draw_planar_pushing",
     "find_scheme",
     "gauss_legendre",

@@ -5,11 +5,16 @@ from __future__ import annotations
 import os
 
 import pytest
+from hypothesis import settings
 
 from pyrobocop_pyomo.solving.asl_program import asl_available
 from pyrobocop_pyomo.solving.casadi_program import casadi_available
 from pyrobocop_pyomo.solving.ipopt_executable import configure_ipopt_executable
 from pyrobocop_pyomo.solving.ipopt_library import find_ipopt_library
+
+# A time limit per example fails on a busy machine, not on a wrong law.
+settings.register_profile("laws", deadline=None)
+settings.load_profile("laws")
 
 FINDERS = {
     "executable": lambda: configure_ipopt_executable() is not None,

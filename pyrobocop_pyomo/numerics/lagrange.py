@@ -42,8 +42,8 @@ def evaluation_matrix(nodes: ArrayLike, at: ArrayLike) -> Array:
     """
     nodes, at = np.asarray(nodes, dtype=float), np.atleast_1d(np.asarray(at, dtype=float))
     gaps = at[:, None] - nodes[None, :]
-    hits = gaps == 0.0
-    # On a node the barycentric quotient is infinite: the row is a unit vector there.
+    # On a node the barycentric quotient is infinite, and closer than this it overflows: a unit vector there.
+    hits = np.abs(gaps) < 1e-200
     matrix = hits.astype(float)
     between = ~hits.any(axis=1)
     terms = barycentric_weights(nodes) / gaps[between]

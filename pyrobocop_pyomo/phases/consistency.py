@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -25,7 +26,7 @@ def check_phase(block: Any, record: PhaseRecord) -> None:
 
 def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
     for name in record.names_of_states:
-        if name not in record.equation_of and block.component(f"{name}_derivative") is None:
+        if name not in record.equation_of and name not in record.kept_derivatives:
             where = record.declarations[name].declared_at
             raise TranscriptionError(
                 f"phase '{block.name}': state '{name}' (declared at {where}) has no equation. State its derivative in "
@@ -43,9 +44,8 @@ def _check_counts(block: Any, record: PhaseRecord) -> None:
     stated = {statement.name for statement in record.statements if statement.kind == "residual"}
     own = sum(
         _per_point(component, points)
-        for component in block.component_objects(Constraint, active=True, descend_into=False)
-        if component.local_name not in stated
-        and not component.local_name.endswith(("_collocation", "_continuity", "_equation"))
+        for component in _active_constraints(block)
+        if component.local_name not in stated | record.generated_rows
         and any(row.equality for row in component.values())
     )
     counts = (
@@ -72,6 +72,11 @@ def _complementarities(block: Any) -> list[Any]:
     ]
 
 
+def _active_constraints(block: Any) -> list[Any]:
+    # Not component_objects(active=True): that finds nothing in a phase which is itself deactivated.
+    return [component for component in block.component_map(Constraint).values() if component.active]
+
+
 def _per_point(component: Any, points: int) -> int:
     return -(-len(component) // points)
 
@@ -95,12 +100,17 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
 
 
 def _expressions(block: Any) -> Any:
-    # The phase's own pairs and rows first: nearly always everything is found within the first few.
+    # One row of each of the phase's own components first: nearly always everything is found there.
+    own = _active_constraints(block)
+    for component in own:
+        yield from (row.body for row in islice(component.values(), 1))
     for component in _complementarities(block):
         for data in component.values():
-            yield from (side for side in data.args if side is not None)
-    for owner in (block, block.model()):
-        for row in owner.component_data_objects(Constraint, active=True):
+            yield from data.args
+    for component in own:
+        for row in component.values():
             yield row.body
+    for row in block.model().component_data_objects(Constraint, active=True):
+        yield row.body
     for objective in block.model().component_data_objects(Objective, active=True):
         yield objective.expr

@@ -12,15 +12,24 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Union
+from typing import Any, Union
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import DeclarationError, TrajectoryError
 from pyrobocop_pyomo.transcription import Guess
+
+from .pickling import picklable_or_none
 
 Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007
 
 UNBOUNDED: Bounds = (None, None)
+
+
+def _lost_bounds(time: float) -> Bounds:
+    """Stand-in for a function that a pickle could not hold."""
+    raise TrajectoryError("a function for bounds did not survive pickling. Define it at the top level of a module.")
+
+
 _PACKAGE = str(Path(__file__).parents[1])
 
 
@@ -61,6 +70,18 @@ class Declaration:
         bounds = self.bounds(time) if callable(self.bounds) else self.bounds
         return check_bounds(bounds, f"{name} (declared at {self.declared_at})", "bounds")
 
+    def __getstate__(self) -> dict[str, Any]:
+        # The variables are built: a guess has done its work, and bounds are only asked again by a verification.
+        state = dict(self.__dict__)
+        if callable(self.guess):
+            state["guess"] = picklable_or_none(self.guess)
+        if callable(self.bounds):
+            state["bounds"] = picklable_or_none(self.bounds) or _lost_bounds
+        return state
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Declaration:
+        return self  # nothing in it can change, so that cloned models share it
+
 
 @dataclass(frozen=True, kw_only=True)
 class State(Declaration):
@@ -92,7 +113,8 @@ class Control(Declaration):
     Attributes
     ----------
     parametrization : {"collocated", "piecewise_constant"}
-        One value per collocation point (the default), or one per element.
+        One value per collocation point (the default), or one per element. The latter respects its bounds
+        at every collocation point of the element.
     """
 
     parametrization: str = "collocated"
@@ -119,6 +141,11 @@ class Duration(Declaration):
     """
 
 
+def is_held(declaration: Declaration) -> bool:
+    """True for a control with one value per element."""
+    return isinstance(declaration, Control) and declaration.parametrization == "piecewise_constant"
+
+
 def check_bounds(bounds: object, name: str, what: str) -> Bounds:
     """A pair (lower, upper) of finite numbers or None, in this order.
 
@@ -128,13 +155,18 @@ def check_bounds(bounds: object, name: str, what: str) -> Bounds:
         Naming the variable and the values.
     """
     try:
-        lower, upper = (None if value is None or math.isinf(value) else float(value) for value in bounds)  # type: ignore[attr-defined]
+        lower, upper = (None if value is None else float(value) for value in bounds)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         raise DeclarationError(
             f"{name}: {what} = {bounds!r}; expected a pair (lower, upper) of numbers or None."
         ) from None
     if any(value is not None and math.isnan(value) for value in (lower, upper)):
-        raise DeclarationError(f"{name}: {what} = {bounds!r} hold a NaN.")
+        raise DeclarationError(
+            f"{name}: {what} = {bounds!r} hold a NaN. Give numbers, or None where there is no bound."
+        )
+    if lower == math.inf or upper == -math.inf:
+        raise DeclarationError(f"{name}: {what} = {bounds!r} exclude every number. Give None where there is no bound.")
+    lower, upper = (None if value is None or math.isinf(value) else value for value in (lower, upper))
     if lower is not None and upper is not None and lower > upper:
-        raise DeclarationError(f"{name}: the lower of its {what}, {lower:g}, exceeds the upper, {upper:g}.")
+        raise DeclarationError(f"{name}: the lower of its {what}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
     return lower, upper

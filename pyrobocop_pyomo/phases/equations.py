@@ -7,21 +7,25 @@ from typing import Any
 
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import collocation_rows
 
+from .answers import labelled_rows
 from .declarations import State, check_bounds
 from .record import PhaseRecord
+from .variables import add_generated
 
 Rule = Callable[..., Any]
 
 
 def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for the states whose derivatives a rule gives."""
-    what = f"phase '{block.name}': ode '{rule.__name__}'"
+    what = f"phase '{block.name}': ode '{rule_name(rule)}'"
+    names: dict[Any, str] = {}
     rates: dict[str, dict[float, Any]] = {}
     for time in record.grid.points:
         answer = rule(block, time)
@@ -31,7 +35,14 @@ def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
                 "{state: right-hand side}. Is the return statement missing?"
             )
         for state, rate in answer.items():
-            rates.setdefault(block.state_name(state), {})[time] = rate
+            if state not in names:
+                names[state] = block.state_name(state)
+            if rate.__class__ not in native_numeric_types and not _is_numeric(rate):
+                raise TranscriptionError(
+                    f"{what} gives '{rate}' as the derivative of '{names[state]}' at t = {time:g}; expected a "
+                    "number or an expression. Is an index [t] missing?"
+                )
+            rates.setdefault(names[state], {})[time] = rate
     for name, values in rates.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
@@ -43,21 +54,18 @@ def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
                 f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one."
             )
         _add_state_equation(block, record, name, values)
-        record.equation_of[name] = rule.__name__
+        record.equation_of[name] = rule_name(rule)
 
 
 def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
     declaration = record.declarations[name]
     assert isinstance(declaration, State)
-    kept = block.component(f"{name}_derivative")
-    if kept is None and declaration.derivative_bounds is not None:
-        kept = add_derivative(block, record, name)
-    if kept is None:
+    if declaration.derivative_bounds is None and name not in record.kept_derivatives:
         _add_collocation(block, record, name, rates)
         record.rates[name] = rates
         return
-    rows = Constraint(block.points)
-    block.add_component(f"{name}_equation", rows)
+    kept = block.derivative(name)
+    rows = _add_generated_rows(block, record, f"{name}_equation")
     for time, rate in rates.items():
         rows.add(time, (kept[time] - rate, 0))
 
@@ -69,7 +77,8 @@ def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
     what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
     bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
     derivative = Var(block.points, bounds=bounds, initialize=0.0)
-    block.add_component(f"{name}_derivative", derivative)
+    add_generated(block, f"{name}_derivative", derivative)
+    record.kept_derivatives.add(name)
     _add_collocation(block, record, name, derivative)
     return derivative
 
@@ -78,21 +87,27 @@ def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[
     widths = record.grid.mesh.widths.tolist()
     if block.has_free_duration:
         widths = [width * block.duration for width in widths]
-    rows = Constraint(block.points)
-    block.add_component(f"{name}_collocation", rows)
+    rows = _add_generated_rows(block, record, f"{name}_collocation")
     for time, row in collocation_rows(block.component(name), rates, record.grid, widths):
         rows.add(time, row)
 
 
+def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
+    rows = Constraint(block.points)
+    add_generated(block, name, rows)
+    record.generated_rows.add(name)
+    return rows
+
+
 def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for implicit and algebraic equations."""
-    what = f"phase '{block.name}': residual '{rule.__name__}'"
-    answers = _collect(block, record, rule, what)
+    what = f"phase '{block.name}': residual '{rule_name(rule)}'"
+    answers = _collect(block, record, rule, what, "residual")
     for time, rows in answers.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
                 raise TranscriptionError(
-                    f"{what} states the inequality {row} at t = {time:g}; use 'constraint' for it."
+                    f"{what} states the inequality '{row}' at t = {time:g}. Write ==, or use 'constraint' for it."
                 )
             if not isinstance(row, RelationalExpression):
                 if not _is_expression(row):
@@ -100,13 +115,19 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
                         f"{what} returned {row!r} at t = {time:g}; expected an equality in variables."
                     )
                 rows[label] = row == 0
+        if len(rows) != len(next(iter(answers.values()))):
+            first, count = next((each, len(stated)) for each, stated in answers.items())
+            raise TranscriptionError(
+                f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
+                "many at every point. What holds at some points only is a 'constraint'."
+            )
     record.residuals_per_point += _add_rows(block, rule, answers)
 
 
 def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for path constraints."""
-    what = f"phase '{block.name}': constraint '{rule.__name__}'"
-    answers = _collect(block, record, rule, what)
+    what = f"phase '{block.name}': constraint '{rule_name(rule)}'"
+    answers = _collect(block, record, rule, what, "constraint")
     for time, rows in answers.items():
         for row in rows.values():
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
@@ -118,44 +139,37 @@ def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
 
 def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
-    what = f"phase '{block.name}': complementarity '{rule.__name__}'"
-    answers = _collect(block, record, rule, what, single=tuple)
+    what = f"phase '{block.name}': complementarity '{rule_name(rule)}'"
+    answers = _collect(block, record, rule, what, "complementarity")
     pairs = {_index(time, label): pair for time, rows in answers.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in answers.items() for label in rows}
-    _check_name(block, rule.__name__, what)
+    _check_name(block, rule_name(rule), what)
     component = Complementarity(
         list(pairs),
         rule=pairs,
         group={index: record.grid.element_of[time] for index, time in times.items()},
         weight={index: record.grid.quadrature_weights[time] for index, time in times.items()},
     )
-    block.add_component(rule.__name__, component)
+    block.add_component(rule_name(rule), component)
 
 
-def _collect(
-    block: Any, record: PhaseRecord, rule: Rule, what: str, single: type | tuple[type, ...] = ()
-) -> dict[float, dict[Hashable, Any]]:
-    """Answers of a rule at each point as {time: {label: row}}; label None where there is just one."""
+def _collect(block: Any, record: PhaseRecord, rule: Rule, what: str, kind: str) -> dict[float, dict[Hashable, Any]]:
+    """Answers of a rule at each point as {time: {label: row}}."""
     answers: dict[float, dict[Hashable, Any]] = {}
     for time in record.grid.points:
         answer = rule(block, time)
         if answer is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
-        if isinstance(answer, Mapping):
-            answers[time] = dict(answer)
-        elif isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
-            answers[time] = dict(enumerate(answer))
-        else:
-            answers[time] = {None: answer}
+        answers[time] = labelled_rows(kind, answer)
     return answers
 
 
 def _add_rows(block: Any, rule: Rule, answers: dict[float, dict[Hashable, Any]]) -> int:
-    """One indexed constraint named after the rule; returns the largest number of rows at a point."""
-    what = f"phase '{block.name}': rule '{rule.__name__}'"
-    _check_name(block, rule.__name__, what)
+    """One indexed constraint named after the rule; returns the number of rows at a point."""
+    name = rule_name(rule)
+    _check_name(block, name, f"phase '{block.name}': rule '{name}'")
     rows = Constraint([_index(time, label) for time, labelled in answers.items() for label in labelled])
-    block.add_component(rule.__name__, rows)
+    block.add_component(name, rows)
     for time, labelled in answers.items():
         for label, row in labelled.items():
             rows.add(_index(time, label), row)
@@ -172,6 +186,17 @@ def _check_name(block: Any, name: str, what: str) -> None:
             f"{what}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
             "Rename the function."
         )
+
+
+def rule_name(rule: Rule) -> str:
+    """Name of a rule; callable objects without one, such as partials, are named by their type."""
+    return getattr(rule, "__name__", type(rule).__name__)
+
+
+def _is_numeric(rate: object) -> bool:
+    """True for one Pyomo number: neither a relation nor a component that still needs an index."""
+    numeric = getattr(rate, "is_numeric_type", lambda: False)()
+    return numeric and not getattr(rate, "is_indexed", lambda: False)()
 
 
 def _is_expression(row: object) -> bool:

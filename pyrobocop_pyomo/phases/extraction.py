@@ -12,7 +12,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .declarations import Algebraic, Control, Parameter
+from .declarations import Algebraic, Control, Parameter, is_held
 from .record import PhaseRecord
 
 
@@ -33,7 +33,7 @@ def extract_trajectory(block: Any, record: PhaseRecord) -> Trajectory:
         signals={name: _read(block, name, grid.points) for name in names},
         parameters={name: float(value(block.component(name))) for name in record.names(Parameter)},
         pairs=_read_pairs(block, grid),
-        held=frozenset(name for name in record.names(Control) if block.component(f"{name}_per_element") is not None),
+        held=frozenset(name for name, declaration in record.declarations.items() if is_held(declaration)),
         phase=block,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
+from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
@@ -14,15 +15,16 @@ from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 from pyomo.core.base.set import Set
 
-from pyrobocop_pyomo.errors import DeclarationError, ModelError, PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.errors import DeclarationError, MeshError, ModelError, TranscriptionError
 from pyrobocop_pyomo.numerics import CollocationScheme, Grid, Mesh, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
 
 from .consistency import check_phase
 from .declarations import Declaration, Duration, check_bounds
-from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual
+from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual, rule_name
 from .extraction import extract_trajectory
+from .pickling import picklable_or_none
 from .record import PhaseRecord, Statement
 from .variables import add_duration, add_variables
 from .verification import Verification, verify
@@ -52,6 +54,8 @@ class PhaseBlockData(BlockData):
     def __setattr__(self, name: str, value: Any) -> None:
         if isinstance(value, Declaration):
             self.declare(name, value)
+        elif isinstance(value, type) and issubclass(value, Declaration):
+            raise DeclarationError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
         else:
             super().__setattr__(name, value)
 
@@ -67,7 +71,7 @@ class PhaseBlockData(BlockData):
         """
         if isinstance(declaration, Duration):
             raise DeclarationError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
-        if self.component(name) is not None or hasattr(type(self), name):
+        if hasattr(self, name):
             raise DeclarationError(
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
             )
@@ -112,7 +116,8 @@ class PhaseBlockData(BlockData):
         """State path constraints: ``rule(phase, t)`` returns one or several relations.
 
         Usable as a decorator. They hold at each collocation point. Unlike residuals they do not
-        count as equations that determine states and algebraics.
+        count as equations that determine states and algebraics. A tuple ``(lower, body, upper)`` is one
+        relation, as everywhere in Pyomo.
 
         Raises
         ------
@@ -151,8 +156,10 @@ class PhaseBlockData(BlockData):
         name = self.state_name(state)
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
-        kept = self.component(f"{name}_derivative")
-        return add_derivative(self, self.record, name) if kept is None else kept
+        if name in self.record.kept_derivatives:
+            return self.component(f"{name}_derivative")
+        with self._all_or_nothing():
+            return add_derivative(self, self.record, name)
 
     def integral(self, integrand: Rule) -> Any:
         """Integral of ``integrand(phase, t)`` over the phase, by the quadrature of the scheme.
@@ -163,7 +170,8 @@ class PhaseBlockData(BlockData):
             For an objective or a constraint; in real time also when the duration is a variable.
         """
         scale = self.duration if self.has_free_duration else 1.0
-        return quadrature(lambda time: integrand(self, time), self.record.grid, scale)
+        with PauseGC():
+            return quadrature(lambda time: integrand(self, time), self.record.grid, scale)
 
     def clock(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in a free duration."""
@@ -243,7 +251,7 @@ class PhaseBlockData(BlockData):
     def _state(self, kind: str, rule: Rule, add: Callable[..., None]) -> Rule:
         with self._all_or_nothing(), PauseGC():
             add(self, self.record, rule)
-            self.record.statements.append(Statement(kind, rule.__name__, rule))
+            self.record.statements.append(Statement(kind, rule_name(rule), rule))
         return rule
 
     @contextmanager
@@ -270,7 +278,7 @@ class PhaseBlockData(BlockData):
         start: float,
     ) -> None:
         """Set up grid, index sets and duration; every argument is checked before anything is added."""
-        if not (isinstance(start, (int, float)) and math.isfinite(start)):
+        if not (isinstance(start, Real) and math.isfinite(start)):
             raise DeclarationError(f"{self._what}: start = {start!r}; expected a finite number.")
         if isinstance(duration, Duration):
             bounds = check_bounds(duration.bounds, self._what, "duration bounds")
@@ -281,7 +289,7 @@ class PhaseBlockData(BlockData):
                 )
             first, last = 0.0, 1.0
         else:
-            if isinstance(duration, bool) or not isinstance(duration, (int, float)) or not 0 < duration < math.inf:
+            if isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < duration < math.inf:
                 raise DeclarationError(
                     f"{self._what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...)."
                 )
@@ -299,10 +307,17 @@ class PhaseBlockData(BlockData):
 def _make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mesh:
     if mesh is None:
         return Mesh.uniform(first, last, 10 if elements is None else elements)
-    made = mesh if isinstance(mesh, Mesh) else Mesh.given(mesh)
+    try:
+        made = mesh if isinstance(mesh, Mesh) else Mesh.given(mesh)
+    except MeshError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise MeshError(f"mesh = {mesh!r} is no sequence of element boundaries ({error}).") from None
     if elements not in (None, made.elements):
         raise DeclarationError(f"elements = {elements}, but the given mesh has {made.elements}. Leave 'elements' out.")
-    if (made.boundaries[0], made.boundaries[-1]) != (first, last):
+    # Both ends may come out of sums: 0.1 + 0.2 is not 0.3. The mesh, as given, is what counts.
+    close = 1e-12 * max(abs(first), abs(last))
+    if abs(made.boundaries[0] - first) > close or abs(made.boundaries[-1] - last) > close:
         raise DeclarationError(
             f"the mesh runs from {made.boundaries[0]:g} to {made.boundaries[-1]:g}, the phase from {first:g} to "
             f"{last:g}. A phase with a free duration takes a mesh from 0 to 1."
@@ -320,7 +335,11 @@ class _BuildPhase:
     def __call__(self, block: PhaseBlockData, *index: Hashable) -> None:
         block._build(**self.options)
         if self.rule is not None:
-            self.rule(block, *index)
+            # Pyomo passes the index None to a rule of a scalar block that takes any number of arguments.
+            self.rule(block, *(index if block.parent_component().is_indexed() else ()))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"options": self.options, "rule": picklable_or_none(self.rule)}
 
 
 @ModelComponentFactory.register("A phase of motion: states, controls and equations over one horizon.")
@@ -409,10 +428,10 @@ class PhaseBlock(Block):
         super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
 
     def construct(self, data: Any = None) -> None:
-        """Build the phase; on an error in what the user stated, take it off the model again."""
+        """Build the phase; on any error, the user's own included, take it off the model again."""
         try:
             super().construct(data)
-        except PyRobocopError:
+        except BaseException:
             parent = self.parent_block()
             if parent is not None and parent.component(self.local_name) is self:
                 parent.del_component(self)
@@ -433,3 +452,11 @@ class ScalarPhaseBlock(PhaseBlockData, PhaseBlock):
 
 class IndexedPhaseBlock(PhaseBlock):
     """Phases over an index set."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if isinstance(value, Declaration):
+            raise DeclarationError(
+                f"phases '{self.name}': '{name}' (declared at {value.declared_at}) is declared on one phase at a time. "
+                "Pass rule=..., or assign it to each of the phases."
+            )
+        super().__setattr__(name, value)

@@ -49,6 +49,7 @@ class PointModel:
         self._variables: dict[str, Any] = {}
         self._derivatives: dict[str, Any] = {}
         self._signals: dict[str, Any] = {}
+        self._forgotten: set[str] = set()
         for i, (name, declaration) in enumerate(record.declarations.items()):
             variable = Var()
             scratch.add_component(f"v{i}", variable)
@@ -68,7 +69,10 @@ class PointModel:
 
     def derivative(self, state: Any) -> _Signal:
         """The derivative of a state, as `PhaseBlock.derivative` gives it."""
-        return _Signal("derivative", self._derivatives[self.state_name(state)])
+        name = self.state_name(state)
+        if name in self._forgotten:
+            raise TrajectoryError(f"the rules read the derivative of '{name}', which is known at the grid only.")
+        return _Signal("derivative", self._derivatives[name])
 
     def state_name(self, state: Any) -> str:
         """Name of a state given by its stand-in or its name."""
@@ -84,6 +88,11 @@ class PointModel:
             self._variables[name].set_value(float(value), skip_validation=True)
         for name, value in (derivatives or {}).items():
             self._derivatives[name].set_value(float(value), skip_validation=True)
+        self._forgotten -= set(derivatives or ())
+
+    def forget_derivatives(self) -> None:
+        """Refuse to answer `derivative` until new values are set."""
+        self._forgotten = set(self._derivatives)
 
     def set_bounds(self, time: float) -> None:
         """Give the scratch variables the bounds of a time: pairs may mean a variable's own bound."""

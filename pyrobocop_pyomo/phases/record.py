@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Declaration, Duration, State
+from .pickling import picklable_or_none
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,7 @@ class Statement:
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        state = dict(self.__dict__)
-        try:
-            pickle.dumps(self.rule)
-        except Exception:
-            state["rule"] = None
-        return state
+        return {**self.__dict__, "rule": picklable_or_none(self.rule)}
 
 
 @dataclass
@@ -54,6 +49,10 @@ class PhaseRecord:
     equation_of : dict of state name to the name of the rule that gives its derivative
     rates : dict of state name to {collocation point: expression}
         Right-hand sides that were substituted.
+    kept_derivatives : set of str
+        States whose derivative is a variable of its own.
+    generated_rows : set of str
+        Names of the constraints that tie states to their derivatives: no equations of the user's.
     residuals_per_point : int
         Number of residual equations stated so far, per collocation point.
     """
@@ -65,6 +64,8 @@ class PhaseRecord:
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
+    kept_derivatives: set[str] = field(default_factory=set)
+    generated_rows: set[str] = field(default_factory=set)
     residuals_per_point: int = 0
 
     def names(self, kind: type[Declaration]) -> list[str]:
@@ -81,6 +82,6 @@ class PhaseRecord:
         duplicate = copy.copy(self)
         for each in fields(self):
             value = getattr(self, each.name)
-            if isinstance(value, (dict, list)):
+            if isinstance(value, (dict, list, set)):
                 setattr(duplicate, each.name, copy.copy(value))
         return duplicate

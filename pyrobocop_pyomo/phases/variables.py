@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from numbers import Real
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -12,7 +14,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import DeclarationError, GuessError
 from pyrobocop_pyomo.transcription import continuity_rows, element_guess, number_guess, stage_guess, state_guess
 
-from .declarations import Algebraic, Bounds, Control, Declaration, Duration, Parameter, State, check_bounds
+from .declarations import Algebraic, Bounds, Control, Declaration, Duration, Parameter, State, check_bounds, is_held
 from .record import PhaseRecord
 
 
@@ -27,7 +29,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
     what = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
     if isinstance(declaration, State):
         _add_state(block, record, name, declaration, what)
-    elif isinstance(declaration, Control) and declaration.parametrization == "piecewise_constant":
+    elif isinstance(declaration, Control) and is_held(declaration):
         _add_held_control(block, record, name, declaration, what)
     elif isinstance(declaration, (Algebraic, Control)):
         _add_indexed(block, name, declaration, block.points, stage_guess(declaration.guess, record.grid, what), what)
@@ -54,7 +56,23 @@ def add_duration(block: Any, record: PhaseRecord) -> None:
         guess = number_guess(duration.guess, what)
         if guess <= 0:
             raise GuessError(f"{what}: the guess is {guess:g}; it must be positive.")
-    block.duration = Var(bounds=(lower, upper), initialize=guess)
+    block.duration = Var(bounds=(lower, upper), initialize=_within(guess, (lower, upper)))
+
+
+def add_generated(block: Any, name: str, component: Any) -> None:
+    """Add what is named after a declaration, not by the user.
+
+    Raises
+    ------
+    DeclarationError
+        When the name is taken.
+    """
+    if hasattr(block, name):
+        raise DeclarationError(
+            f"phase '{block.name}': the name '{name}' is needed for what is generated, but it is taken. "
+            "Choose another name for yours."
+        )
+    block.add_component(name, component)
 
 
 def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: str) -> None:
@@ -66,31 +84,46 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: s
     rows = dict(continuity_rows(variable, grid))
     if rows:
         continuity = Constraint(list(rows))
-        block.add_component(f"{name}_continuity", continuity)
+        add_generated(block, f"{name}_continuity", continuity)
+        record.generated_rows.add(f"{name}_continuity")
         for time, row in rows.items():
             continuity.add(time, row)
 
 
 def _add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, what: str) -> None:
-    bounds = {time: declaration.bounds_at(time, what) for time in index} if callable(declaration.bounds) else None
-    common = declaration.bounds_at(0.0, what) if bounds is None else None
-    values = {
-        time: _within(value, common if bounds is None else bounds[time])
-        for time, value in zip(index, guess.tolist(), strict=True)
-    }
-    block.add_component(name, Var(index, bounds=common if bounds is None else bounds, initialize=values))
+    if callable(declaration.bounds):
+        each_bounds = [declaration.bounds_at(time, what) for time in index]
+        variable = Var(index, bounds=dict(zip(index, each_bounds, strict=True)))
+    else:
+        each_bounds = [declaration.bounds_at(0.0, what)] * len(index)
+        variable = Var(index, bounds=each_bounds[0])
+    block.add_component(name, variable)
+    # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
+    for data, value, bounds in zip(variable.values(), guess.tolist(), each_bounds, strict=True):
+        data.set_value(_within(value, bounds), skip_validation=True)
 
 
 def _add_held_control(block: Any, record: PhaseRecord, name: str, control: Control, what: str) -> None:
     """One variable per element, seen at each collocation point of it: no extra rows are needed."""
     grid = record.grid
-    starts = grid.mesh.boundaries[:-1]
-    bounds = [control.bounds_at(time, what) for time in starts]
+    bounds = [_common_bounds(control, times, what) for times in grid.stage_times]
     guess = element_guess(control.guess, grid, what).tolist()
     values = {i: _within(value, bounds[i]) for i, value in enumerate(guess)}
     held = Var(RangeSet(0, grid.mesh.elements - 1), bounds=dict(enumerate(bounds)), initialize=values)
-    block.add_component(f"{name}_per_element", held)
+    add_generated(block, f"{name}_per_element", held)
     block.add_component(name, Reference({time: held[element] for time, element in grid.element_of.items()}))
+
+
+def _common_bounds(control: Control, times: tuple[float, ...], what: str) -> Bounds:
+    """What the bounds at several times leave in common: one value has to respect them all."""
+    if not callable(control.bounds):
+        return control.bounds_at(times[0], what)
+    lowers, uppers = zip(*(control.bounds_at(time, what) for time in times), strict=True)
+    lower = max((each for each in lowers if each is not None), default=None)
+    upper = min((each for each in uppers if each is not None), default=None)
+    return check_bounds(
+        (lower, upper), f"{what} (declared at {control.declared_at})", f"bounds between {times[0]:g} and {times[-1]:g}"
+    )
 
 
 def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: str, where: str) -> None:
@@ -108,9 +141,11 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: st
         variable.setub(tightest_upper)
         variable.set_value(_within(variable.value, (tightest_lower, tightest_upper)))
         return
-    value, _ = check_bounds((given, None), what, f"{where} value")
-    if value is None:
-        raise DeclarationError(f"{what}: its {where} value is {given}; expected a finite number.")
+    if not isinstance(given, Real) or not math.isfinite(given):
+        raise DeclarationError(
+            f"{what}: its {where} value is {given!r}; expected a finite number, a tuple (lower, upper), or None."
+        )
+    value = float(given)
     outside = (variable.lb is not None and value < variable.lb) or (variable.ub is not None and value > variable.ub)
     if outside:
         raise DeclarationError(

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
-from pyrobocop_pyomo.complementarity import canonical_side
+from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .answers import labelled_rows
+from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .point_model import PointModel
 from .record import PhaseRecord, Statement
+from .violations import outside, sides, violation
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ class Verification:
     equations : float
         Violation of residual equations and path constraints at the collocation points.
     bounds : float
-        Violation of declared bounds and boundary values.
+        Violation of declared bounds, those of derivatives and of the duration included, and of boundary values.
     natural_residual : float
         Largest ``|min(a, b)|`` over all complementarity pairs.
     product : float
@@ -91,13 +92,19 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
     TrajectoryError
         When the trajectory has other variables than the phase.
     """
-    expected = set(record.names_of_states)
-    if set(trajectory.states) != expected:
-        raise TrajectoryError(
-            f"trajectory '{trajectory.name}' has the states {sorted(trajectory.states)}, phase '{block.name}' has "
-            f"{sorted(expected)}."
-        )
+    signals = record.names(Algebraic) + record.names(Control)
+    for kind, given, needed in (
+        ("states", trajectory.states, record.names_of_states),
+        ("algebraics and controls", trajectory.signals, signals),
+        ("parameters", trajectory.parameters, record.names(Parameter)),
+    ):
+        if set(given) != set(needed):
+            raise TrajectoryError(
+                f"trajectory '{trajectory.name}' has the {kind} {sorted(given)}, phase '{block.name}' has "
+                f"{sorted(needed)}. Verify it by the phase that it belongs to."
+            )
     judge = _Judge(block, record, trajectory)
+    judge.remark_what_is_not_stated(block)
     defect, equations, natural, product = judge.at_collocation_points()
     element_error, horizon_error = judge.reintegrate()
     return Verification(
@@ -124,6 +131,8 @@ class _Judge:
         self.free_duration = block.has_free_duration
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
+        scheme, widths = self.grid.scheme, self.grid.mesh.widths
+        self.slopes = {name: values @ scheme.D.T / widths[:, None] for name, values in self.states.items()}
         self.remarks: list[str] = []
 
     def _index(self, time: float) -> float:
@@ -140,27 +149,32 @@ class _Judge:
             for state, rate in self.point.ask(statement, time).items()
         }
 
+    def remark_what_is_not_stated(self, block: Any) -> None:
+        known = self.record.generated_rows | {statement.name for statement in self.record.statements}
+        own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
+        if own:
+            self.remarks.append(f"not judged, since they were not stated through the phase: {', '.join(own)}.")
+
     def at_collocation_points(self) -> tuple[float, float, float, float]:
-        scheme, widths = self.grid.scheme, self.grid.mesh.widths
-        slopes = {name: values @ scheme.D.T / widths[:, None] for name, values in self.states.items()}
         defect = equations = natural = product = 0.0
         for i, times in enumerate(self.grid.stage_times):
             for k, real_time in enumerate(times):
                 time = self._index(real_time)
                 values = {name: each[i, k + 1] for name, each in self.states.items()}
                 values |= {name: each[i, k] for name, each in self.signals.items()}
-                slope = {name: each[i, k] for name, each in slopes.items()}
+                slope = {name: float(each[i, k]) for name, each in self.slopes.items()}
                 self.point.set_values(values, slope)
                 self.point.set_bounds(time)
                 for name, rate in self._rates(time).items():
                     defect = max(defect, abs(slope[name] - rate))
                 for statement in self._statements("residual") + self._statements("constraint"):
-                    for row in _rows(self.point.ask(statement, time)):
-                        equations = max(equations, _violation(row))
+                    for row in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
+                        equations = max(equations, violation(row))
                 for statement in self._statements("complementarity"):
-                    answer = self.point.ask(statement, time)
-                    for pair in answer if isinstance(answer, list) else _rows(answer, single=tuple):
-                        a, b = _sides(pair, statement)
+                    for pair in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
+                        if pair is Complementarity.Skip:
+                            continue
+                        a, b = sides(pair, statement)
                         natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
         return defect, equations, natural, product
 
@@ -172,26 +186,31 @@ class _Judge:
 
     def bounds(self) -> float:
         worst = 0.0
+        if isinstance(self.record.duration, Duration):
+            worst = outside(self.trajectory.duration, *self.record.duration.bounds_at(0.0, "duration"))
         for name, declaration in self.record.declarations.items():
             if name in self.trajectory.parameters:
                 samples = [(0.0, self.trajectory.parameters[name])]
             elif name in self.trajectory.states:
                 samples = list(zip(self.grid.times, self.trajectory.states[name], strict=True))
-                for given, reached in (
-                    (getattr(declaration, "initial", None), samples[0][1]),
-                    (getattr(declaration, "final", None), samples[-1][1]),
-                ):
+                assert isinstance(declaration, State)
+                for given, reached in ((declaration.initial, samples[0][1]), (declaration.final, samples[-1][1])):
                     lower, upper = given if isinstance(given, tuple) else (given, given)
-                    worst = max(worst, _outside(reached, lower, upper))
+                    worst = max(worst, outside(reached, lower, upper))
+                for slope in self.slopes[name].ravel():
+                    worst = max(worst, outside(slope, *(declaration.derivative_bounds or UNBOUNDED)))
             else:
                 samples = list(zip(self.grid.points, self.trajectory.signals[name], strict=True))
             for time, sample in samples:
-                worst = max(worst, _outside(sample, *declaration.bounds_at(self._index(time), name)))
+                worst = max(worst, outside(sample, *declaration.bounds_at(self._index(time), name)))
         return worst
 
     def reintegrate(self) -> tuple[float | None, float | None]:
         """Errors at element ends of an adaptive integration with the trajectory's controls and algebraics."""
         names = list(self.states)
+        if not names:
+            self.remarks.append("re-integration needs states; there are none.")
+            return None, None
         if set(self.record.equation_of) != set(names):
             implicit = sorted(set(names) - set(self.record.equation_of))
             self.remarks.append(
@@ -199,18 +218,22 @@ class _Judge:
             )
             return None, None
         rates = self._rate_function(names)
+        try:
+            return self._reintegrate(names, rates)
+        except TrajectoryError as error:
+            self.remarks.append(f"re-integration asks between the points of the grid, which failed: {error}")
+            return None, None
+
+    def _reintegrate(self, names: list[str], rates: Callable[[int, float, Array], Array]) -> tuple[float, float]:
         boundaries = self.grid.mesh.boundaries
         element_error = horizon_error = 0.0
         carried = np.array([self.states[name][0, 0] for name in names])
         for i in range(self.grid.mesh.elements):
             start, end = boundaries[i : i + 2]
             own = np.array([self.states[name][i, 0] for name in names])
-            position = len(self.grid.times) - 1 if i + 1 == self.grid.mesh.elements else None
+            last = i + 1 == self.grid.mesh.elements
             reached = np.array(
-                [
-                    self.trajectory.states[name][position] if position is not None else self.states[name][i + 1, 0]
-                    for name in names
-                ]
+                [self.trajectory.states[name][-1] if last else self.states[name][i + 1, 0] for name in names]
             )
             carried_is_own = np.array_equal(carried, own)
             single = _integrate(rates, i, start, end, own)
@@ -234,6 +257,7 @@ class _Judge:
                 **{name: weights @ each[element] for name, each in self.signals.items()},
             }
             self.point.set_values(values)
+            self.point.forget_derivatives()
             answer = self._rates(self._index(time))
             return np.array([answer[name] for name in names])
 
@@ -244,47 +268,12 @@ def _integrate(rates: Callable[[int, float, Array], Array], i: int, start: float
     if not np.isfinite(initial).all():
         return np.full_like(initial, np.inf)
     try:
-        answer = scipy.integrate.solve_ivp(
-            lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11
-        )
+        with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
+            answer = scipy.integrate.solve_ivp(
+                lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11
+            )
+    except TrajectoryError:
+        raise  # a rule that cannot be asked says nothing about the motion
     except (OverflowError, ZeroDivisionError, ValueError):
         return np.full_like(initial, np.inf)
     return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)
-
-
-def _rows(answer: Any, single: type | tuple[type, ...] = ()) -> list[Any]:
-    if isinstance(answer, Mapping):
-        return list(answer.values())
-    if isinstance(answer, (list, tuple)) and not (single and isinstance(answer, single)):
-        return list(answer)
-    return [answer]
-
-
-def _violation(row: Any) -> float:
-    """How far a stated relation is from holding."""
-    if row is Constraint.Skip:
-        return 0.0
-    if isinstance(row, RelationalExpression):
-        numbers = [float(value(side)) for side in row.args]
-        if isinstance(row, EqualityExpression):
-            return abs(numbers[0] - numbers[1])
-        # Both kinds of inequality are ordered: smaller <= larger, or lower <= body <= upper.
-        return max(0.0, *(smaller - larger for smaller, larger in pairwise(numbers)))
-    if isinstance(row, tuple):
-        lower, body, upper = (row[1], row[0], row[1]) if len(row) == 2 else row
-        return _outside(*(None if each is None else float(value(each)) for each in (body, lower, upper)))  # type: ignore[arg-type]
-    return abs(float(value(row)))
-
-
-def _outside(number: float, lower: float | None, upper: float | None) -> float:
-    below = lower - number if lower is not None else 0.0
-    above = number - upper if upper is not None else 0.0
-    return float(max(below, above, 0.0))
-
-
-def _sides(pair: Any, statement: Statement) -> tuple[float, float]:
-    first, second, *choices = pair
-    choices = choices or [None, None]
-    sides = (canonical_side(side, choice, statement) for side, choice in zip((first, second), choices, strict=True))
-    a, b = (float(value(side.expression)) for side in sides)
-    return a, b

@@ -1,6 +1,7 @@
 """Pictures from plain arrays: the only reader of Matplotlib."""
 
+from .linkage import draw_linkage
 from .planar_pushing import draw_planar_pushing
 from .signals import plot_signals
 
-__all__ = ["draw_planar_pushing", "plot_signals"]
+__all__ = ["draw_linkage", "draw_planar_pushing", "plot_signals"]

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.optional_imports import matplotlib
 
+from .time_colours import evenly_moved, time_colours
+
 Array = NDArray[np.float64]
 
 
@@ -19,11 +21,14 @@ def draw_planar_pushing(
     *,
     half_side: float,
     pusher_radius: float = 0.005,
-    snapshots: int = 12,
+    snapshots: int = 9,
     title: str = "",
     force: Array | None = None,
+    figure: Any = None,
 ) -> Any:
     """Draw the slider and the pusher at several times, light to dark, with the path of the slider's centre.
+
+    A circle marks where the centre starts, a star where it ends, a line inside the slider its x axis.
 
     Parameters
     ----------
@@ -38,53 +43,63 @@ def draw_planar_pushing(
     pusher_radius : float
         Radius of the pusher, metres; it touches the slider from outside its nearest face.
     snapshots : int
-        How many times are drawn.
+        How many times are drawn, with about equal motion between them.
     title : str
     force : array, shape (T, 2), optional
         Contact force in the slider's frame, newtons; drawn as arrows scaled to the slider.
+    figure : Figure or SubFigure, optional
+        Where to draw; a new figure by default.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.figure.Figure or SubFigure
     """
-    figure = matplotlib.figure.Figure(figsize=(6.4, 6.0), layout="constrained")
+    if figure is None:
+        figure = matplotlib.figure.Figure(figsize=(6.4, 6.0), layout="constrained")
     axis = figure.subplots()
-    colours = matplotlib.colormaps["viridis_r"]
-    chosen = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], snapshots)).clip(0, len(time) - 1))
+    colours = time_colours(time)
+    turns = np.moveaxis(
+        np.array([[np.cos(pose[:, 2]), -np.sin(pose[:, 2])], [np.sin(pose[:, 2]), np.cos(pose[:, 2])]]), -1, 0
+    )
     corners = half_side * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
-    axis.plot(pose[:, 0], pose[:, 1], color="0.6", linewidth=1, zorder=1, label="centre of the slider")
+    outlines = corners @ turns.transpose(0, 2, 1) + pose[:, None, :2]
+    touching = np.einsum("tij,tj->ti", turns, contact) + pose[:, :2]
+    outward = np.einsum("tij,tj->ti", turns, np.array([_outward_normal(point) for point in contact]))
+    pusher = touching + pusher_radius * outward
+    heading = np.einsum("tij,kj->tki", turns, half_side * np.array([[0.0, 0.0], [1.0, 0.0]])) + pose[:, None, :2]
     largest = np.abs(force).max() if force is not None and np.abs(force).max() > 0 else 1.0
-    for i in chosen:
-        colour = colours(0.1 + 0.85 * (time[i] - time[0]) / max(time[-1] - time[0], 1e-12))
-        x, y, theta = pose[i]
-        turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
-        outline = corners @ turn.T + [x, y]
-        axis.add_patch(matplotlib.patches.Polygon(outline, fill=False, edgecolor=colour, linewidth=1.6, zorder=2))
-        # A tick on the face that points along the body's x axis shows the rotation of a square.
-        mark = np.array([[0.6 * half_side, 0.0], [half_side, 0.0]]) @ turn.T + [x, y]
-        axis.plot(mark[:, 0], mark[:, 1], color=colour, linewidth=1.6, zorder=2)
-        touching = turn @ contact[i] + [x, y]
-        outward = turn @ _outward_normal(contact[i])
-        centre = touching + pusher_radius * outward
-        axis.add_patch(matplotlib.patches.Circle(centre, pusher_radius, color=colour, zorder=3))
-        if force is not None:
-            arrow = turn @ force[i] * (1.2 * half_side / largest)
+
+    chosen = evenly_moved(np.concatenate([outlines, pusher[:, None]], axis=1), snapshots)
+    for layer, i in enumerate(chosen):
+        colour = colours.to_rgba(time[i])
+        # Each snapshot covers the earlier ones a little: where they overlap, the eye can tell which came later.
+        axis.add_patch(
+            matplotlib.patches.Polygon(
+                outlines[i], facecolor=(*colour[:3], 0.13), edgecolor=colour, linewidth=1.7, zorder=2 + layer
+            )
+        )
+        axis.plot(*heading[i].T, color=colour, linewidth=1.2, zorder=2 + layer)
+        axis.add_patch(matplotlib.patches.Circle(pusher[i], pusher_radius, color=colour, zorder=2.5 + layer))
+        if force is not None and np.abs(force[i]).max() > 1e-3 * largest:
+            arrow = turns[i] @ force[i] * (half_side / largest)
             axis.annotate(
                 "",
-                xy=touching,
-                xytext=touching - arrow,
-                arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1, "alpha": 0.7},
-                zorder=3,
+                xy=touching[i],
+                xytext=touching[i] - arrow,
+                arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.4},
+                zorder=2.5 + layer,
             )
-    axis.set_aspect("equal")
+    axis.plot(*pose[:, :2].T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=99)
+    axis.plot(*pose[0, :2], "o", color="white", markeredgecolor="black", markersize=6, zorder=100)
+    axis.plot(*pose[-1, :2], "*", color="white", markeredgecolor="black", markersize=11, zorder=100)
+    axis.set_aspect("equal", adjustable="datalim")  # fills its place, whatever the shape of the motion
     axis.autoscale_view()
     axis.margins(0.08)
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
     axis.set_title(title)
     axis.grid(alpha=0.25)
-    scale = matplotlib.cm.ScalarMappable(matplotlib.colors.Normalize(time[0], time[-1]), colours)
-    figure.colorbar(scale, ax=axis, label="time [s]", shrink=0.8)
+    figure.colorbar(colours, ax=axis, label="time [s]")
     return figure
 
 

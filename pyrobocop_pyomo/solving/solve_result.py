@@ -26,8 +26,8 @@ class StopReason(enum.Enum):
 class Quality(enum.Enum):
     """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
 
-    OPTIMAL = "Feasible, complementary, and a stationary point of the relaxed problem."
-    FEASIBLE = "Feasible and complementary, but not shown to be a stationary point."
+    OPTIMAL = "Feasible and stationary, and every pair is complementary, within the tolerances."
+    FEASIBLE = "Feasible, and every pair is complementary, but the point is not shown to be stationary."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
 
 

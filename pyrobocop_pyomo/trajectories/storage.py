@@ -31,8 +31,8 @@ def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[st
     # Names travel in the facts: a pair's name holds characters that an archive member should not.
     header = {"format": _FORMAT, "facts": dict(facts), "names": {group: list(named) for group, named in groups.items()}}
     arrays = {f"{group}_{i}": values for group, named in groups.items() for i, values in enumerate(named.values())}
-    arrays["header"] = np.array(json.dumps(header))
-    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    members: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
+    np.savez_compressed(path, **members)
     return path
 
 
@@ -47,12 +47,14 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, 
     try:
         with np.load(path, allow_pickle=False) as archive:
             header = json.loads(str(archive["header"]))
-            groups = {
-                group: {name: archive[f"{group}_{i}"] for i, name in enumerate(names)}
-                for group, names in header["names"].items()
-            }
-    except (OSError, KeyError, ValueError, BadZipFile) as error:
+            written_in = header["format"]
+            if written_in == _FORMAT:
+                groups = {
+                    group: {name: archive[f"{group}_{i}"] for i, name in enumerate(names)}
+                    for group, names in header["names"].items()
+                }
+                return header["facts"], groups
+    # An array file is no context manager (in Python 3.10 an AttributeError), a list no dict. An empty file: EOFError.
+    except (AttributeError, OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise TrajectoryError(f"{path}: no trajectory can be read from it ({error}).") from error
-    if header["format"] != _FORMAT:
-        raise TrajectoryError(f"{path}: written in format {header['format']}; this version reads format {_FORMAT}.")
-    return header["facts"], groups
+    raise TrajectoryError(f"{path}: written in format {written_in}; this version reads format {_FORMAT}.")

@@ -103,15 +103,18 @@ class Trajectory:
         Raises
         ------
         TrajectoryError
-            When a time lies outside the horizon.
+            When a time is not a number within the horizon.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         boundaries = np.array(self.grid.mesh.boundaries)
         slack = 1e-9 * self.duration
-        if (times < boundaries[0] - slack).any() or (times > boundaries[-1] + slack).any():
+        if times.ndim != 1:
+            raise TrajectoryError(f"trajectory '{self.name}': times of shape {times.shape}; give a number or a list.")
+        within = (times >= boundaries[0] - slack) & (times <= boundaries[-1] + slack)  # False for a NaN as well
+        if not within.all():
             raise TrajectoryError(
                 f"trajectory '{self.name}' runs from {boundaries[0]:g} to {boundaries[-1]:g}; asked was t = "
-                f"{times[np.argmax(np.abs(times - boundaries.mean()))]:g}."
+                f"{times[~within][0]:g}."
             )
         element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, self.grid.mesh.elements - 1)
         local = np.clip((times - boundaries[element]) / self.grid.mesh.widths[element], 0.0, 1.0)
@@ -165,23 +168,29 @@ class Trajectory:
             )
         return judge.verify(self)
 
-    def plot(self, names: list[str] | None = None) -> Any:
+    def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
         """Draw signals over time; returns the Matplotlib figure.
 
         Parameters
         ----------
-        names : list of str, optional
-            What to draw; everything by default.
+        names : list of str, or mapping of name to label, optional
+            What to draw, and what to write beside it; everything under its name by default.
+        figure : Figure or SubFigure, optional
+            Where to draw; a new figure, with the name of the phase as title, by default.
 
         Raises
         ------
         TrajectoryError
-            When a name is unknown.
+            When a name is unknown, or none is given.
         """
-        chosen = self.names if names is None else names
+        chosen = self.names if names is None else list(names)
         unknown = [name for name in chosen if name not in self.names]
         if unknown:
             raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
+        if not chosen:
+            raise TrajectoryError(
+                f"trajectory '{self.name}': nothing to draw was named; it has {', '.join(self.names)}."
+            )
         dense = np.unique(np.concatenate([self.time, np.linspace(self.time[0], self.time[-1], 400)]))
         values = self(dense)
         nodes = {
@@ -192,7 +201,15 @@ class Trajectory:
         steps = {
             name for name in chosen if name in self.signals and (self.grid.scheme.stages == 1 or name in self.held)
         }
-        return plot_signals(self.name, dense, {name: values[name] for name in chosen}, nodes, steps)
+        return plot_signals(
+            self.name if figure is None else "",
+            dense,
+            {name: values[name] for name in chosen},
+            nodes,
+            steps,
+            labels=names if isinstance(names, Mapping) else None,
+            figure=figure,
+        )
 
     def to_pandas(self) -> Any:
         """A data frame: one row per time, one column per state, algebraic and control.
@@ -228,12 +245,15 @@ class Trajectory:
             When the file is not there or holds no trajectory.
         """
         facts, groups = read_archive(path)
-        grid = groups.pop("grid")
-        scheme = CollocationScheme.from_points(facts["scheme"], grid["points"])
-        return cls(
-            name=facts["name"],
-            grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
-            parameters=facts["parameters"],
-            held=frozenset(facts["held"]),
-            **groups,
-        )
+        try:
+            grid = groups.pop("grid")
+            scheme = CollocationScheme.from_points(facts["scheme"], grid["points"])
+            return cls(
+                name=facts["name"],
+                grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
+                parameters=facts["parameters"],
+                held=frozenset(facts["held"]),
+                **groups,
+            )
+        except (KeyError, TypeError) as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error

@@ -77,6 +77,8 @@ def _values(guess: Guess, times: Sequence[float], lengths: set[int], name: str, 
         elif callable(guess):
             values = np.array([float(guess(time)) for time in times])
         else:
+            if np.asarray(guess).dtype.kind in "SU":
+                raise TypeError("it is text")  # NumPy would read the number out of it
             values = np.asarray(guess, dtype=float)
     except (TypeError, ValueError) as error:
         raise GuessError(f"{name}: the guess is not made of numbers ({error}).") from error

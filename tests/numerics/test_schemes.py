@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import SchemeError
@@ -70,6 +70,7 @@ def test_one_stage_members_are_the_euler_and_midpoint_rules() -> None:
 
 
 @settings(deadline=None)
+@example(nodes=[0, 1], coefficients=[1.0], at=5e-324)
 @given(
     nodes=st.lists(st.integers(0, 100), min_size=2, max_size=8, unique=True),
     coefficients=st.lists(st.floats(-3, 3), min_size=1, max_size=8),
@@ -85,6 +86,11 @@ def test_lagrange_matrices_reproduce_any_polynomial(nodes: list[int], coefficien
     area_scale = 1e-9 * (1 + np.abs(integration_matrix(tau, [at])).max())
     area = polynomial.integ()(at) - polynomial.integ()(0.0)
     assert (integration_matrix(tau, [at]) @ polynomial(tau))[0] == pytest.approx(area, abs=area_scale)
+
+
+@pytest.mark.parametrize("gap", [0.0, 5e-324, 1e-250, 1e-150])
+def test_next_to_a_node_its_value_is_the_value(gap: float) -> None:
+    assert evaluation_matrix([0.0, 0.5, 1.0], [gap]).tolist() == [[1.0, pytest.approx(0), pytest.approx(0)]]
 
 
 @pytest.mark.parametrize(

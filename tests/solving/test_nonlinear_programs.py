@@ -162,8 +162,14 @@ def test_files_that_would_end_the_process_are_refused(tmp_path):
 
 @pytest.mark.casadi
 def test_what_casadi_cannot_read_names_the_remedy(tmp_path):
-    path = tmp_path / "broken.nl"
-    path.write_text("b3 binary\n")
+    path = tmp_path / "strange.nl"
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(initialize=1.0)
+    model.cost = pyo.Objective(expr=pyo.exp(model.x))
+    model.write(str(path))
+    # An operator that it does not know. A file that is no text makes it take random bytes for sizes, and with them
+    # all the memory of the machine.
+    path.write_text(path.read_text().replace("\no44", "\no79"))
     with pytest.raises(SolverNotFoundError, match="build-asl"):
         CasadiProgram(path)
 

@@ -1,0 +1,112 @@
+"""Measured orders of convergence against the orders computed from the schemes.
+
+    python benchmarks/convergence_orders.py [--quick]
+
+States and running cost: the forced oscillator ``x'' = -4 x + cos t``, which depends on time, so that wrong points show
+as well as wrong weights, with the running cost ``x^2``. From rest at 1 it moves as ``x = (2 cos 2t + cos t) / 3``.
+The error of the states is the largest at any element boundary.
+
+Optimal cost: minimise the integral of ``x^2 + u^2`` with ``x' = u``, ``x(0) = 1``, over T = 3 seconds: ``tanh(T)``.
+
+The slope is fitted to the meshes whose error is above rounding; "-" where there are fewer than two such.
+"""
+
+from __future__ import annotations
+
+import argparse
+from math import cos, sin, tanh
+
+import numpy as np
+import pyomo.environ as pyo
+from table import Table, show_progress
+
+import pyrobocop_pyomo as rcp
+
+FINAL_TIME = 3.0
+ROUNDING_FLOOR = 5e-14
+TIGHT = {"tol": 1e-12, "constr_viol_tol": 1e-14, "bound_relax_factor": 0.0}
+
+
+def oscillator_errors(scheme: str, stages: int, elements: int) -> tuple[float, float]:
+    """Errors of the states and of the running cost."""
+    m = pyo.ConcreteModel(name="oscillator")
+    m.phase = b = rcp.PhaseBlock(duration=FINAL_TIME, elements=elements, scheme=scheme, stages=stages)
+    b.x = rcp.State(initial=1)
+    b.v = rcp.State(initial=0)
+
+    @b.ode
+    def oscillator(b, t):
+        return {b.x: b.v[t], b.v: -4 * b.x[t] + cos(t)}
+
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2))
+    rcp.solve(m, options=TIGHT, progress=False)
+    state_error = max(
+        max(
+            abs(b.x[t].value - (2 * cos(2 * t) + cos(t)) / 3),
+            abs(b.v[t].value + (4 * sin(2 * t) + sin(t)) / 3),
+        )
+        for t in b.grid.mesh.boundaries
+    )
+    return state_error, abs(pyo.value(m.cost) - _exact_cost(FINAL_TIME))
+
+
+def _exact_cost(t: float) -> float:
+    """The integral of ``((2 cos 2t + cos t) / 3)^2`` from 0."""
+    return (2.5 * t + sin(4 * t) / 2 + 2 * sin(3 * t) / 3 + 2 * sin(t) + sin(2 * t) / 4) / 9
+
+
+def optimal_cost_error(scheme: str, stages: int, elements: int) -> float:
+    """Error of the optimal cost of a linear-quadratic problem."""
+    m = pyo.ConcreteModel(name="regulator")
+    m.phase = b = rcp.PhaseBlock(duration=FINAL_TIME, elements=elements, scheme=scheme, stages=stages)
+    b.x = rcp.State(initial=1)
+    b.u = rcp.Control()
+
+    @b.ode
+    def integrator(b, t):
+        return {b.x: b.u[t]}
+
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+    rcp.solve(m, options=TIGHT, progress=False)
+    return abs(pyo.value(m.cost) - tanh(FINAL_TIME))
+
+
+def observed_order(meshes: list[int], errors: list[float]) -> float | None:
+    """Slope of log(error) over log(mesh), by the finest meshes above rounding; None with fewer than two."""
+    usable = [(n, error) for n, error in zip(meshes, errors, strict=True) if error > ROUNDING_FLOOR][-3:]
+    if len(usable) < 2:
+        return None
+    return float(-np.polyfit(*np.log(np.array(usable)).T, deg=1)[0])
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="one and two stages only")
+    arguments = parser.parse_args()
+
+    table = Table(
+        [
+            ("scheme", "<10"), ("order", ">5d"), ("state", ">6.2f"), ("running cost", ">12.2f"),
+            ("optimal cost", ">12.2f"), ("meshes", "<22"),
+        ]
+    )  # fmt: skip
+    table.header()
+    for scheme in ("radau", "gauss"):
+        for stages in range(1, 3 if arguments.quick else 6):
+            order = rcp.find_scheme(scheme, stages).order
+            # High orders reach rounding on a few elements already; low ones need many to show their slope.
+            meshes = [40, 80, 160, 320] if order <= 2 else [12, 18, 26, 38] if order <= 5 else [6, 8, 10, 12, 14]
+            errors = []
+            for elements in meshes:
+                show_progress(f"{scheme}({stages}), {elements} elements")
+                errors.append(
+                    (*oscillator_errors(scheme, stages, elements), optimal_cost_error(scheme, stages, elements))
+                )
+            show_progress("")
+            slopes = [observed_order(meshes, list(column)) for column in zip(*errors, strict=True)]
+            table.add(f"{scheme}({stages})", order, *slopes, ", ".join(map(str, meshes)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""Sphinx settings; build with ``python -m sphinx -W -b html docs docs/_build/html``."""
+
+import pyrobocop_pyomo
+
+project = "pyrobocop_pyomo"
+author = "the pyrobocop_pyomo developers"
+copyright = "2026, the pyrobocop_pyomo developers"  # Sphinx reads this name
+release = pyrobocop_pyomo.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+]
+exclude_patterns = ["_build", "notebooks"]
+
+myst_enable_extensions = ["dollarmath", "deflist", "amsmath", "colon_fence"]
+myst_heading_anchors = 3
+myst_dmath_double_inline = True
+
+math_number_all = False
+math_eqref_format = "({number})"
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings say it in words, with shapes and units
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+default_role = "code"  # a single backtick in a docstring names code
+
+html_theme = "furo"
+html_title = f"pyrobocop_pyomo {release}"

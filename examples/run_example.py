@@ -1,0 +1,81 @@
+"""Run an example as a script: build, solve, report, verify, draw. The same command line for all of them."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyomo.environ as pyo
+from matplotlib.figure import Figure
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.phases import PhaseBlockData
+
+Case = Mapping[str, Any]
+
+
+def run_example(
+    build: Callable[..., pyo.ConcreteModel],
+    draw: Callable[[Any, pyo.ConcreteModel], None],
+    *,
+    cases: Mapping[str, Case],
+    default: str,
+    coarse: Case,
+    size: tuple[float, float] = (10.0, 4.6),
+) -> None:
+    """Read the command line, run the cases it names, and exit with 0 only if all of them were solved.
+
+    Parameters
+    ----------
+    build : callable
+        Makes the model; its file is the example, and names the picture.
+    draw : callable
+        ``draw(figure, model)`` draws a solved model onto a figure or subfigure.
+    cases : mapping of name to arguments of build
+        What the example offers.
+    default : str
+        The case that runs unless another is named; ``"all"`` for all of them, side by side.
+    coarse : mapping
+        Arguments of build for a quick look on few elements.
+    size : (width, height)
+        Of the picture, inches; 100 pixels each.
+    """
+    source = Path(inspect.getfile(build))
+    arguments = _read_command_line(str(inspect.getmodule(build).__doc__), cases, default)
+    chosen = list(cases) if arguments.case == "all" else [arguments.case]
+
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    places = figure.subfigures(1, len(chosen), squeeze=False)[0]
+    solved = True
+    for name, place in zip(chosen, places, strict=True):
+        model = build(**{**cases[name], **(coarse if arguments.coarse else {})})
+        model.name = f"{model.name} - {name}"
+        result = rcp.solve(model, route=arguments.route, tee=arguments.tee)
+        print(result)
+        for phase in model.block_data_objects(active=True):
+            if isinstance(phase, PhaseBlockData):
+                print(f"\nphase '{phase.name}', recomputed from its equations:\n{phase.trajectory().verify()}")
+        print()
+        draw(place, model)
+        solved = solved and result.solved
+
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    picture = arguments.output / f"{source.stem}.png"
+    figure.savefig(picture)
+    print(f"picture: {picture}")
+    raise SystemExit(0 if solved else 1)
+
+
+def _read_command_line(description: str, cases: Mapping[str, Case], default: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", choices=[*cases, "all"], default=default, help=f"default: {default}")
+    parser.add_argument("--coarse", action="store_true", help="few elements, for a quick look")
+    parser.add_argument("--output", type=Path, default=Path("output"), help="folder of the picture (default: output)")
+    parser.add_argument(
+        "--route", choices=["in process", "asl", "casadi", "executable"], help="default: the best found"
+    )
+    parser.add_argument("--tee", action="store_true", help="show Ipopt's log")
+    return parser.parse_args()

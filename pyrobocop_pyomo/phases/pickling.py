@@ -1,0 +1,16 @@
+"""What a pickle can hold of the user's functions."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+
+def picklable_or_none(function: Callable[..., Any] | None) -> Callable[..., Any] | None:
+    """The function if a pickle can hold it, which takes a function at the top level of a module; None otherwise."""
+    try:
+        pickle.dumps(function)
+    except Exception:
+        return None
+    return function

@@ -1,0 +1,43 @@
+"""One colour per time, light to dark, the same in every stroboscopic picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.optional_imports import matplotlib
+
+Array = NDArray[np.float64]
+
+
+def time_colours(time: Array) -> Any:
+    """A Matplotlib mappable from time to colour: ``to_rgba(t)`` gives a colour, a colorbar takes it whole."""
+    # The lightest yellows of the map would vanish on white paper.
+    shades = matplotlib.colormaps["viridis_r"](np.linspace(0.12, 1.0, 256))
+    end = float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1.0
+    return matplotlib.cm.ScalarMappable(
+        matplotlib.colors.Normalize(float(time[0]), end), matplotlib.colors.ListedColormap(shades)
+    )
+
+
+def evenly_moved(points: Array, snapshots: int) -> NDArray[np.int64]:
+    """Which times to draw so that about as much motion lies between any two: rest is not drawn again and again.
+
+    Parameters
+    ----------
+    points : array, shape (T, P, 2)
+        Points of the mechanism over time.
+    snapshots : int
+        How many times are wanted at most; the first and the last are always among them.
+
+    Returns
+    -------
+    array of int
+    """
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=-1).mean(axis=-1)
+    moved = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = np.linspace(0.0, moved[-1], snapshots)[1:-1]
+    nearest = np.abs(moved[:, None] - wanted[None, :]).argmin(axis=0)
+    return np.unique([0, *nearest, len(points) - 1])

@@ -1,0 +1,82 @@
+"""What `import pyrobocop_pyomo` does and does not do, and the names that people may rely on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+import pyrobocop_pyomo
+
+PUBLIC = """
+    Algebraic CollocationScheme Complementarity Control Duration Fixed FollowBarrier Geometric Grid Mesh Parameter
+    Penalty PerElement PerPair PhaseBlock PyRobocopError Quality Route Scholtes SolveFailed SolveResult SquareSlider
+    State StopReason Trajectory Verification __version__ active_pairs available_routes complements draw_linkage
+    draw_planar_pushing find_scheme gauss_legendre radau solve
+"""
+
+EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "dask", "mpi4py")
+
+
+def in_a_fresh_process(code: str) -> subprocess.CompletedProcess:
+    # The same warnings as here: what is deprecated must not hide in an import.
+    command = [sys.executable, "-W", "error", "-c", textwrap.dedent(code)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+
+
+def test_public_names_are_pinned() -> None:
+    """A name once shown is a promise: changing this list is a decision, and CHANGELOG.md says so."""
+    assert sorted(pyrobocop_pyomo.__all__) == PUBLIC.split()
+    for name in pyrobocop_pyomo.__all__:
+        assert getattr(pyrobocop_pyomo, name) is not None
+
+
+def test_import_prints_nothing() -> None:
+    ended = in_a_fresh_process("import pyrobocop_pyomo")
+    assert ended.stdout == ""
+    assert ended.stderr == ""
+
+
+def test_import_loads_no_extra() -> None:
+    ended = in_a_fresh_process("import json, sys, pyrobocop_pyomo; print(json.dumps(list(sys.modules)))")
+    assert not set(EXTRAS) & set(json.loads(ended.stdout))
+
+
+def test_import_registers_transformation_and_solver() -> None:
+    ended = in_a_fresh_process("""
+        import pyomo.environ as pyo
+        from pyomo.contrib.solver.common.factory import SolverFactory
+        import pyrobocop_pyomo
+        print("pyrobocop.relax_complementarity" in pyo.TransformationFactory)
+        print("pyrobocop.ipopt" in pyo.SolverFactory, "pyrobocop.ipopt" in SolverFactory)
+    """)
+    assert ended.stdout.split() == ["True", "True", "True"]
+
+
+def test_import_leaves_pyomo_as_it_was() -> None:
+    """No logger, handler or warning filter is changed."""
+    ended = in_a_fresh_process("""
+        import logging, warnings
+        import numpy, pyomo.environ  # which have filters of their own
+        before = (logging.getLogger("pyomo").level, logging.getLogger().handlers[:], warnings.filters[:])
+        import pyrobocop_pyomo
+        print(before == (logging.getLogger("pyomo").level, logging.getLogger().handlers[:], warnings.filters[:]))
+    """)
+    assert ended.stdout.split() == ["True"]
+
+
+@pytest.mark.slow
+def test_import_costs_less_than_a_second_on_top_of_pyomo() -> None:
+    # Processor time, and the best of several runs: what else the machine does is not our cost.
+    code = """
+        import time
+        import pyomo.environ
+        before = time.process_time()
+        import pyrobocop_pyomo
+        print(time.process_time() - before)
+    """
+    seconds = min(float(in_a_fresh_process(code).stdout) for _ in range(4))
+    assert seconds < 1.0

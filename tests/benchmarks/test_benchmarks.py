@@ -1,0 +1,50 @@
+"""Every benchmark runs in its quick form and prints its table; what it measures is judged by people."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+pytestmark = pytest.mark.casadi
+
+
+def run_quick(name: str) -> str:
+    ended = subprocess.run(
+        [sys.executable, "-W", "error", BENCHMARKS / f"{name}.py", "--quick"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert ended.stderr == ""  # progress is for terminals only
+    return ended.stdout
+
+
+def test_treatments_of_planar_pushing() -> None:
+    table = run_quick("planar_pushing_treatments")
+    for treatment in ("(i) ", "(ii) ", "(iii) ", "(iv) ", "(v) ", "default of rcp.solve"):
+        assert treatment in table
+
+
+@pytest.mark.executable
+@pytest.mark.asl
+def test_ways_to_state_the_cart_pole_agree() -> None:
+    table = run_quick("cart_pole_transcription")
+    for way in ("phase, in process, ASL", "phase, executable", "pyomo.dae, executable", "CasADi by hand, mapped"):
+        assert way in table
+    assert "all objectives agree" in table
+
+
+def test_measured_orders_are_the_computed_ones() -> None:
+    rows = [line.split() for line in run_quick("convergence_orders").splitlines() if "(" in line]
+    assert [row[0] for row in rows] == ["radau(1)", "radau(2)", "gauss(1)", "gauss(2)"]
+    for row in rows:
+        order, *measured = map(float, row[1:5])
+        assert measured == pytest.approx([order] * 3, abs=0.15)

@@ -1,0 +1,110 @@
+"""Each template does its work: it is taken where a word is, and keeps the contract of its kind."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pyomo.environ as pyo
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import Grouping, Relaxation, Schedule
+
+from .collocation_scheme import chebyshev
+from .grouping import PerComponent
+from .relaxation import FischerBurmeister
+from .schedule import Superlinear
+
+amounts = st.floats(1e-3, 1e3)
+
+
+def corner():
+    """Two pairs; the nearest points of both corners are known."""
+    m = pyo.ConcreteModel(name="corner")
+    m.i = pyo.Set(initialize=[1, 2])
+    m.a, m.b = pyo.Var(m.i, bounds=(0, None), initialize=1), pyo.Var(m.i, bounds=(0, None), initialize=1)
+    m.pair = rcp.Complementarity(m.i, rule=lambda m, i: rcp.complements(m.a[i] >= 0, m.b[i] >= 0))
+    m.cost = pyo.Objective(expr=sum((m.a[i] - 2) ** 2 + (m.b[i] - 1) ** 2 for i in m.i))
+    return m
+
+
+# -------------------------------------------------------------------- scheme
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3, 4])
+def test_scheme_has_at_least_the_order_of_its_stages(stages):
+    scheme = chebyshev(stages)
+    assert scheme.order >= stages
+    assert scheme.b.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.casadi
+def test_scheme_serves_a_phase():
+    m = pyo.ConcreteModel(name="decay")
+    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=8, scheme=chebyshev(3))
+    b.x = rcp.State(initial=1)
+    b.rate = rcp.Parameter(bounds=(1, 1))
+    b.ode(lambda b, t: {b.x: -b.rate * b.x[t]})
+    m.cost = pyo.Objective(expr=b.x[b.final_time] ** 2)
+    rcp.solve(m, route="casadi").raise_for_status()
+    assert b.trajectory().x[-1] == pytest.approx(math.exp(-1), abs=1e-6)
+
+
+# -------------------------------------------------------------------- relaxation
+
+
+@given(a=amounts, b=amounts, delta=amounts)
+def test_relaxation_accepts_the_same_points_as_the_product(a, b, delta):
+    assume(abs(a * b - delta) > 1e-6 * (a + b) ** 2 + 1e-6 * delta)  # stay off the rounding edge
+    assert (FischerBurmeister().residual(a, b, delta) <= 0) == (rcp.Scholtes().residual(a, b, delta) <= 0)
+
+
+@pytest.mark.casadi
+def test_relaxation_solves():
+    assert isinstance(FischerBurmeister(), Relaxation)
+    m = corner()
+    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.Geometric(), route="casadi")
+    assert result.largest_product < 1e-7
+    assert result.objective == pytest.approx(2.0, abs=1e-5)
+
+
+# -------------------------------------------------------------------- schedule
+
+
+def test_schedule_never_increases_and_meets_its_last_value():
+    assert isinstance(Superlinear(), Schedule)
+    steps = list(Superlinear(first=0.5, last=1e-9).steps())
+    assert (steps[0], steps[-1]) == (0.5, 1e-9)
+    assert all(later < earlier for earlier, later in pairwise(steps))
+
+
+@pytest.mark.casadi
+def test_schedule_solves():
+    result = rcp.solve(corner(), schedule=Superlinear(), route="casadi")
+    result.raise_for_status()
+    assert [step.delta for step in result.steps] == list(Superlinear().steps())[: len(result.steps)]
+
+
+# -------------------------------------------------------------------- grouping
+
+
+def test_grouping_keeps_every_pair_once():
+    assert isinstance(PerComponent(), Grouping)
+    m = corner()
+    m.single = rcp.Complementarity(expr=rcp.complements(m.a[1] >= 0, m.b[2] >= 0))
+    relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
+    relax.apply_to(m, grouping=PerComponent(), delta=0.1)
+    rows = relax.relaxed_rows(m)
+    sources = [source.name for row in rows for source in relax.get_source(row)]
+    assert len(rows) == 2
+    assert sorted(sources) == ["pair[1]", "pair[2]", "single"]
+
+
+@pytest.mark.casadi
+def test_grouping_solves():
+    result = rcp.solve(corner(), grouping=PerComponent(), route="casadi")
+    result.raise_for_status()
+    assert result.objective == pytest.approx(2.0, abs=1e-5)

@@ -1,0 +1,94 @@
+"""Small phases with known answers, and what can be asked of any built phase."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+from pyomo.core.expr.visitor import identify_variables
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import structural_rank
+
+import pyrobocop_pyomo as rcp
+import pyrobocop_pyomo.solving.in_process
+
+HORIZON = 1.5
+
+
+def oscillators(**options: Any) -> pyo.ConcreteModel:
+    """``x' = x cos(t + 1/2)`` and ``y' = -y^2 cos(t + 13/10) / 2`` from 1, over 3/2."""
+    m = pyo.ConcreteModel("oscillators")
+    m.swing = rcp.PhaseBlock(**{"duration": HORIZON, **options})
+    m.swing.x = rcp.State(initial=1, guess=1)
+    m.swing.y = rcp.State(initial=1, guess=1)
+    m.swing.ode(oscillate)
+    return m
+
+
+def oscillate(b: Any, t: float) -> dict[Any, Any]:
+    clock = b.clock(t)
+    return {b.x: b.x[t] * pyo.cos(clock + 0.5), b.y: -0.5 * b.y[t] ** 2 * pyo.cos(clock + 1.3)}
+
+
+def exact_x(t: float) -> float:
+    return math.exp(math.sin(t + 0.5) - math.sin(0.5))
+
+
+def exact_y(t: float) -> float:
+    return 1 / (1 + 0.5 * (math.sin(t + 1.3) - math.sin(1.3)))
+
+
+def running_costs(phase: Any) -> tuple[Any, Any]:
+    """Integrals of ``x^2 cos(t + 1/2)`` and ``y cos(t + 13/10)``."""
+    return (
+        phase.integral(lambda b, t: b.x[t] ** 2 * pyo.cos(b.clock(t) + 0.5)),
+        phase.integral(lambda b, t: b.y[t] * pyo.cos(b.clock(t) + 1.3)),
+    )
+
+
+EXACT_COSTS = ((exact_x(HORIZON) ** 2 - 1) / 2, -2 * math.log(exact_y(HORIZON)))
+
+
+def solve(model: pyo.ConcreteModel, tolerance: float = 1e-13) -> None:
+    """Solve in process; raises unless Ipopt converged."""
+    pyo.SolverFactory("pyrobocop.ipopt").solve(model, options={"tol": tolerance})
+
+
+def free_variables(model: Any) -> list[Any]:
+    return [v for v in model.component_data_objects(pyo.Var) if not v.fixed]
+
+
+def rows(model: Any) -> list[Any]:
+    return list(model.component_data_objects(pyo.Constraint, active=True))
+
+
+def rank(model: Any) -> int:
+    """Structural rank of all rows in the variables that are not fixed."""
+    column = {id(v): j for j, v in enumerate(free_variables(model))}
+    entries = [
+        (i, column[id(v)])
+        for i, row in enumerate(rows(model))
+        for v in identify_variables(row.body, include_fixed=False)
+    ]
+    i, j = np.array(entries).T
+    return int(structural_rank(coo_matrix((np.ones(len(i)), (i, j)), shape=(len(rows(model)), len(column))).tocsr()))
+
+
+def undetermined(model: Any) -> list[str]:
+    """Names of variables that no row and no objective holds."""
+    expressions = [row.body for row in rows(model)]
+    expressions += [o.expr for o in model.component_data_objects(pyo.Objective, active=True)]
+    seen = {id(v) for expression in expressions for v in identify_variables(expression)}
+    return [v.name for v in model.component_data_objects(pyo.Var) if id(v) not in seen]
+
+
+def contents(model: Any) -> list[str]:
+    """Every component below a model by name, and every row."""
+    return [
+        f"{data.name}: {type(data).__name__}"
+        for block in model.block_data_objects()
+        for component in block.component_map().values()
+        for data in (component, *(component.values() if component.ctype is pyo.Constraint else ()))
+    ]

@@ -1,0 +1,181 @@
+"""Two ways to state the same thing give the same numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from harness.phases import HORIZON, oscillate, oscillators, running_costs, solve
+
+import pyrobocop_pyomo as rcp
+
+pytestmark = pytest.mark.casadi
+
+SOME_SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(3)]
+each_scheme = pytest.mark.parametrize("scheme", SOME_SCHEMES, ids=str)
+
+
+def values(phase: Any, *names: str) -> list[float]:
+    return [v for name in names for v in getattr(phase.trajectory(), name).tolist()]
+
+
+def solved(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
+    if not any(True for _ in m.component_objects(pyo.Objective)):
+        m.nothing = pyo.Objective(expr=0)
+    solve(m)
+    return m
+
+
+@each_scheme
+def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: rcp.CollocationScheme) -> None:
+    substituted = solved(oscillators(elements=4, scheme=scheme))
+    kept = pyo.ConcreteModel()
+    kept.swing = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
+    kept.swing.x = rcp.State(initial=1, guess=1, derivative_bounds=(-50, 50))
+    kept.swing.y = rcp.State(initial=1, guess=1, derivative_bounds=(None, None))
+    kept.swing.ode(oscillate)
+    solved(kept)
+    assert values(kept.swing, "x", "y") == pytest.approx(values(substituted.swing, "x", "y"), abs=1e-12)
+    assert len(kept.swing.x_derivative) == len(kept.swing.x_equation) == 4 * scheme.stages
+    for t in kept.swing.points:
+        rate = pyo.value(substituted.swing.derivative("y")[t])
+        assert kept.swing.derivative(kept.swing.y)[t].value == pytest.approx(rate, abs=1e-10)
+
+
+@each_scheme
+def test_the_residual_form_is_the_ode_form(scheme: rcp.CollocationScheme) -> None:
+    explicit = solved(oscillators(elements=4, scheme=scheme))
+    implicit = pyo.ConcreteModel()
+    implicit.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
+    b.x, b.y = rcp.State(initial=1, guess=1), rcp.State(initial=1, guess=1)
+
+    @b.residual
+    def oscillators_once_more(b, t):
+        rates = oscillate(b, t)
+        return {name: b.derivative(state)[t] == rates[state] for name, state in (("of_x", b.x), ("of_y", b.y))}
+
+    b.check()
+    solved(implicit)
+    assert values(b, "x", "y") == pytest.approx(values(explicit.swing, "x", "y"), abs=1e-12)
+
+
+@each_scheme
+def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.CollocationScheme) -> None:
+    fixed = solved(oscillators(elements=4, scheme=scheme, start=0.25))
+    free = oscillators(elements=4, scheme=scheme, start=0.25, duration=rcp.Duration(bounds=(0.1, 9)))
+    free.swing.duration.fix(HORIZON)
+    solved(free)
+    assert values(free.swing, "x", "y") == pytest.approx(values(fixed.swing, "x", "y"), abs=1e-11)
+    assert free.swing.trajectory().time == pytest.approx(fixed.swing.trajectory().time, abs=1e-14)
+    for a, b in zip(running_costs(free.swing), running_costs(fixed.swing), strict=True):
+        assert pyo.value(a) == pytest.approx(pyo.value(b), abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme"), [("implicit_euler", rcp.radau(1)), ("implicit_midpoint", rcp.gauss_legendre(1))]
+)
+def test_the_one_stage_names_are_the_one_stage_members(name: str, scheme: rcp.CollocationScheme) -> None:
+    by_name, member = (solved(oscillators(elements=5, scheme=each)) for each in (name, scheme))
+    assert values(by_name.swing, "x", "y") == values(member.swing, "x", "y")
+
+
+def double_integrator(parametrization: str, scheme: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.cart = b = rcp.PhaseBlock(duration=2, elements=7, scheme=scheme)
+    b.position = rcp.State(initial=0, final=1)
+    b.velocity = rcp.State(initial=0, final=0, bounds=(-5, 0.7))
+    # Bounds that change in time: both must take them at the point where the row asks the control.
+    b.force = rcp.Control(bounds=lambda t: (-1.2 - t, 3 - t), parametrization=parametrization)
+    b.ode(newton)
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2))
+    return m
+
+
+def newton(b: Any, t: float) -> dict[Any, Any]:
+    return {b.position: b.velocity[t], b.velocity: b.force[t]}
+
+
+@pytest.mark.parametrize("scheme", ["implicit_euler", "implicit_midpoint"])
+def test_a_held_control_on_one_stage_is_the_collocated_one(scheme: str) -> None:
+    held, collocated = (double_integrator(each, scheme) for each in ("piecewise_constant", "collocated"))
+    for t in collocated.cart.points:
+        assert held.cart.force[t].bounds == collocated.cart.force[t].bounds
+    for m in (held, collocated):
+        solve(m, 1e-10)
+    names = ("position", "velocity", "force")
+    assert values(held.cart, *names) == pytest.approx(values(collocated.cart, *names), abs=1e-6)
+
+
+def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
+    held, collocated = (double_integrator(each, rcp.radau(3)) for each in ("piecewise_constant", "collocated"))
+    for m in (held, collocated):
+        solve(m, 1e-10)
+    force = held.cart.trajectory().element_signals("force")
+    assert (force == force[:, :1]).all()
+    assert held.cart.trajectory().held == {"force"}
+    assert pyo.value(held.effort) > pyo.value(collocated.effort) + 1e-4
+
+
+@each_scheme
+@pytest.mark.parametrize("duration", [HORIZON, rcp.Duration(bounds=(1.1, 1.3))])
+def test_an_integral_is_the_gain_of_an_additional_state(scheme: rcp.CollocationScheme, duration: Any) -> None:
+    m = oscillators(elements=3, scheme=scheme, duration=duration)
+    m.swing.gain = rcp.State(initial=0)
+    m.swing.ode(lambda b, t: {b.gain: b.x[t] * b.y[t] - b.clock(t)})
+    cost = m.swing.integral(lambda b, t: b.x[t] * b.y[t] - b.clock(t))
+    if m.swing.has_free_duration:
+        m.swing.duration.fix(1.2)
+    solved(m)
+    assert m.swing.gain[m.swing.final_time].value == pytest.approx(pyo.value(cost), abs=1e-12)
+
+
+def test_one_ode_or_one_per_state_is_the_same() -> None:
+    together = solved(oscillators(elements=3))
+    apart = pyo.ConcreteModel()
+    apart.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=3)
+    b.x, b.y = rcp.State(initial=1, guess=1), rcp.State(initial=1, guess=1)
+    b.ode(lambda b, t: {"x": oscillate(b, t)[b.x]})
+    b.ode(lambda b, t: {"y": oscillate(b, t)[b.y]})
+    solved(apart)
+    assert values(b, "x", "y") == values(together.swing, "x", "y")
+
+
+def test_the_fastest_way_from_rest_to_rest_takes_two_square_roots() -> None:
+    """Bang-bang with |force| <= 1 over a distance of 1 takes 2 seconds; the switch lies on an element boundary."""
+    m = pyo.ConcreteModel()
+    m.cart = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10)), elements=10)
+    b.position = rcp.State(initial=0, final=1)
+    b.velocity = rcp.State(initial=0, final=0)
+    b.force = rcp.Control(bounds=(-1, 1))
+    b.ode(newton)
+    m.time_taken = pyo.Objective(expr=b.duration)
+    solve(m, 1e-9)
+    assert pyo.value(b.duration) == pytest.approx(2.0, abs=1e-5)
+    assert b.trajectory().time[-1] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_a_tuple_of_three_numbers_and_expressions_is_one_row_with_two_bounds() -> None:
+    """Pyomo's own form; relations in a list or tuple are rows of their own."""
+    counts = {}
+    for name, rule in {
+        "ranged": lambda b, t: (-1, b.v[t], 0.9),
+        "relations": lambda b, t: (b.v[t] >= -1, b.v[t] <= 0.9),
+        "inequality": lambda b, t: pyo.inequality(-1, b.v[t], 0.9),
+    }.items():
+        m = pyo.ConcreteModel()
+        m.p = rcp.PhaseBlock(duration=1, elements=2, stages=1)
+        m.p.v = rcp.State(initial=0)
+        m.p.u = rcp.Control()
+        m.p.ode(lambda b, t: {b.v: b.u[t]})
+        rule.__name__ = name
+        m.p.constraint(rule)
+        rows = list(m.p.component(name).values())
+        counts[name] = len(rows)
+        assert min(row.ub for row in rows if row.ub is not None) == 0.9
+        for v in m.p.v.values():
+            v.set_value(2.0)
+        for u in m.p.u.values():
+            u.set_value(0.0)
+        assert m.p.trajectory().verify().equations == pytest.approx(1.1)
+    assert counts == {"ranged": 2, "relations": 4, "inequality": 2}

@@ -1,0 +1,245 @@
+"""The judgement of a trajectory: small for what is right, and large for each way of being wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.phases import exact_x, exact_y, oscillators, solve
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TrajectoryError
+
+NO_SUCH_ERROR = {"defect", "continuity", "equations", "bounds", "natural_residual", "product"}
+
+
+def changed(trajectory: rcp.Trajectory, group: str, name: str, position: int, by: float) -> rcp.Trajectory:
+    values = getattr(trajectory, group)[name].copy()
+    values[position] += by
+    return dataclasses.replace(trajectory, **{group: {**getattr(trajectory, group), name: values}})
+
+
+def simulated(**options: Any) -> Any:
+    m = oscillators(**{"elements": 4, **options})
+    m.nothing = pyo.Objective(expr=0)
+    solve(m)
+    return m.swing
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", [rcp.radau(2), rcp.gauss_legendre(3)], ids=str)
+@pytest.mark.parametrize("duration", [1.5, rcp.Duration(bounds=(1.5, 1.5))])
+def test_a_solved_phase_is_found_right_and_a_changed_value_wrong(scheme: Any, duration: Any) -> None:
+    trajectory = simulated(scheme=scheme, duration=duration).trajectory()
+    verdict = trajectory.verify()
+    assert verdict.largest_violation < 1e-11
+    assert verdict.remarks == ()
+    assert trajectory.duration == pytest.approx(1.5)
+    grid = trajectory.grid
+    worse = changed(trajectory, "states", "x", grid.times.index(grid.mesh.boundaries[2]), 0.1).verify()
+    assert worse.defect > 0.1
+    assert worse.largest_violation == worse.defect
+    assert worse.element_error > 0.01
+    assert "1." in str(worse)
+
+
+@pytest.mark.casadi
+def test_re_integration_measures_the_error_of_the_scheme() -> None:
+    """Over the horizon it is the true error; per element it falls with one order more."""
+    errors = []
+    for elements in (4, 8):
+        trajectory = simulated(elements=elements, scheme="gauss", stages=2).trajectory()
+        verdict = trajectory.verify()
+        boundaries = np.isin(trajectory.time, trajectory.grid.mesh.boundaries)
+        true_x = np.abs(trajectory.x - [exact_x(t) for t in trajectory.time])[boundaries].max()
+        true_y = np.abs(trajectory.y - [exact_y(t) for t in trajectory.time])[boundaries].max()
+        assert verdict.horizon_error == pytest.approx(max(true_x, true_y), rel=1e-3)
+        errors.append(verdict.element_error)
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(4 + 1, abs=0.4)
+
+
+@pytest.mark.casadi
+def test_a_free_duration_that_starts_late_is_judged_in_its_own_time() -> None:
+    trajectory = simulated(start=0.25, duration=rcp.Duration(bounds=(1.5, 1.5)), stages=4).trajectory()
+    verdict = trajectory.verify()
+    assert (trajectory.time[0], trajectory.time[-1]) == pytest.approx((0.25, 1.75))
+    assert verdict.largest_violation < 1e-11
+    assert verdict.horizon_error < 1e-7
+
+
+def test_a_relation_with_two_bounds_and_a_side_that_is_a_bound_are_judged() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=1, scheme="implicit_euler")
+    b.u = rcp.Control(bounds=lambda t: (None, 4 * t), guess=1.5)
+    b.v = rcp.Control(bounds=(-1, None), guess=2)
+
+    def window(b, t):
+        return pyo.inequality(2, b.u[t], 9)
+
+    def plain_variables(b, t):
+        return rcp.complements(b.u[t], b.v[t])
+
+    b.constraint(window)
+    b.complementarity(plain_variables)
+    verdict = b.trajectory().verify()
+    assert verdict.equations == 0.5
+    assert (verdict.natural_residual, verdict.product) == (2.5, 7.5)  # min(4 - 1.5, 2 + 1)
+    assert changed(b.trajectory(), "signals", "u", 0, 8.0).verify().equations == 0.5
+
+
+@pytest.mark.casadi
+def test_a_jump_between_elements_is_found() -> None:
+    phase = simulated(scheme="gauss", stages=2)
+    end = changed(phase.trajectory(), "states", "x", -1, 0.25).verify()
+    assert end.continuity == pytest.approx(0.25)
+    assert end.defect < 1e-11
+
+
+def hand_made() -> Any:
+    """All values set by hand: rates and residuals follow from them."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1, elements=2, scheme="implicit_euler")
+    b.x = rcp.State(initial=0, final=(None, 2), bounds=(0, 3), derivative_bounds=(-1, 4))
+    b.gap = rcp.Algebraic(bounds=(0, 1))
+    b.force = rcp.Control(bounds=lambda t: (0, 10 * t))
+    b.k = rcp.Parameter(bounds=(1, 2), guess=1)
+    b.ode(slide)
+    b.residual(height)
+    b.constraint(limits)
+    b.complementarity(touch)
+    for t in b.time:
+        b.x[t].value = 2 * t
+    for t in b.points:
+        b.gap[t].value = 0.5
+        b.force[t].value = 2.0
+    return b
+
+
+def slide(b: Any, t: float) -> Any:
+    return {b.x: b.k * b.force[t]}
+
+
+def height(b: Any, t: float) -> Any:
+    return [b.gap[t] == 0.5]
+
+
+def limits(b: Any, t: float) -> Any:
+    return {"range": (0, b.force[t], 2), "power": b.force[t] * b.derivative(b.x)[t] <= 4, "none": pyo.Constraint.Skip}
+
+
+def touch(b: Any, t: float) -> Any:
+    # The first point is left out, the last has a pair of each kind.
+    return rcp.complements(b.gap[t] >= 0, b.force[t] <= 3) if t == 1 else rcp.Complementarity.Skip
+
+
+def test_each_number_is_the_one_that_the_definition_gives() -> None:
+    verdict = hand_made().trajectory().verify()
+    assert verdict.defect == pytest.approx(0)
+    assert verdict.equations == verdict.bounds == verdict.continuity == 0
+    assert verdict.natural_residual == 0.5  # min(0.5, 3 - 2)
+    assert verdict.product == 0.5
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "position", "by", "found"),
+    [
+        ("signals", "force", 1, 0.5, {"defect": 0.5, "equations": 1.0, "natural_residual": 0.5, "product": 0.25}),
+        ("signals", "force", 0, 4.0, {"defect": 4.0, "bounds": 1.0, "equations": 8.0}),
+        ("signals", "gap", 0, -0.75, {"equations": 0.75, "bounds": 0.25}),
+        ("signals", "gap", 1, 1.0, {"equations": 1.0, "bounds": 0.5, "natural_residual": 1.0, "product": 1.5}),
+        ("states", "x", 0, 0.5, {"bounds": 0.5, "defect": 1.0}),  # initial
+        ("states", "x", 2, 0.25, {"bounds": 0.25, "defect": 0.5, "equations": 1.0}),  # final
+        ("states", "x", 1, 1.5, {"bounds": 1.0, "defect": 3.0, "equations": 6.0}),  # derivative 5, bound 4
+    ],
+)
+def test_each_violation_is_found_with_its_size(
+    group: str, name: str, position: int, by: float, found: dict[str, float]
+) -> None:
+    before = hand_made().trajectory()
+    verdict = changed(before, group, name, position, by).verify()
+    expected = {"natural_residual": 0.5, "product": 0.5, **found}
+    for number in NO_SUCH_ERROR:
+        assert getattr(verdict, number) == pytest.approx(expected.get(number, 0.0), abs=1e-12), number
+
+
+def test_a_parameter_and_a_duration_out_of_bounds_are_found() -> None:
+    trajectory = hand_made().trajectory()
+    assert dataclasses.replace(trajectory, parameters={"k": 2.5}).verify().bounds == 0.5
+    m = oscillators(elements=2, duration=rcp.Duration(bounds=(1, 2)))
+    m.swing.duration.set_value(2.75, skip_validation=True)
+    assert m.swing.trajectory().verify().bounds == pytest.approx(0.75)
+
+
+def test_implicit_equations_cannot_be_integrated_again_and_are_named() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
+    b.ode(lambda b, t: {b.y: 0.0})
+
+    def implicit(b, t):
+        return b.derivative(b.x)[t] == b.y[t]
+
+    b.residual(implicit)
+    verdict = b.trajectory().verify()
+    assert (verdict.element_error, verdict.horizon_error) == (None, None)
+    assert verdict.remarks == ("re-integration needs explicit equations; implicit are those of x.",)
+    assert "not available" in str(verdict)
+    assert verdict.largest_violation == 0.0
+
+
+def test_rules_that_need_the_grid_cost_the_re_integration_and_nothing_else() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.demand = pyo.Param(b.points, initialize=lambda b, t: 2.0)
+    b.x = rcp.State(initial=0, guess=lambda t: 2 * t)
+    b.ode(lambda b, t: {b.x: b.demand[t]})
+    verdict = b.trajectory().verify()
+    assert verdict.defect < 1e-12
+    assert verdict.element_error is None
+    assert "'<lambda>' cannot be asked at t = " in verdict.remarks[0]
+
+    m.q = q = rcp.PhaseBlock(elements=2)
+    q.x, q.y = rcp.State(initial=0, guess=lambda t: 2 * t), rcp.State(initial=0, guess=lambda t: 2 * t)
+    q.ode(lambda b, t: {b.x: 2.0})
+    q.ode(lambda b, t: {b.y: b.derivative(b.x)[t]})
+    verdict = q.trajectory().verify()
+    assert verdict.defect < 1e-12
+    assert "read the derivative of 'x', which is known at the grid only" in verdict.remarks[0]
+
+
+def test_rows_that_were_not_stated_through_the_phase_are_named_as_not_judged() -> None:
+    phase = hand_made()
+    phase.own_limit = pyo.Constraint(expr=phase.x[1.0] <= 1)
+    phase.own_pair = rcp.Complementarity(expr=rcp.complements(phase.x[1.0] >= 0, phase.k >= 1))
+    (remark,) = phase.trajectory().verify().remarks
+    assert remark == "not judged, since they were not stated through the phase: own_limit, own_pair."
+
+
+def test_an_unstable_motion_is_no_crash() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=10, elements=2, scheme="implicit_euler")
+    b.x = rcp.State(initial=1, guess=1)
+    b.ode(lambda b, t: {b.x: b.x[t] ** 2})
+    verdict = b.trajectory().verify()
+    assert verdict.horizon_error == math.inf
+    assert "left the finite numbers" in verdict.remarks[0]
+
+
+def test_a_foreign_trajectory_is_refused() -> None:
+    phase, other = hand_made(), oscillators().swing
+    trajectory = phase.trajectory()
+    with pytest.raises(TrajectoryError, match=r"has the states \['x'\], phase 'swing' has \['x', 'y'\]"):
+        trajectory.verify(other)
+    with pytest.raises(TrajectoryError, match=r"has the algebraics and controls \['gap'\]"):
+        dataclasses.replace(trajectory, signals={"gap": trajectory.gap}).verify()
+    with pytest.raises(TrajectoryError, match=r"has the parameters \[\], .* has \['k'\]"):
+        dataclasses.replace(trajectory, parameters={}).verify()
+
+
+def test_a_trajectory_on_another_mesh_can_be_judged() -> None:
+    coarse, fine = oscillators(elements=2).swing, oscillators(elements=5).swing
+    assert coarse.trajectory().verify(fine) == coarse.trajectory().verify()

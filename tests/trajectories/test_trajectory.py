@@ -1,0 +1,234 @@
+"""Trajectories: read by name, interpolate, leave and come back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.phases import oscillators
+from hypothesis import given
+from hypothesis import strategies as st
+from pyomo.contrib.mpc import DynamicModelInterface
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TrajectoryError
+
+SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(4)]
+each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+
+
+def polynomials(scheme: Any, *, free: bool = False) -> rcp.Trajectory:
+    """A state of the scheme's degree, a control of one less, a held control, a parameter, a pair."""
+    s = scheme.stages
+    m = pyo.ConcreteModel()
+    duration = rcp.Duration(bounds=(1, 3)) if free else 2.0
+    m.p = b = rcp.PhaseBlock(duration=duration, start=1, elements=3, scheme=scheme)
+    if free:
+        b.duration.fix(2.0)
+    b.x = rcp.State(guess=lambda t: state(b, t, s))
+    b.u = rcp.Control(guess=lambda t: control(b, t, s), bounds=(0, None))
+    b.held = rcp.Control(parametrization="piecewise_constant", guess=[3, 1, 2])
+    b.k = rcp.Parameter(guess=0.1)
+
+    def pair(b, t):
+        return [rcp.complements(b.u[t] >= 0, b.x[t] + 1 >= 0)] if t < b.points.last() else []
+
+    b.complementarity(pair)
+    return b.trajectory()
+
+
+def real(b: Any, t: float) -> float:
+    return 1 + 2 * t if b.has_free_duration else t
+
+
+def state(b: Any, t: float, s: int) -> float:
+    return (real(b, t) / 2) ** s - real(b, t)
+
+
+def control(b: Any, t: float, s: int) -> float:
+    return 1 + (real(b, t) / 3) ** (s - 1)
+
+
+@each_scheme
+@pytest.mark.parametrize("free", [False, True])
+def test_interpolation_reproduces_the_polynomials_of_the_scheme(scheme: Any, free: bool) -> None:
+    trajectory, s = polynomials(scheme, free=free), scheme.stages
+    times = np.linspace(1, 3, 101)
+    values = trajectory(times)
+    np.testing.assert_allclose(values["x"], (times / 2) ** s - times, atol=1e-12)
+    np.testing.assert_allclose(values["u"], 1 + (times / 3) ** (s - 1), atol=1e-12)
+    at_nodes = trajectory(trajectory.time)
+    np.testing.assert_allclose(at_nodes["x"], trajectory.x, atol=1e-14)
+    np.testing.assert_allclose(trajectory(trajectory.points)["u"], trajectory.u, atol=1e-14)
+    # An element owns its end, and the first its start too.
+    np.testing.assert_allclose(
+        trajectory([1, 1.2, trajectory.grid.mesh.boundaries[1], 1.7, 2.9, 3])["held"], [3, 3, 3, 1, 2, 2], atol=1e-12
+    )
+
+
+def test_values_are_read_by_name() -> None:
+    trajectory = polynomials(rcp.radau(2))
+    assert trajectory.names == ["x", "u", "held"]
+    assert trajectory.x is trajectory.states["x"]
+    assert trajectory.u is trajectory.signals["u"]
+    assert trajectory.k == 0.1
+    assert trajectory.held == {"held"}
+    assert (trajectory.time[0], trajectory.time[-1], trajectory.duration) == (1, 3, 2)
+    assert isinstance(trajectory(1.5)["x"], float)
+    assert trajectory([1.5])["x"].shape == (1,)
+    (name,) = trajectory.pairs
+    assert name == "pair[0]"
+    np.testing.assert_array_equal(trajectory.pairs[name][0, :-1], trajectory.u[:-1])
+    np.testing.assert_allclose(trajectory.pairs[name][1, :-1], trajectory(trajectory.points)["x"][:-1] + 1)
+    assert np.isnan(trajectory.pairs[name][:, -1]).all()
+    with pytest.raises(AttributeError, match="trajectory 'p' has no 'z'"):
+        _ = trajectory.z
+
+
+def test_a_time_index_of_a_free_duration_is_real_time() -> None:
+    fixed, free = polynomials(rcp.gauss_legendre(2)), polynomials(rcp.gauss_legendre(2), free=True)
+    np.testing.assert_allclose(free.time, fixed.time, rtol=1e-15)
+    np.testing.assert_allclose(free.points, fixed.points, rtol=1e-15)
+
+
+@pytest.mark.parametrize("times", [0.9, 3.1, [1.5, -2], float("nan"), [1.5, float("inf")]])
+def test_times_outside_are_refused(times: Any) -> None:
+    wrong = next(t for t in np.atleast_1d(times) if not 1 <= t <= 3)
+    with pytest.raises(TrajectoryError, match=rf"runs from 1 to 3; asked was t = {wrong:g}\."):
+        polynomials(rcp.radau(2))(times)
+
+
+def test_rounding_at_the_ends_is_forgiven_and_a_table_of_times_is_not() -> None:
+    trajectory = polynomials(rcp.radau(2))
+    assert trajectory(3 + 1e-12)["x"] == trajectory(3.0)["x"]
+    with pytest.raises(TrajectoryError, match=r"times of shape \(1, 2\)"):
+        trajectory([[1.0, 2.0]])
+
+
+def test_a_value_that_is_missing_is_named() -> None:
+    m = oscillators(elements=2)
+    m.swing.x[1.5].value = None
+    with pytest.raises(TrajectoryError, match=r"'swing.x\[1.5\]' has no value. Solve the model first"):
+        m.swing.trajectory()
+
+
+@each_scheme
+def test_save_and_load_keep_every_bit(scheme: Any, tmp_path: Path) -> None:
+    before = polynomials(scheme, free=True)
+    path = before.save(tmp_path / "run.v1")
+    assert path == tmp_path / "run.v1.npz"
+    assert before.save(path) == path
+    after = rcp.Trajectory.load(path)
+    assert after.grid.times == before.grid.times
+    assert after.grid.scheme.name == scheme.name
+    for group in ("states", "signals", "pairs"):
+        assert list(getattr(after, group)) == list(getattr(before, group))
+        for name, values in getattr(before, group).items():
+            assert getattr(after, group)[name].tobytes() == values.tobytes()
+    assert (after.name, after.parameters, after.held) == (before.name, before.parameters, before.held)
+    assert after(1.234) == before(1.234)
+
+
+def test_a_file_holds_no_pickle(tmp_path: Path) -> None:
+    path = polynomials(rcp.radau(2)).save(tmp_path / "run")
+    with ZipFile(path) as archive:
+        for member in archive.namelist():
+            array = np.load(archive.open(member), allow_pickle=False)
+            assert array.dtype != object
+
+
+def test_what_was_loaded_is_verified_by_a_phase_that_is_named(tmp_path: Path) -> None:
+    phase = oscillators(elements=2).swing
+    loaded = rcp.Trajectory.load(phase.trajectory().save(tmp_path / "run"))
+    with pytest.raises(TrajectoryError, match=r"loaded from a file .* Use verify\(phase=model.swing\)"):
+        loaded.verify()
+    assert loaded.verify(phase=phase) == phase.trajectory().verify()
+
+
+def write_archive(path: Path, header: str) -> None:
+    with path.open("wb") as file:
+        np.savez(file, header=np.array(header))
+
+
+FOREIGN = {
+    "not there": (lambda path: None, "No such file"),
+    "empty": (lambda path: path.write_bytes(b""), "No data left"),
+    "text": (lambda path: path.write_text("time,x\n0,1\n"), "no trajectory can be read"),
+    "broken archive": (lambda path: path.write_bytes(b"PK\x03\x04 and nothing else"), "not a zip file"),
+    "one array": (lambda path: np.save(path.open("wb"), np.zeros(3)), "no trajectory can be read"),
+    "objects": (lambda path: np.save(path.open("wb"), np.array([{}])), "no trajectory can be read"),
+    "other arrays": (lambda path: np.savez(path.open("wb"), x=np.zeros(3)), "header"),
+    "no dict": (lambda path: write_archive(path, "[1]"), "no trajectory can be read"),
+    "another format": (lambda path: write_archive(path, '{"format": 9}'), "format 9; this version reads format 1"),
+    "no grid": (lambda path: write_archive(path, '{"format": 1, "facts": {}, "names": {}}'), "holds no trajectory"),
+}
+
+
+@pytest.mark.parametrize("case", FOREIGN)
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_foreign_file_is_refused(case: str, tmp_path: Path) -> None:
+    make, message = FOREIGN[case]
+    path = tmp_path / "foreign.npz"
+    make(path)
+    with pytest.raises(TrajectoryError, match=message) as caught:
+        rcp.Trajectory.load(path)
+    assert str(path) in str(caught.value)
+
+
+@each_scheme
+def test_a_data_frame_has_a_row_per_time(scheme: Any) -> None:
+    pytest.importorskip("pandas")
+    trajectory = polynomials(scheme)
+    frame = trajectory.to_pandas()
+    assert list(frame.columns) == ["x", "u", "held"]
+    assert frame.index.name == "time"
+    np.testing.assert_array_equal(frame.index, trajectory.time)
+    np.testing.assert_allclose(frame["x"], trajectory.x, atol=1e-14)
+    np.testing.assert_allclose(frame["u"], 1 + (trajectory.time / 3) ** (scheme.stages - 1), atol=1e-12)
+
+
+def test_time_series_are_those_of_contrib_mpc() -> None:
+    m = oscillators(elements=3)
+    for i, t in enumerate(m.swing.time):
+        m.swing.x[t].value, m.swing.y[t].value = i, -t
+    series = m.swing.trajectory().to_time_series()
+    assert {str(key) for key in series.get_data()} == {"swing.x[*]", "swing.y[*]"}
+    assert list(series.get_time_points()) == list(m.swing.time)
+    assert series.get_data_from_key(m.swing.x[:]) == pytest.approx(list(range(10)))
+    assert series.get_data_at_time(1.5).get_data_from_key(m.swing.y[:]) == pytest.approx(-1.5)
+
+
+def test_time_series_load_back_through_contrib_mpc() -> None:
+    m = oscillators(elements=3)
+    interface = DynamicModelInterface(m, m.swing.time)
+    for i, t in enumerate(m.swing.time):
+        m.swing.x[t].value, m.swing.y[t].value = i, -t
+    series = m.swing.trajectory().to_time_series()
+    fresh = oscillators(elements=3)
+    DynamicModelInterface(fresh, fresh.swing.time).load_data(series)
+    assert [v.value for v in fresh.swing.x.values()] == pytest.approx(list(range(10)))
+    assert interface.get_data_at_time(m.swing.time).get_data_from_key("swing.y[*]") == [-t for t in m.swing.time]
+
+
+def test_keys_of_time_series_find_nested_and_indexed_phases() -> None:
+    def build(b, *index):
+        b.phase = rcp.PhaseBlock([("a", 1)], elements=1, rule=lambda b, i, j: setattr(b, "x", rcp.State()))
+
+    m = pyo.ConcreteModel()
+    m.arms = pyo.Block(["left", 2], rule=build)
+    for arm in m.arms.values():
+        (key,) = arm.phase["a", 1].trajectory().to_time_series().get_data()
+        assert m.find_component(key)[0.0] is arm.phase["a", 1].x[0.0]
+
+
+@given(t=st.floats(1, 3))
+def test_one_time_is_the_same_as_many(t: float) -> None:
+    trajectory = HYPOTHESIS_TRAJECTORY
+    assert {name: values[0] for name, values in trajectory([t, 2.0]).items()} == pytest.approx(trajectory(t), abs=1e-14)
+
+
+HYPOTHESIS_TRAJECTORY = polynomials(rcp.radau(3))
