@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pyomo.core.expr import LinearExpression
+from pyomo.core.expr.numeric_expr import MonomialTermExpression, SumExpression
 
 from pyrobocop_pyomo.numerics import Grid
 
@@ -43,10 +44,11 @@ def collocation_rows(
     coefficients = [row.tolist() for row in grid.scheme.D]
     for i, times in enumerate(grid.stage_times):
         variables = [state[grid.mesh.boundaries[i]], *(state[time] for time in times)]
-        width = widths[i]
+        backward = -widths[i]
         for time, row in zip(times, coefficients, strict=True):
-            # A LinearExpression from lists is several times cheaper to build, and to write, than a sum of products.
-            yield time, (LinearExpression(linear_vars=variables, linear_coefs=row) - width * rate[time], 0)
+            # One flat sum, made from its terms, takes half the time of operators, to build and to walk over again.
+            terms = map(MonomialTermExpression, zip(row, variables, strict=True))
+            yield time, (SumExpression([*terms, backward * rate[time]]), 0)
 
 
 def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[float, Any]]:
