@@ -119,6 +119,41 @@ def choices() -> pyo.ConcreteModel:
     return m
 
 
+def many_of_each() -> pyo.ConcreteModel:
+    """Every function and operator often enough to be evaluated on arrays, next to each other in one row."""
+    m = pyo.ConcreteModel("many")
+    m.x = pyo.Var(range(40), initialize=0.3)
+    m.p = pyo.Param(range(40), initialize=lambda m, i: 1.5 + i / 40, mutable=True)
+    names = [name for name in UNARY if name not in ("asinh", "atanh")]  # that CasADi's reader of files knows
+
+    def functions(m, i):
+        return sum(getattr(pyo, name)(0.5 + 0.4 * m.x[i] * m.x[(i + 1) % 40]) for name in names) <= 40
+
+    def operators(m, i):
+        x, y, p = 0.7 + m.x[i], 0.8 + m.x[(i + 3) % 40] ** 2, m.p[i]
+        powers = x**p + p**y + x**y + x**-1.5 + x**3 + (2 + 0.1 * i) ** x
+        return powers - x / y / p + abs(x - 5) * abs(y) - (-x) * 3 / (1 + i) <= 50
+
+    m.functions = pyo.Constraint(range(40), rule=functions)
+    m.operators = pyo.Constraint(range(40), rule=operators)
+    m.cost = pyo.Objective(expr=sum((m.x[i] - i) ** 2 / m.p[i] for i in m.x))
+    return m
+
+
+def many_choices() -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel("many choices")
+    m.x = pyo.Var(range(20), initialize=0.3)
+
+    def choice(m, i):
+        x, y = m.x[i], m.x[(i + 1) % 20]
+        inner = pyo.Expr_if(pyo.inequality(0.1, y, 0.3), x**2, pyo.exp(y))
+        return pyo.Expr_if(x <= 0.2, inner * x, pyo.asinh(y) + pyo.atanh(y / 2) + pyo.acosh(1.5 + x)) <= 9
+
+    m.rows = pyo.Constraint(range(20), rule=choice)
+    m.cost = pyo.Objective(expr=sum(m.x[i] ** 4 for i in m.x))
+    return m
+
+
 def long_sums() -> pyo.ConcreteModel:
     m = pyo.ConcreteModel("sums")
     m.x = pyo.Var(range(40), initialize=0.1)
@@ -154,6 +189,8 @@ ZOO = [
     parameters_everywhere,
     shared_expressions,
     choices,
+    many_of_each,
+    many_choices,
     long_sums,
     all_different,
     lambda: hock_schittkowski_71()[0],
@@ -163,7 +200,8 @@ ZOO = [
     every_kind_of_row,
 ]
 ZOO_NAMES = [
-    "cart-pole", "free-duration", "gauss", "unary", "powers", "parameters", "shared", "choices", "long-sums",
+    "cart-pole", "free-duration", "gauss", "unary", "powers", "parameters", "shared", "choices", "many",
+    "many-choices", "long-sums",
     "all-different", "hs71", "maximisation", "square", "fixed", "rows",
 ]  # fmt: skip
 

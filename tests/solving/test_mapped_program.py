@@ -23,6 +23,7 @@ other_derivatives = pytest.mark.parametrize("other", [pytest.param("asl", marks=
 NEAR = {"rel": 1e-9, "abs": 1e-9}
 UNKNOWN_TO_OTHERS = {
     ("casadi", "choices"): "CasADi's reader of files does not know conditions",
+    ("casadi", "many_choices"): "CasADi's reader of files does not know conditions",
     ("casadi", "unary_functions"): "CasADi's reader of files does not know inverse hyperbolic functions",
     # Ipopt's own derivative test finds it as well, through the executable.
     ("asl", "shared_expressions"): "ASL's Jacobian is wrong where rows and objective share nested named expressions",
