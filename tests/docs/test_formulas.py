@@ -103,8 +103,8 @@ def test_any_scheme_has_the_rows_of_the_page(scheme):
         increments = np.vstack([increments, scheme.b])
     square = increments[:, scheme.stages - len(increments) :]
     inverse = np.linalg.inv(square)
-    assert scheme.D == pytest.approx(np.column_stack([-inverse.sum(axis=1), inverse]), abs=1e-9)
-    assert scheme.F == pytest.approx(inverse @ increments, abs=1e-9)
+    assert pytest.approx(np.column_stack([-inverse.sum(axis=1), inverse]), abs=1e-9) == scheme.D
+    assert pytest.approx(inverse @ increments, abs=1e-9) == scheme.F
     # One state with the derivative x^2 + t, at arbitrary values.
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], scheme=scheme)
