@@ -229,8 +229,8 @@ class PhaseBlockData(BlockData):
         Raises
         ------
         TranscriptionError
-            Naming the state without equation, the counts that do not match, or the variable that
-            appears nowhere.
+            Naming the state without equation, the counts that do not match, the variable that appears nowhere, or
+            the equations that determine no derivative and no algebraic.
         """
         check_phase(self, self.record)
 
@@ -276,6 +276,7 @@ class PhaseBlockData(BlockData):
         scheme: str | Scheme,
         stages: int | None,
         start: float,
+        allow_higher_index: bool,
     ) -> None:
         """Set up grid, index sets and duration; every argument is checked before anything is added."""
         if not (isinstance(start, Real) and math.isfinite(start)):
@@ -298,7 +299,9 @@ class PhaseBlockData(BlockData):
             grid = Grid(find_scheme(scheme, stages), _make_mesh(first, last, elements, mesh))
         except ModelError as error:
             raise type(error)(f"{self._what}: {error}") from None
-        self._record = PhaseRecord(grid=grid, start=float(start), duration=duration)
+        self._record = PhaseRecord(
+            grid=grid, start=float(start), duration=duration, allow_higher_index=bool(allow_higher_index)
+        )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
         add_duration(self, self._record)
@@ -362,6 +365,9 @@ class PhaseBlock(Block):
         Collocation points per element; 3 by default.
     start : float
         Time at which the phase starts.
+    allow_higher_index : bool
+        Let equations through that determine derivatives and algebraics only after differentiation. They are
+        transcribed as they stand; `check` refuses them otherwise.
     rule : callable, optional
         ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
 
@@ -414,6 +420,7 @@ class PhaseBlock(Block):
         scheme: str | Scheme = "radau",
         stages: int | None = None,
         start: float = 0.0,
+        allow_higher_index: bool = False,
         rule: Rule | None = None,
         **kwds: Any,
     ) -> None:
@@ -424,6 +431,7 @@ class PhaseBlock(Block):
             "scheme": scheme,
             "stages": stages,
             "start": start,
+            "allow_higher_index": allow_higher_index,
         }
         super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
 

@@ -55,6 +55,8 @@ class PhaseRecord:
         Names of the constraints that tie states to their derivatives: no equations of the user's.
     residuals_per_point : int
         Number of residual equations stated so far, per collocation point.
+    allow_higher_index : bool
+        True when equations may leave algebraics to hidden constraints.
     """
 
     grid: Grid
@@ -67,6 +69,7 @@ class PhaseRecord:
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
     residuals_per_point: int = 0
+    allow_higher_index: bool = False
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""
