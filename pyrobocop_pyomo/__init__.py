@@ -22,6 +22,7 @@ from pyrobocop_pyomo.phases import (
     Duration,
     Parameter,
     PhaseBlock,
+    Start,
     State,
     Verification,
 )
@@ -60,6 +61,7 @@ __all__ = [
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
+    "Start",
     "State",
     "StopReason",
     "Trajectory",

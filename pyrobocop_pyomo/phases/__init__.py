@@ -1,6 +1,6 @@
 """What the user states: declarations, `PhaseBlock`, and the judgement of a trajectory by it."""
 
-from .declarations import Algebraic, Control, Declaration, Duration, Parameter, State
+from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
 from .phase_block import PhaseBlock, PhaseBlockData
 from .verification import Verification
 
@@ -12,6 +12,7 @@ __all__ = [
     "Parameter",
     "PhaseBlock",
     "PhaseBlockData",
+    "Start",
     "State",
     "Verification",
 ]

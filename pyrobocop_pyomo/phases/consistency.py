@@ -13,6 +13,7 @@ from pyomo.mpec import Complementarity as PyomoComplementarity
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
+from .controls import variables_name
 from .declarations import Algebraic, Control, Parameter
 from .record import PhaseRecord
 from .structure import check_structure, sides_of
@@ -88,7 +89,7 @@ def _per_point(component: Any, points: int) -> int:
 def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
     """A variable in no row and no objective would come back as noise: name it."""
     declared = [name for kind in (Control, Algebraic, Parameter) for name in record.names(kind)]
-    missing = {name: {id(data) for data in block.component(name).values()} for name in declared}
+    missing = {name: {id(data) for data in _variables(block, record, name)} for name in declared}
     for expression in _expressions(block):
         if not missing:
             return
@@ -101,6 +102,12 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
             f"phase '{block.name}': {kind} '{name}' (declared at {declaration.declared_at}) appears in no equation, "
             "constraint or objective. Use it or remove it."
         )
+
+
+def _variables(block: Any, record: PhaseRecord, name: str) -> Any:
+    declaration = record.declarations[name]
+    holder = variables_name(name, declaration) if isinstance(declaration, Control) else name
+    return block.component(holder).values()
 
 
 def _expressions(block: Any) -> Any:

@@ -39,10 +39,12 @@ class PhaseRecord:
     Attributes
     ----------
     grid : Grid
-        In time, or in normalised time when the duration is a variable.
-    start : float
-        Time at which the phase starts.
+        In time, or in normalised time when something about it is to be found.
     duration : float or Duration
+    normalised : bool
+        True when start, duration or element boundaries are to be found: indices then run from 0 to 1.
+    moving : bool
+        True when the element boundaries are variables.
     declarations : dict of name to Declaration
     statements : list of Statement
         Every rule, in the order stated.
@@ -53,6 +55,8 @@ class PhaseRecord:
         States whose derivative is a variable of its own.
     generated_rows : set of str
         Names of the constraints that tie states to their derivatives: no equations of the user's.
+    control_rates : dict of control name to {collocation point: expression}
+        Filled when first asked for.
     residuals_per_point : int
         Number of residual equations stated so far, per collocation point.
     allow_higher_index : bool
@@ -60,14 +64,16 @@ class PhaseRecord:
     """
 
     grid: Grid
-    start: float
     duration: float | Duration
+    normalised: bool = False
+    moving: bool = False
     declarations: dict[str, Declaration] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
+    control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
     allow_higher_index: bool = False
 

@@ -37,6 +37,8 @@ class Trajectory:
         Algebraics and controls, at the collocation points.
     rates : dict of name to array, shape (len(points),)
         Derivatives of the states at the collocation points; may be empty.
+    linear : dict of name to array, shape (2, knots)
+        Times and values of the controls that are linear between knots.
     held : frozenset of str
         Those of the signals that are constant over each element.
     parameters : dict of name to float
@@ -58,6 +60,7 @@ class Trajectory:
     parameters: Mapping[str, float]
     pairs: Mapping[str, Array]
     rates: Mapping[str, Array] = field(default_factory=dict)
+    linear: Mapping[str, Array] = field(default_factory=dict)
     held: frozenset[str] = frozenset()
     phase: Any = field(default=None, repr=False)
 
@@ -124,6 +127,7 @@ class Trajectory:
         stage_weights = self.grid.scheme.stage_polynomial_at(local)
         values = {name: self._interpolate_state(name, element, local) for name in self.states}
         values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
+        values |= {name: np.interp(times, *knots) for name, knots in self.linear.items()}
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
     def _interpolate_state(self, name: str, element: NDArray[np.int64], local: Array) -> Array:
@@ -210,9 +214,8 @@ class Trajectory:
             for name in chosen
         }
         # A polynomial of degree zero jumps at element ends; drawn as a step it looks like what it is.
-        steps = {
-            name for name in chosen if name in self.signals and (self.grid.scheme.stages == 1 or name in self.held)
-        }
+        jumping = self.held if self.grid.scheme.stages > 1 else set(self.signals) - set(self.linear)
+        steps = {name for name in chosen if name in jumping}
         return plot_signals(
             self.name if figure is None else "",
             dense,
@@ -244,7 +247,7 @@ class Trajectory:
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
-        groups = {"states": self.states, "signals": self.signals, "pairs": self.pairs, "rates": self.rates}
+        groups = {name: getattr(self, name) for name in ("states", "signals", "pairs", "rates", "linear")}
         return write_archive(path, facts, {"grid": grid, **groups})
 
     @classmethod

@@ -14,7 +14,7 @@ import pyrobocop_pyomo
 PUBLIC = """
     Algebraic Complementarity Control Duration Fixed FollowBarrier Geometric Grid Mesh Parameter Penalty
     PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SolveFailed SolveResult
-    SquareSlider State StopReason Trajectory Verification __version__ active_pairs available_routes complements
+    SquareSlider Start State StopReason Trajectory Verification __version__ active_pairs available_routes complements
     draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre lobatto radau solve
 """
 
