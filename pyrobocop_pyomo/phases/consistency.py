@@ -16,13 +16,17 @@ from pyrobocop_pyomo.errors import TranscriptionError
 from .controls import variables_name
 from .declarations import Algebraic, Control, Parameter
 from .record import PhaseRecord
+from .structure import check_structure, sides_of
 
 
 def check_phase(block: Any, record: PhaseRecord) -> None:
     """Raise a `TranscriptionError` that names the culprit when equations and variables do not fit."""
+    if any(block.component(name) is None for name in record.declarations):
+        return  # a transformation has renamed the variables, as scaling does: the record is about another model
     _check_each_state_has_an_equation(block, record)
     _check_counts(block, record)
     _check_each_variable_appears(block, record)
+    check_structure(block, record)
 
 
 def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
@@ -113,7 +117,7 @@ def _expressions(block: Any) -> Any:
         yield from (row.body for row in islice(component.values(), 1))
     for component in _complementarities(block):
         for data in component.values():
-            yield from data.args
+            yield from sides_of(data)
     for component in own:
         for row in component.values():
             yield row.body

@@ -259,8 +259,8 @@ class PhaseBlockData(BlockData):
         Raises
         ------
         TranscriptionError
-            Naming the state without equation, the counts that do not match, or the variable that
-            appears nowhere.
+            Naming the state without equation, the counts that do not match, the variable that appears nowhere, or
+            the equations that determine no derivative and no algebraic.
         """
         check_phase(self, self.record)
 
@@ -307,6 +307,7 @@ class PhaseBlockData(BlockData):
         stages: int | None,
         start: Any,
         moving: Bounds | None,
+        allow_higher_index: bool,
     ) -> None:
         """Set up grid, index sets and horizon; every argument is checked before anything is added."""
         _check_horizon(self._what, start, duration)
@@ -316,7 +317,9 @@ class PhaseBlockData(BlockData):
             grid = Grid(find_scheme(scheme, stages), _make_mesh(first, last, elements, mesh))
         except ModelError as error:
             raise type(error)(f"{self._what}: {error}") from None
-        self._record = PhaseRecord(grid, duration, normalised, moving=moving is not None)
+        self._record = PhaseRecord(
+            grid, duration, normalised, moving=moving is not None, allow_higher_index=bool(allow_higher_index)
+        )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
         add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, moving)
@@ -402,6 +405,9 @@ class PhaseBlock(Block):
     moving : (smallest, largest), optional
         Lets the element boundaries move: factors between which each element's width may change, so that a switch
         or a contact can fall on an element end.
+    allow_higher_index : bool
+        Let equations through that determine derivatives and algebraics only after differentiation. They are
+        transcribed as they stand; `check` refuses them otherwise.
     rule : callable, optional
         ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
 
@@ -455,6 +461,7 @@ class PhaseBlock(Block):
         stages: int | None = None,
         start: Any = 0.0,
         moving: Bounds | None = None,
+        allow_higher_index: bool = False,
         rule: Rule | None = None,
         **kwds: Any,
     ) -> None:
@@ -466,6 +473,7 @@ class PhaseBlock(Block):
             "stages": stages,
             "start": start,
             "moving": moving,
+            "allow_higher_index": allow_higher_index,
         }
         super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
 

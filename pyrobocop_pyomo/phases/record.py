@@ -59,6 +59,8 @@ class PhaseRecord:
         Filled when first asked for.
     residuals_per_point : int
         Number of residual equations stated so far, per collocation point.
+    allow_higher_index : bool
+        True when equations may leave algebraics to hidden constraints.
     """
 
     grid: Grid
@@ -73,6 +75,7 @@ class PhaseRecord:
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
+    allow_higher_index: bool = False
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""
