@@ -12,7 +12,7 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    Algebraic Complementarity Control Duration Fixed FollowBarrier Geometric Grid Mesh Parameter Penalty
+    Algebraic Complementarity Control Duration Fixed FollowBarrier Geometric Grid Link Mesh Parameter Penalty
     PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SolveFailed SolveResult
     SquareSlider State StopReason Trajectory Verification __version__ active_pairs available_routes complements
     draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre lobatto radau solve
