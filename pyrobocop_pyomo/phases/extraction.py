@@ -62,10 +62,10 @@ def _read_rates(block: Any, name: str, points: tuple[float, ...]) -> np.ndarray:
 
 
 def _real_time(block: Any, record: PhaseRecord) -> Grid:
-    if not block.has_free_duration:
+    if record.start_is_known and not block.has_free_duration:
         return record.grid
-    duration, start = float(value(block.duration)), record.start
-    mesh = Mesh(tuple(start + duration * tau for tau in record.grid.mesh.boundaries))
+    duration, start = float(value(block.duration)), float(value(record.start))
+    mesh = Mesh(tuple(record.clock(t, duration, start) for t in record.grid.mesh.boundaries))
     return Grid(record.grid.scheme, mesh)
 
 

@@ -14,6 +14,7 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 from pyomo.core.base.set import Set
+from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.errors import DeclarationError, MeshError, ModelError, TranscriptionError
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
@@ -174,8 +175,8 @@ class PhaseBlockData(BlockData):
             return quadrature(lambda time: integrand(self, time), self.record.grid, scale)
 
     def clock(self, t: float) -> Any:
-        """The time that the index ``t`` stands for: ``t`` itself, or an expression in a free duration."""
-        return self.record.start + self.duration * t if self.has_free_duration else t
+        """The time that the index ``t`` stands for: ``t`` itself, or an expression in a free duration or start."""
+        return self.record.clock(t, self.duration, self.record.start)
 
     # ---------------------------------------------------------------- facts and answers
 
@@ -275,11 +276,16 @@ class PhaseBlockData(BlockData):
         mesh: Any,
         scheme: str | Scheme,
         stages: int | None,
-        start: float,
+        start: Any,
     ) -> None:
         """Set up grid, index sets and duration; every argument is checked before anything is added."""
-        if not (isinstance(start, Real) and math.isfinite(start)):
-            raise DeclarationError(f"{self._what}: start = {start!r}; expected a finite number.")
+        if isinstance(start, PhaseBlockData):
+            start = start.clock(start.final_time)
+        known = isinstance(start, Real) and math.isfinite(start)
+        if not known and not (start.__class__ not in native_types and getattr(start, "is_numeric_type", bool)()):
+            raise DeclarationError(
+                f"{self._what}: start = {start!r}; expected a finite number, an expression, or the phase before."
+            )
         if isinstance(duration, Duration):
             bounds = check_bounds(duration.bounds, self._what, "duration bounds")
             if bounds[0] is None or bounds[0] <= 0:
@@ -293,12 +299,12 @@ class PhaseBlockData(BlockData):
                 raise DeclarationError(
                     f"{self._what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...)."
                 )
-            first, last = float(start), float(start + duration)
+            first, last = (float(start), float(start + duration)) if known else (0.0, float(duration))
         try:
             grid = Grid(find_scheme(scheme, stages), _make_mesh(first, last, elements, mesh))
         except ModelError as error:
             raise type(error)(f"{self._what}: {error}") from None
-        self._record = PhaseRecord(grid=grid, start=float(start), duration=duration)
+        self._record = PhaseRecord(grid=grid, start=float(start) if known else start, duration=duration)
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
         add_duration(self, self._record)
@@ -360,8 +366,9 @@ class PhaseBlock(Block):
         ``"radau"`` (default), ``"gauss"``, ``"implicit_euler"``, ``"implicit_midpoint"``, or a scheme object.
     stages : int, optional
         Collocation points per element; 3 by default.
-    start : float
-        Time at which the phase starts.
+    start : float, expression or PhaseBlock
+        Time at which the phase starts; given a phase, the time at which that one ends. Time indices count from the
+        start where it is not known as a number: ``phase.clock(t)`` is the time they stand for.
     rule : callable, optional
         ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
 
@@ -413,7 +420,7 @@ class PhaseBlock(Block):
         mesh: Any = None,
         scheme: str | Scheme = "radau",
         stages: int | None = None,
-        start: float = 0.0,
+        start: Any = 0.0,
         rule: Rule | None = None,
         **kwds: Any,
     ) -> None:

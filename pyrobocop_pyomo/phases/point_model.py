@@ -37,11 +37,11 @@ class PointModel:
     ----------
     block : PhaseBlock
     record : PhaseRecord
-    duration : float
-        Value of the duration, for rules that read it.
+    start, duration : float
+        Values of the start and the duration, for rules that read them.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord, duration: float) -> None:
+    def __init__(self, block: Any, record: PhaseRecord, start: float, duration: float) -> None:
         scratch = ConcreteModel()
         self._block = block
         self._record = record
@@ -59,6 +59,7 @@ class PointModel:
             self._derivatives[name] = Var()
             scratch.add_component(f"d{i}", self._derivatives[name])
         self.duration = duration
+        self._start = start
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -80,7 +81,7 @@ class PointModel:
 
     def clock(self, t: float) -> float:
         """Real time of an index, as `PhaseBlock.clock` gives it."""
-        return self._record.start + self.duration * t if self._block.has_free_duration else t
+        return self._record.clock(t, self.duration, self._start)
 
     def set_values(self, values: Mapping[str, float], derivatives: Mapping[str, float] | None = None) -> None:
         """Hold other values: those of the instant that is asked next."""

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from pyomo.core.expr.numvalue import native_numeric_types
+
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Declaration, Duration, State
@@ -39,8 +41,8 @@ class PhaseRecord:
     Attributes
     ----------
     grid : Grid
-        In time, or in normalised time when the duration is a variable.
-    start : float
+        In time; since the start where that is an expression; in normalised time when the duration is a variable.
+    start : float or expression
         Time at which the phase starts.
     duration : float or Duration
     declarations : dict of name to Declaration
@@ -58,7 +60,7 @@ class PhaseRecord:
     """
 
     grid: Grid
-    start: float
+    start: Any
     duration: float | Duration
     declarations: dict[str, Declaration] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
@@ -71,6 +73,17 @@ class PhaseRecord:
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""
         return [name for name, declaration in self.declarations.items() if isinstance(declaration, kind)]
+
+    @property
+    def start_is_known(self) -> bool:
+        """False where the start is an expression, as after a phase whose duration is a variable."""
+        return self.start.__class__ in native_numeric_types
+
+    def clock(self, t: float, duration: Any, start: Any) -> Any:
+        """The time that an index stands for, given values or expressions for duration and start."""
+        if isinstance(self.duration, Duration):
+            return start + duration * t
+        return t if self.start_is_known else start + t
 
     @property
     def names_of_states(self) -> list[str]:

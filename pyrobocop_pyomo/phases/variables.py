@@ -34,7 +34,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
     elif isinstance(declaration, (Algebraic, Control)):
         _add_indexed(block, name, declaration, block.points, stage_guess(declaration.guess, record.grid, what), what)
     elif isinstance(declaration, Parameter):
-        bounds = declaration.bounds_at(record.start, what)
+        bounds = declaration.bounds_at(record.grid.times[0], what)
         guess = number_guess(declaration.guess, what)
         block.add_component(name, Var(bounds=bounds, initialize=_within(guess, bounds)))
     else:

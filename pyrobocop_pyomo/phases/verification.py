@@ -125,7 +125,8 @@ class _Judge:
         self.record = record
         self.trajectory = trajectory
         self.grid = trajectory.grid
-        self.point = PointModel(block, record, trajectory.duration)
+        self.start = trajectory.grid.mesh.boundaries[0]
+        self.point = PointModel(block, record, self.start, trajectory.duration)
         self.point.set_values(trajectory.parameters)
         # Rules are asked at time indices, which are normalised where the duration was a variable.
         self.free_duration = block.has_free_duration
@@ -147,7 +148,9 @@ class _Judge:
         return self.trajectory.element_rates(name)
 
     def _index(self, time: float) -> float:
-        return (time - self.record.start) / self.trajectory.duration if self.free_duration else time
+        if self.free_duration:
+            return (time - self.start) / self.trajectory.duration
+        return time if self.record.start_is_known else time - self.start
 
     def _statements(self, kind: str) -> list[Statement]:
         return [statement for statement in self.record.statements if statement.kind == kind]
