@@ -36,7 +36,7 @@ from pyrobocop_pyomo.solving import (
     configure_ipopt_executable,
     solve,
 )
-from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
 __all__ = [
     "Algebraic",
@@ -47,6 +47,7 @@ __all__ = [
     "FollowBarrier",
     "Geometric",
     "Grid",
+    "JoinedTrajectory",
     "Link",
     "Mesh",
     "Parameter",
@@ -75,6 +76,7 @@ __all__ = [
     "explicit",
     "find_scheme",
     "gauss_legendre",
+    "join_trajectories",
     "lobatto",
     "radau",
     "solve",

@@ -88,6 +88,11 @@ class Trajectory:
         """Names of everything that changes in time."""
         return [*self.states, *self.signals]
 
+    @property
+    def stepwise(self) -> set[str]:
+        """Names of the signals whose polynomial has degree zero: it jumps at element ends, and is drawn as a step."""
+        return {name for name in self.signals if self.grid.scheme.stages == 1 or name in self.held}
+
     def __call__(self, t: ArrayLike) -> dict[str, Any]:
         """Values of every state, algebraic and control at given times.
 
@@ -209,10 +214,7 @@ class Trajectory:
             name: (self.time, self.states[name]) if name in self.states else (self.points, self.signals[name])
             for name in chosen
         }
-        # A polynomial of degree zero jumps at element ends; drawn as a step it looks like what it is.
-        steps = {
-            name for name in chosen if name in self.signals and (self.grid.scheme.stages == 1 or name in self.held)
-        }
+        steps = self.stepwise & set(chosen)
         return plot_signals(
             self.name if figure is None else "",
             dense,
