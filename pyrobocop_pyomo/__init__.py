@@ -30,11 +30,14 @@ from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
     Route,
+    SequenceRanking,
     SolveResult,
     StopReason,
     available_routes,
     configure_ipopt_executable,
+    mode_sequences,
     solve,
+    solve_sequences,
 )
 from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
@@ -60,6 +63,7 @@ __all__ = [
     "Route",
     "Scheme",
     "Scholtes",
+    "SequenceRanking",
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
@@ -78,8 +82,10 @@ __all__ = [
     "gauss_legendre",
     "join_trajectories",
     "lobatto",
+    "mode_sequences",
     "radau",
     "solve",
+    "solve_sequences",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
