@@ -193,10 +193,15 @@ class SequenceRanking(Sequence[SequenceOutcome]):
             line = (
                 f"{rank:>4}  {name:<{width}} {objective:>14}  {each.standing:<10} {iterations:>5} {each.seconds:>8.2f}"
             )
-            lines.append(f"{line}  {each.reason}".rstrip())
+            lines.append(f"{line}  {_first_sentence(each.reason)}".rstrip())
         if self.left:
             lines.append(f"interrupted; not solved: {'; '.join(' - '.join(each) for each in self.left)}")
         return "\n".join(lines)
+
+
+def _first_sentence(text: str) -> str:
+    """Enough for a line of a table; numbers such as 0.5 end no sentence."""
+    return text.partition(". ")[0].partition("\n")[0]
 
 
 def values_of(model: Any) -> NDArray[np.float64]:
