@@ -20,6 +20,7 @@ from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
     Duration,
+    Link,
     Parameter,
     PhaseBlock,
     Start,
@@ -30,13 +31,16 @@ from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
     Route,
+    SequenceRanking,
     SolveResult,
     StopReason,
     available_routes,
     configure_ipopt_executable,
+    mode_sequences,
     solve,
+    solve_sequences,
 )
-from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
 __all__ = [
     "Algebraic",
@@ -47,6 +51,8 @@ __all__ = [
     "FollowBarrier",
     "Geometric",
     "Grid",
+    "JoinedTrajectory",
+    "Link",
     "Mesh",
     "Parameter",
     "Penalty",
@@ -58,6 +64,7 @@ __all__ = [
     "Route",
     "Scheme",
     "Scholtes",
+    "SequenceRanking",
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
@@ -75,9 +82,12 @@ __all__ = [
     "explicit",
     "find_scheme",
     "gauss_legendre",
+    "join_trajectories",
     "lobatto",
+    "mode_sequences",
     "radau",
     "solve",
+    "solve_sequences",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
