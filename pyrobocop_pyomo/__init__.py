@@ -30,6 +30,7 @@ from pyrobocop_pyomo.phases import (
 from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
+    RecedingHorizon,
     Route,
     SequenceRanking,
     SolveResult,
@@ -61,6 +62,7 @@ __all__ = [
     "PhaseBlock",
     "PyRobocopError",
     "Quality",
+    "RecedingHorizon",
     "Route",
     "Scheme",
     "Scholtes",
