@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any, NamedTuple, cast
 
 from pyomo.core.expr.numeric_expr import MonomialTermExpression
 
+from .batched_walk import Batch, BatchedWalk
 from .expression_codes import CHOICE, DIVISION, FACTORS, NEGATION, NUMBER, POWER, PRODUCT, SCALED_SUM, SUM, Code
 from .expression_kinds import CONSTANT, FUNCTION, LEAF, NAMED, SUMMATION, NodeKinds, comparison_name, function_name
 
@@ -43,6 +46,23 @@ class TermGroup:
         self.numbers: list[float] = []
         self.parameters: list[tuple[int, int]] = []
 
+    def add(
+        self,
+        rows: list[int],
+        scales: list[float],
+        columns: Sequence[Sequence[int]],
+        numbers: Sequence[Sequence[float]],
+        parameters: Sequence[tuple[int, Sequence[int]]],
+    ) -> None:
+        """Add terms; variables, numbers and parameters come as one sequence over the terms for each of a term."""
+        start, step = len(self.numbers), self.numbers_per_term
+        self.rows += rows
+        self.scales += scales
+        self.columns += chain.from_iterable(zip(*columns, strict=True))
+        self.numbers += chain.from_iterable(zip(*numbers, strict=True))
+        for place, several in parameters:
+            self.parameters += [(start + i * step + place, parameter) for i, parameter in enumerate(several)]
+
 
 class Columns:
     """Variables and parameters in the order in which a walk meets them.
@@ -73,6 +93,16 @@ class Columns:
         self.column_of[id(leaf)] = column
         return column
 
+    def of(self, leaves: Sequence[Any]) -> list[int]:
+        """Columns of many variables and parameters."""
+        columns = list(map(self.column_of.get, map(id, leaves)))
+        if None in columns:
+            for i, leaf in enumerate(leaves):
+                if columns[i] is None:
+                    known = self.column_of.get(id(leaf))
+                    columns[i] = self.add(leaf) if known is None else known
+        return cast("list[int]", columns)
+
 
 class _Part(NamedTuple):
     """A nonlinear summand: ``scale * product of factors * node``."""
@@ -82,18 +112,20 @@ class _Part(NamedTuple):
     factors: tuple[Any, ...]
 
 
-class _Encoded(NamedTuple):
-    """A term on its way into its group."""
+class _Term(NamedTuple):
+    """A nonlinear term of a row: ``scale`` times its nodes under an operator, or times its only node."""
 
-    code: Code
+    row: int
     scale: float
-    columns: dict[int, int]
-    numbers: list[float]
-    parameters: list[tuple[int, int]]
+    nodes: tuple[Any, ...]
+    symbol: int | None
+    scales: tuple[float, ...]
 
 
 class Terms:
     """What is known of a set of rows: ``constants + linear part + sum of the groups``.
+
+    Add all rows first, then `group` the nonlinear terms.
 
     Parameters
     ----------
@@ -118,6 +150,7 @@ class Terms:
         self.groups: dict[Code, TermGroup] = {}
         self.named_expressions: dict[int, tuple[Any, Any]] = {}
         self._kinds = NodeKinds()
+        self._terms: list[_Term] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
         """Add ``scale * expression`` to a row, in linear terms as far as possible.
@@ -130,8 +163,7 @@ class Terms:
         columns: list[int] = []
         coefficients: list[float] = []
         constant, parts = self._split(expression, scale, columns, coefficients)
-        terms = self._encode(parts) if parts else []
-        variable = any(column >= 0 for column in columns) or any(term.columns for term in terms)
+        variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
         if not (variable or keep_constant):
             return False
         if constant:
@@ -139,9 +171,52 @@ class Terms:
         self.linear_rows += [row] * len(columns)
         self.linear_columns += columns
         self.linear_coefficients += coefficients
-        for term in terms:
-            self._put_into_group(row, term)
+        if parts:
+            self._terms += _terms(row, parts)
         return variable
+
+    def group(self) -> None:
+        """Put the terms of all rows that were added into groups of one shape."""
+        alike: dict[tuple[int | None, int], list[_Term]] = {}
+        for term in self._terms:
+            alike.setdefault((term.symbol, len(term.nodes)), []).append(term)
+        walk = BatchedWalk(self._kinds, self.columns.of, self._content)
+        for (symbol, _), terms in alike.items():
+            left = dict.fromkeys(range(len(terms)))
+            first = Batch(
+                items=range(len(terms)),
+                pending=[list(nodes) for nodes in zip(*(reversed(term.nodes) for term in terms), strict=True)],
+                code=[] if symbol is None else [symbol],
+                numbers=[list(scales) for scales in zip(*(term.scales for term in terms), strict=True)],
+            )
+            for batch in walk.finished(first):
+                self._group_of(tuple(batch.code), len(batch.columns), len(batch.numbers)).add(
+                    [terms[i].row for i in batch.items], [terms[i].scale for i in batch.items],
+                    batch.columns, batch.numbers, batch.parameters,
+                )  # fmt: skip
+                for i in batch.items:
+                    del left[i]
+            for i in left:
+                self._encode(terms[i])
+        self._terms.clear()
+
+    def _group_of(self, code: Code, size: int, numbers_per_term: int) -> TermGroup:
+        group = self.groups.get(code)
+        if group is None:
+            group = self.groups[code] = TermGroup(code, size, numbers_per_term)
+        return group
+
+    def _has_variable(self, part: _Part) -> bool:
+        pending = [part.node, *part.factors]
+        while pending:
+            node = pending.pop()
+            kind = self._kinds[node.__class__]
+            if kind == LEAF:
+                if self.columns.of([node])[0] >= 0:
+                    return True
+            elif kind != CONSTANT:
+                pending += node._args_[: node._nargs] if kind == SUMMATION else node._args_
+        return False
 
     def _split(
         self, expression: Any, scale: float, columns: list[int], coefficients: list[float]
@@ -212,25 +287,11 @@ class Terms:
         self.named_expressions[id(named)] = (named, expression)
         return expression
 
-    def _encode(self, parts: list[_Part]) -> list[_Encoded]:
-        if len(parts) == 1 and not parts[0].factors:
-            return [self._encode_term(parts[0].scale, [parts[0].node], [], [])]
-        if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
-            # What the scales have in common stays outside, so that elements of other widths have the same numbers.
-            common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
-            scales = [part.scale / common for part in parts] if common else [0.0] * len(parts)
-            return [
-                self._encode_term(common, [part.node for part in reversed(parts)], [SCALED_SUM + len(parts)], scales)
-            ]
-        return [
-            self._encode_term(
-                part.scale, [part.node, *part.factors], [FACTORS + 1 + len(part.factors)] if part.factors else [], []
-            )
-            for part in parts
-        ]
-
-    def _encode_term(self, scale: float, nodes: list[Any], code: list[Any], numbers: list[float]) -> _Encoded:
-        """Walk over the nodes of a term, the last of them first; consumes `nodes`, continues `code` and `numbers`."""
+    def _encode(self, term: _Term) -> None:
+        """Walk over one term by itself and put it into its group."""
+        nodes = list(reversed(term.nodes))
+        code: list[Any] = [] if term.symbol is None else [term.symbol]
+        numbers = list(term.scales)
         kinds, column_of = self._kinds, self.columns.column_of
         columns: dict[int, int] = {}  # to the numbers of the variables within this term
         parameters: list[tuple[int, int]] = []
@@ -282,15 +343,24 @@ class Terms:
             else:
                 put(comparison_name(node))
                 nodes += reversed(node._args_)
-        return _Encoded(tuple(code), scale, columns, numbers, parameters)
+        self._group_of(tuple(code), len(columns), len(numbers)).add(
+            [term.row], [term.scale], [[column] for column in columns], [[number] for number in numbers],
+            [(place, [parameter]) for place, parameter in parameters],
+        )  # fmt: skip
 
-    def _put_into_group(self, row: int, term: _Encoded) -> None:
-        group = self.groups.get(term.code)
-        if group is None:
-            group = self.groups[term.code] = TermGroup(term.code, len(term.columns), len(term.numbers))
-        start = len(group.numbers)
-        group.rows.append(row)
-        group.scales.append(term.scale)
-        group.columns += term.columns
-        group.numbers += term.numbers
-        group.parameters += [(start + place, parameter) for place, parameter in term.parameters]
+
+def _terms(row: int, parts: list[_Part]) -> list[_Term]:
+    """A short sum as one term, a long one as several."""
+    if len(parts) == 1 and not parts[0].factors:
+        return [_Term(row, parts[0].scale, (parts[0].node,), None, ())]
+    if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
+        # What the scales have in common stays outside, so that elements of other widths have the same numbers.
+        common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
+        scales = tuple(part.scale / common if common else 0.0 for part in parts)
+        return [_Term(row, common, tuple(part.node for part in parts), SCALED_SUM + len(parts), scales)]
+    return [
+        _Term(
+            row, part.scale, (*part.factors, part.node), FACTORS + 1 + len(part.factors) if part.factors else None, ()
+        )
+        for part in parts
+    ]

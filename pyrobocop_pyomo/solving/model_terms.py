@@ -105,6 +105,8 @@ def collect_terms(model: BlockData) -> ModelTerms:
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
             found.cost.named_expressions[id(objective)] = (objective, objective._args_[0])
+        found.rows.group()
+        found.cost.group()
     refuse_discrete(model, found.variables)
     return found
 
