@@ -2,106 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import chain
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from pyomo.core.expr.numeric_expr import MonomialTermExpression
 
-from .batched_walk import Batch, BatchedWalk
-from .expression_codes import CHOICE, DIVISION, FACTORS, NEGATION, NUMBER, POWER, PRODUCT, SCALED_SUM, SUM, Code
-from .expression_kinds import CONSTANT, FUNCTION, LEAF, NAMED, SUMMATION, NodeKinds, comparison_name, function_name
+from .expression_codes import DIVISION, FACTORS, NEGATION, PRODUCT, SCALED_SUM
+from .expression_kinds import CONSTANT, LEAF, NAMED, SUMMATION, NodeKinds
+from .term_groups import Columns, NonlinearTerm, TermGroups
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
 # an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
 LONGEST_TERM = 16
-
-
-class TermGroup:
-    """Nonlinear terms of one shape: ``scales[i] * term(variables[i], numbers[i])`` is added to row ``rows[i]``.
-
-    Attributes
-    ----------
-    code : tuple
-        The shape; see `expression_codes`.
-    size, numbers_per_term : int
-        Counts of variables and of numbers in one term.
-    rows : list of int
-    scales : list of float
-    columns : list of int
-        Variables, `size` for each term.
-    numbers : list of float
-        Numbers, `numbers_per_term` for each term; 0 where a parameter stands.
-    parameters : list of pairs of int
-        Places in `numbers` and the parameters that stand there.
-    """
-
-    __slots__ = ("code", "columns", "numbers", "numbers_per_term", "parameters", "rows", "scales", "size")
-
-    def __init__(self, code: Code, size: int, numbers_per_term: int) -> None:
-        self.code, self.size, self.numbers_per_term = code, size, numbers_per_term
-        self.rows: list[int] = []
-        self.scales: list[float] = []
-        self.columns: list[int] = []
-        self.numbers: list[float] = []
-        self.parameters: list[tuple[int, int]] = []
-
-    def add(
-        self,
-        rows: list[int],
-        scales: list[float],
-        columns: Sequence[Sequence[int]],
-        numbers: Sequence[Sequence[float]],
-        parameters: Sequence[tuple[int, Sequence[int]]],
-    ) -> None:
-        """Add terms; variables, numbers and parameters come as one sequence over the terms for each of a term."""
-        start, step = len(self.numbers), self.numbers_per_term
-        self.rows += rows
-        self.scales += scales
-        self.columns += chain.from_iterable(zip(*columns, strict=True))
-        self.numbers += chain.from_iterable(zip(*numbers, strict=True))
-        for place, several in parameters:
-            self.parameters += [(start + i * step + place, parameter) for i, parameter in enumerate(several)]
-
-
-class Columns:
-    """Variables and parameters in the order in which a walk meets them.
-
-    Attributes
-    ----------
-    variables : list of VarData
-        Free variables.
-    parameters : list
-        Fixed variables and mutable Params: numbers that may change without a new walk.
-    column_of : dict of id to int
-        Place of a variable, or ``-1 - place`` of a parameter.
-    """
-
-    def __init__(self) -> None:
-        self.variables: list[Any] = []
-        self.parameters: list[Any] = []
-        self.column_of: dict[int, int] = {}
-
-    def add(self, leaf: Any) -> int:
-        """Column of a variable or parameter that is met for the first time."""
-        if leaf.is_variable_type() and not leaf.fixed:
-            column = len(self.variables)
-            self.variables.append(leaf)
-        else:
-            column = -1 - len(self.parameters)
-            self.parameters.append(leaf)
-        self.column_of[id(leaf)] = column
-        return column
-
-    def of(self, leaves: Sequence[Any]) -> list[int]:
-        """Columns of many variables and parameters."""
-        columns = list(map(self.column_of.get, map(id, leaves)))
-        if None in columns:
-            for i, leaf in enumerate(leaves):
-                if columns[i] is None:
-                    known = self.column_of.get(id(leaf))
-                    columns[i] = self.add(leaf) if known is None else known
-        return cast("list[int]", columns)
 
 
 class _Part(NamedTuple):
@@ -110,16 +21,6 @@ class _Part(NamedTuple):
     node: Any
     scale: float
     factors: tuple[Any, ...]
-
-
-class _Term(NamedTuple):
-    """A nonlinear term of a row: ``scale`` times its nodes under an operator, or times its only node."""
-
-    row: int
-    scale: float
-    nodes: tuple[Any, ...]
-    symbol: int | None
-    scales: tuple[float, ...]
 
 
 class Terms:
@@ -137,7 +38,7 @@ class Terms:
     linear_rows, linear_columns, linear_coefficients : list
         Triplets; a column ``-1 - i`` is the parameter i.
     constants : dict of row to float
-    groups : dict of code to TermGroup
+    groups : TermGroups
     named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
     """
 
@@ -147,10 +48,10 @@ class Terms:
         self.linear_columns: list[int] = []
         self.linear_coefficients: list[float] = []
         self.constants: dict[int, float] = {}
-        self.groups: dict[Code, TermGroup] = {}
         self.named_expressions: dict[int, tuple[Any, Any]] = {}
         self._kinds = NodeKinds()
-        self._terms: list[_Term] = []
+        self.groups = TermGroups(columns, self._kinds, self._content)
+        self._terms: list[NonlinearTerm] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
         """Add ``scale * expression`` to a row, in linear terms as far as possible.
@@ -177,34 +78,8 @@ class Terms:
 
     def group(self) -> None:
         """Put the terms of all rows that were added into groups of one shape."""
-        alike: dict[tuple[int | None, int], list[_Term]] = {}
-        for term in self._terms:
-            alike.setdefault((term.symbol, len(term.nodes)), []).append(term)
-        walk = BatchedWalk(self._kinds, self.columns.of, self._content)
-        for (symbol, _), terms in alike.items():
-            left = dict.fromkeys(range(len(terms)))
-            first = Batch(
-                items=range(len(terms)),
-                pending=[list(nodes) for nodes in zip(*(reversed(term.nodes) for term in terms), strict=True)],
-                code=[] if symbol is None else [symbol],
-                numbers=[list(scales) for scales in zip(*(term.scales for term in terms), strict=True)],
-            )
-            for batch in walk.finished(first):
-                self._group_of(tuple(batch.code), len(batch.columns), len(batch.numbers)).add(
-                    [terms[i].row for i in batch.items], [terms[i].scale for i in batch.items],
-                    batch.columns, batch.numbers, batch.parameters,
-                )  # fmt: skip
-                for i in batch.items:
-                    del left[i]
-            for i in left:
-                self._encode(terms[i])
+        self.groups.put(self._terms)
         self._terms.clear()
-
-    def _group_of(self, code: Code, size: int, numbers_per_term: int) -> TermGroup:
-        group = self.groups.get(code)
-        if group is None:
-            group = self.groups[code] = TermGroup(code, size, numbers_per_term)
-        return group
 
     def _has_variable(self, part: _Part) -> bool:
         pending = [part.node, *part.factors]
@@ -215,7 +90,7 @@ class Terms:
                 if self.columns.of([node])[0] >= 0:
                     return True
             elif kind != CONSTANT:
-                pending += node._args_[: node._nargs] if kind == SUMMATION else node._args_
+                pending += reversed(node._args_[: node._nargs] if kind == SUMMATION else node._args_)
         return False
 
     def _split(
@@ -287,79 +162,18 @@ class Terms:
         self.named_expressions[id(named)] = (named, expression)
         return expression
 
-    def _encode(self, term: _Term) -> None:
-        """Walk over one term by itself and put it into its group."""
-        nodes = list(reversed(term.nodes))
-        code: list[Any] = [] if term.symbol is None else [term.symbol]
-        numbers = list(term.scales)
-        kinds, column_of = self._kinds, self.columns.column_of
-        columns: dict[int, int] = {}  # to the numbers of the variables within this term
-        parameters: list[tuple[int, int]] = []
-        places: dict[int, int] = {}
-        pop, put = nodes.pop, code.append
-        while nodes:
-            node = pop()
-            kind = kinds[node.__class__]
-            if kind == LEAF:
-                column = column_of.get(id(node))
-                if column is None:
-                    column = self.columns.add(node)
-                if column >= 0:
-                    number = columns.get(column)
-                    if number is None:
-                        number = columns[column] = -1 - len(columns)
-                    put(number)
-                else:
-                    put(NUMBER)
-                    parameters.append((len(numbers), -1 - column))
-                    numbers.append(0.0)
-                continue
-            if kind == CONSTANT:
-                put(NUMBER)
-                numbers.append(node)
-                continue
-            if kind == NAMED:
-                nodes.append(self._content(node))
-                continue
-            identity = id(node)
-            place = places.get(identity)
-            if place is not None:
-                # The same node again: a common subexpression, evaluated once, however often it is nested.
-                put(("same", place))
-                continue
-            places[identity] = len(code)
-            if kind == POWER and kinds[node._args_[1].__class__] == CONSTANT:
-                put(("**", node._args_[1]))
-                nodes.append(node._args_[0])
-            elif kind <= CHOICE:
-                put(kind)
-                nodes += reversed(node._args_)
-            elif kind == SUMMATION:
-                put(SUM + node._nargs)
-                nodes += reversed(node._args_[: node._nargs])
-            elif kind == FUNCTION:
-                put(function_name(node))
-                nodes.append(node._args_[0])
-            else:
-                put(comparison_name(node))
-                nodes += reversed(node._args_)
-        self._group_of(tuple(code), len(columns), len(numbers)).add(
-            [term.row], [term.scale], [[column] for column in columns], [[number] for number in numbers],
-            [(place, [parameter]) for place, parameter in parameters],
-        )  # fmt: skip
 
-
-def _terms(row: int, parts: list[_Part]) -> list[_Term]:
+def _terms(row: int, parts: list[_Part]) -> list[NonlinearTerm]:
     """A short sum as one term, a long one as several."""
     if len(parts) == 1 and not parts[0].factors:
-        return [_Term(row, parts[0].scale, (parts[0].node,), None, ())]
+        return [NonlinearTerm(row, parts[0].scale, (parts[0].node,), None, ())]
     if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
         # What the scales have in common stays outside, so that elements of other widths have the same numbers.
         common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
         scales = tuple(part.scale / common if common else 0.0 for part in parts)
-        return [_Term(row, common, tuple(part.node for part in parts), SCALED_SUM + len(parts), scales)]
+        return [NonlinearTerm(row, common, tuple(part.node for part in parts), SCALED_SUM + len(parts), scales)]
     return [
-        _Term(
+        NonlinearTerm(
             row, part.scale, (*part.factors, part.node), FACTORS + 1 + len(part.factors) if part.factors else None, ()
         )
         for part in parts

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.solving.expression_codes import decoded
-from pyrobocop_pyomo.solving.expression_terms import Columns, Terms
+from pyrobocop_pyomo.solving.expression_terms import Terms
 from pyrobocop_pyomo.solving.model_terms import collect_terms
+from pyrobocop_pyomo.solving.term_groups import Columns
 
 
 def values_of_rows(terms: Terms, columns: Columns, count: int) -> np.ndarray:
