@@ -38,6 +38,7 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
     """
     what = f"{what} (declared at {control.declared_at})"
     if control.parametrization == "collocated":
+        _refuse_weightless_stages(record, what)
         add_indexed(block, name, control, block.points, stage_guess(control.guess, record.grid, what), what)
     elif control.parametrization == "piecewise_constant":
         _add_held(block, record, name, control, what)
@@ -45,6 +46,20 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
         _add_linear(block, record, name, control, what)
     if control.rate_bounds is not None:
         _bound_rate(block, record, name, control, check_bounds(control.rate_bounds, what, "rate bounds"))
+
+
+def _refuse_weightless_stages(record: PhaseRecord, what: str) -> None:
+    """A control at a stage with quadrature weight zero moves the state at no cost: the optimum would be nonsense.
+
+    Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, sec. 4,
+    doi:10.1007/s002110000178.
+    """
+    scheme = record.grid.scheme
+    if (abs(scheme.b) < 1e-14).any():
+        raise DeclarationError(
+            f"{what}: with the scheme {scheme.name} the stage at c = {scheme.c[abs(scheme.b).argmin()]:g} has weight 0 "
+            "in every integral, so a control of its own there would cost nothing. Choose 'piecewise_constant'."
+        )
 
 
 def variables_name(name: str, control: Control) -> str:

@@ -77,7 +77,7 @@ class PhaseBlockData(BlockData):
             raise DeclarationError(
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
             )
-        with self._all_or_nothing():
+        with self._all_or_nothing(), PauseGC():
             add_variables(self, self.record, name, declaration)
             self.record.declarations[name] = declaration
 

@@ -186,6 +186,9 @@ def test_what_does_not_go_together_is_refused() -> None:
     m.p = rcp.PhaseBlock(duration=2, scheme="trapezoid")
     with pytest.raises(DeclarationError, match="share a collocation point, .* Choose 'piecewise_linear'"):
         m.p.u = rcp.Control(parametrization="piecewise_constant")
+    m.r = rcp.PhaseBlock(duration=2, scheme="explicit", stages=2)
+    with pytest.raises(DeclarationError, match="the stage at c = 0 has weight 0 .* Choose 'piecewise_constant'"):
+        m.r.u = rcp.Control()
     m.q = rcp.PhaseBlock(duration=2, elements=4, moving=(0.5, 2))
     with pytest.raises(DeclarationError, match="knots of its own do not go with moving elements"):
         m.q.u = rcp.Control(parametrization="piecewise_constant", knots=[0, 0.5, 1])
