@@ -174,7 +174,8 @@ class PhaseBlockData(BlockData):
         with PauseGC():
             scale, weights = quadrature_weights(self, self.record)
             total = quadrature(lambda time: integrand(self, time), weights)
-            return total if isinstance(scale, float) else scale * total
+            plain = isinstance(scale, float) and scale == 1.0
+            return total if plain else scale * total
 
     def clock(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
