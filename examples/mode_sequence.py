@@ -39,11 +39,7 @@ def build(
     state_push(m.first, CONTACTS["first"], initial=(0, 0, 0), rate_bound=rate_bound)
     state_push(m.second, CONTACTS["second"], final=goal, rate_bound=rate_bound)
 
-    @m.Constraint(list(POSE_BOUNDS))
-    def joint(m, name):
-        before, after = m.first.component(name), m.second.component(name)
-        return before[m.first.final_time] == after[m.second.initial_time]
-
+    m.change_of_face = rcp.Link(m.first, m.second)
     m.total_time = pyo.Objective(expr=m.first.duration + m.second.duration)
     return m
 

@@ -25,6 +25,7 @@ def run_example(
     default: str,
     coarse: Case,
     size: tuple[float, float] = (10.0, 4.6),
+    search: Callable[..., tuple[pyo.ConcreteModel, rcp.SolveResult]] | None = None,
 ) -> None:
     """Read the command line, run the cases it names, and exit with 0 only if all of them were solved.
 
@@ -42,6 +43,9 @@ def run_example(
         Arguments of build for a quick look on few elements.
     size : (width, height)
         Of the picture, inches; 100 pixels each.
+    search : callable, optional
+        Finds the best of many models and its result, in place of building and solving one; called with a case and
+        options of `solve`.
     """
     source = Path(inspect.getfile(build))
     arguments = _read_command_line(str(inspect.getmodule(build).__doc__), cases, default)
@@ -51,9 +55,14 @@ def run_example(
     places = figure.subfigures(1, len(chosen), squeeze=False)[0]
     solved = True
     for name, place in zip(chosen, places, strict=True):
-        model = build(**{**cases[name], **(coarse if arguments.coarse else {})})
-        model.name = f"{model.name} - {name}"
-        result = rcp.solve(model, route=arguments.route, tee=arguments.tee)
+        case = {**cases[name], **(coarse if arguments.coarse else {})}
+        options = {"route": arguments.route, "tee": arguments.tee}
+        if search is None:
+            model = build(**case)
+            model.name = f"{model.name} - {name}"
+            result = rcp.solve(model, **options)
+        else:
+            model, result = search(**case, **options)
         print(result)
         for phase in model.block_data_objects(active=True):
             if isinstance(phase, PhaseBlockData):

@@ -21,6 +21,7 @@ from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
     Duration,
+    Link,
     Parameter,
     PhaseBlock,
     Start,
@@ -31,13 +32,16 @@ from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
     Route,
+    SequenceRanking,
     SolveResult,
     StopReason,
     available_routes,
     configure_ipopt_executable,
+    mode_sequences,
     solve,
+    solve_sequences,
 )
-from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
 
 __all__ = [
     "Algebraic",
@@ -49,6 +53,8 @@ __all__ = [
     "FollowBarrier",
     "Geometric",
     "Grid",
+    "JoinedTrajectory",
+    "Link",
     "Mesh",
     "Parameter",
     "Penalty",
@@ -60,6 +66,7 @@ __all__ = [
     "Route",
     "Scheme",
     "Scholtes",
+    "SequenceRanking",
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
@@ -78,9 +85,12 @@ __all__ = [
     "explicit",
     "find_scheme",
     "gauss_legendre",
+    "join_trajectories",
     "lobatto",
+    "mode_sequences",
     "radau",
     "solve",
+    "solve_sequences",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.

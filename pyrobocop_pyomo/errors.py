@@ -8,6 +8,7 @@
     │   ├── MeshError                    element boundaries that are no mesh
     │   ├── DeclarationError             a state, control, ... or phase option that contradicts itself
     │   ├── TranscriptionError           equations that do not fit the declared variables
+    │   ├── LinkError                    two phases that cannot be joined
     │   ├── GuessError                   an initial guess of the wrong shape, or not finite
     │   ├── StructureChanged             a kept model whose variables or rows are no longer those it was made of
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
@@ -47,6 +48,10 @@ class DeclarationError(ModelError):
 
 class TranscriptionError(ModelError):
     """Equations that do not fit the declared variables."""
+
+
+class LinkError(ModelError):
+    """Two phases that cannot be joined in the way asked for."""
 
 
 class GuessError(ModelError):

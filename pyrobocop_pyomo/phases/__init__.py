@@ -1,7 +1,9 @@
 """What the user states: declarations, `PhaseBlock`, and the judgement of a trajectory by it."""
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
+from .links import Link, LinkData
 from .phase_block import PhaseBlock, PhaseBlockData
+from .phase_end import PhaseEnd
 from .verification import Verification
 
 __all__ = [
@@ -9,9 +11,12 @@ __all__ = [
     "Control",
     "Declaration",
     "Duration",
+    "Link",
+    "LinkData",
     "Parameter",
     "PhaseBlock",
     "PhaseBlockData",
+    "PhaseEnd",
     "Start",
     "State",
     "Verification",

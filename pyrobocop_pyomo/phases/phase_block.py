@@ -312,6 +312,8 @@ class PhaseBlockData(BlockData):
         time_units: Any,
     ) -> None:
         """Set up grid, index sets and horizon; every argument is checked before anything is added."""
+        if isinstance(start, PhaseBlockData):
+            start = start.clock(start.final_time)
         _check_horizon(self._what, start, duration)
         normalised = isinstance(duration, Duration) or not isinstance(start, Real) or moving is not None
         first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
@@ -338,7 +340,9 @@ def _check_horizon(what: str, start: Any, duration: Any) -> None:
         or (isinstance(start, Real) and not math.isfinite(start))
         or not (isinstance(start, (Real, Start)) or getattr(start, "is_numeric_type", bool)())
     ):
-        raise DeclarationError(f"{what}: start = {start!r}; expected a finite number, Start(...) or an expression.")
+        raise DeclarationError(
+            f"{what}: start = {start!r}; expected a finite number, Start(...), an expression, or the phase before."
+        )
     if isinstance(duration, Duration):
         lower, _ = check_bounds(duration.bounds, what, "duration bounds")
         if lower is None or lower <= 0:
@@ -407,8 +411,8 @@ class PhaseBlock(Block):
         ``"radau"`` (default), ``"gauss"``, ``"implicit_euler"``, ``"implicit_midpoint"``, or a scheme object.
     stages : int, optional
         Collocation points per element; 3 by default.
-    start : float, Start or expression
-        Time at which the phase starts: a number, a variable, or an expression such as the end of another phase.
+    start : float, Start, expression or PhaseBlock
+        Time at which the phase starts: a number, a variable, an expression, or the phase after whose end it starts.
     moving : (smallest, largest), optional
         Lets the element boundaries move: factors between which each element's width may change, so that a switch
         or a contact can fall on an element end.

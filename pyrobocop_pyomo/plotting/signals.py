@@ -33,6 +33,7 @@ def plot_signals(
     time : array, shape (m,)
         Where the interpolation was evaluated.
     values : mapping of name to array, shape (m,)
+        A NaN breaks the line.
     nodes : mapping of name to (times, values)
     steps : set of str
         Names drawn as steps.
@@ -76,7 +77,7 @@ def plot_signals(
 
 def _show_no_noise(axis: Any, values: Array) -> None:
     """A constant up to the solver's tolerance is drawn as a constant, not stretched over the panel."""
-    lowest, highest = float(values.min()), float(values.max())
+    lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
     least = max(1e-4 * max(abs(lowest), abs(highest)), 1e-6)
     if highest - lowest < least:
         middle = (lowest + highest) / 2

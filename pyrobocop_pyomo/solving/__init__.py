@@ -3,8 +3,11 @@
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable
 from .kept_model import KeptModel
+from .mode_sequences import mode_sequences
 from .procedure import solve
 from .routes import Route, available_routes
+from .sequence_ranking import SequenceOutcome, SequenceRanking
+from .sequence_solver import solve_sequences
 from .solve_result import Quality, SolveResult, Step, StopReason
 
 __all__ = [
@@ -12,10 +15,14 @@ __all__ = [
     "KeptModel",
     "Quality",
     "Route",
+    "SequenceOutcome",
+    "SequenceRanking",
     "SolveResult",
     "Step",
     "StopReason",
     "available_routes",
     "configure_ipopt_executable",
+    "mode_sequences",
     "solve",
+    "solve_sequences",
 ]

@@ -91,6 +91,11 @@ class Trajectory:
         """Names of everything that changes in time."""
         return [*self.states, *self.signals]
 
+    @property
+    def stepwise(self) -> set[str]:
+        """Names of the signals whose polynomial has degree zero: it jumps at element ends, and is drawn as a step."""
+        return set(self.held) if self.grid.scheme.stages > 1 else set(self.signals) - set(self.linear)
+
     def __call__(self, t: ArrayLike) -> dict[str, Any]:
         """Values of every state, algebraic and control at given times.
 
@@ -213,9 +218,7 @@ class Trajectory:
             name: (self.time, self.states[name]) if name in self.states else (self.points, self.signals[name])
             for name in chosen
         }
-        # A polynomial of degree zero jumps at element ends; drawn as a step it looks like what it is.
-        jumping = self.held if self.grid.scheme.stages > 1 else set(self.signals) - set(self.linear)
-        steps = {name for name in chosen if name in jumping}
+        steps = self.stepwise & set(chosen)
         return plot_signals(
             self.name if figure is None else "",
             dense,

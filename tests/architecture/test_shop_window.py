@@ -12,10 +12,11 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    Algebraic Complementarity Control Diagnosis Duration Fixed FollowBarrier Geometric Grid Mesh Parameter Penalty
-    PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SolveFailed SolveResult
-    SquareSlider Start State StopReason Trajectory Verification __version__ active_pairs available_routes complements
-    diagnose draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre lobatto radau solve
+    Algebraic Complementarity Control Diagnosis Duration Fixed FollowBarrier Geometric Grid JoinedTrajectory Link
+    Mesh Parameter Penalty PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SequenceRanking
+    SolveFailed SolveResult SquareSlider Start State StopReason Trajectory Verification __version__ active_pairs
+    available_routes complements diagnose draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre
+    join_trajectories lobatto mode_sequences radau solve solve_sequences
 """
 
 EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "dask", "mpi4py")

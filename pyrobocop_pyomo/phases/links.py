@@ -1,0 +1,354 @@
+"""`Link`: the end of one phase joined to the start of another, as an ordinary Pyomo block of constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.errors import LinkError, TranscriptionError
+
+from .declarations import Parameter
+from .jumps import sort_jump
+from .phase_block import IndexedPhaseBlock, PhaseBlock, PhaseBlockData
+from .phase_end import PhaseEnd
+from .pickling import picklable_or_none
+
+Rule = Callable[..., Any]
+
+
+@dataclass
+class _Ends:
+    """The two phases of a link. In a holder, since a block would adopt a component that is assigned to it."""
+
+    first: Any
+    second: Any
+
+
+class LinkData(BlockData):
+    """One link; see `Link` for how to make one.
+
+    Attributes
+    ----------
+    continuity : Constraint
+        One row per state that continues, by its name in the second phase.
+    jump : Constraint
+        One row per state, or relation, that the jump gives.
+    shared : Constraint
+        One row per shared parameter.
+    """
+
+    def __init__(self, component: Any) -> None:
+        super().__init__(component)
+        self._ends: _Ends | None = None
+
+    @property
+    def first(self) -> Any:
+        """The phase whose end is joined."""
+        return self._joined.first
+
+    @property
+    def second(self) -> Any:
+        """The phase whose start is joined."""
+        return self._joined.second
+
+    @property
+    def pre(self) -> PhaseEnd:
+        """The end of the first phase, by name, for equations of the user's own."""
+        return PhaseEnd(self.first, last=True)
+
+    @property
+    def post(self) -> PhaseEnd:
+        """The start of the second phase, by name."""
+        return PhaseEnd(self.second, last=False)
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a row of this link at the current values; NaN where a variable has none."""
+        worst = 0.0
+        for row in self.component_data_objects(Constraint, active=True):
+            body = value(row.body, exception=False)
+            if body is None:
+                return float("nan")
+            worst = max(worst, (row.lb or 0.0) - body if row.has_lb() else 0.0)
+            worst = max(worst, body - (row.ub or 0.0) if row.has_ub() else 0.0)
+        return worst
+
+    @property
+    def _joined(self) -> _Ends:
+        if self._ends is None:
+            raise LinkError(f"link '{self.name}' is not constructed yet: add it to a ConcreteModel first.")
+        return self._ends
+
+    @property
+    def _what(self) -> str:
+        return f"link '{self.name}' from '{self.first.name}' to '{self.second.name}'"
+
+    def _build(
+        self, phases: Any, *, states: Any, omit: Iterable[Any], jump: Rule | None, parameters: Iterable[Any]
+    ) -> None:
+        self._ends = _Ends(*_two_phases(self, phases))
+        pre, post = self.pre, self.post
+        jumped, relations = sort_jump(self._what, self.second, pre, post, jump)
+        determined = {*jumped, *relations.determined}
+        if states is None:
+            continued = self._states_of_both(determined, self._names_to_omit(omit), pre._read)
+        else:
+            continued = self._states_given(states, determined, omit)
+        self.continuity = Constraint(list(continued))
+        for name, source in continued.items():
+            self._add(self.continuity, name, getattr(pre, source), getattr(post, name))
+        self.jump = Constraint([*jumped, *relations.rows])
+        for name, expression in jumped.items():
+            self._add(self.jump, name, expression, getattr(post, name))
+        for label, relation in relations.rows.items():
+            self.jump.add(label, relation)
+        names = [self._parameter_name(each) for each in parameters]
+        self.shared = Constraint(names)
+        for name in names:
+            self._add(self.shared, name, getattr(pre, name), getattr(post, name))
+
+    def _add(self, rows: Any, name: str, before: Any, after: Any) -> None:
+        row = rows.add(name, before - after == 0)
+        # Where nothing is left to choose, a solver would only say that the problem has too few variables.
+        if after.fixed and row.body.is_fixed() and abs(value(row.body)) > 1e-8 * max(1.0, abs(after.value)):
+            raise LinkError(
+                f"{self._what}: '{before}' has the fixed value {value(before):g}, but '{after.name}' is fixed at "
+                f"{after.value:g}. Leave one of them free, or state how '{name}' jumps."
+            )
+
+    def _states_of_both(self, determined: set[str], omitted: set[str], read: set[str]) -> dict[str, str]:
+        before, after = self.first.record.names_of_states, self.second.record.names_of_states
+        continued = {name: name for name in after if name in before and name not in determined | omitted}
+        for name in after:
+            start = self.second.component(name)[self.second.initial_time]
+            if name not in continued and name not in determined | omitted and not start.fixed:
+                raise LinkError(
+                    f"{self._what}: nothing gives the start of state '{name}'; '{self.first.name}' has the states "
+                    f"{', '.join(before) or 'none'}. Give '{name}' in jump=, or leave it alone by omit=['{name}']."
+                )
+        for name in before:
+            if name not in continued.values() and name not in read | omitted | determined:
+                raise LinkError(
+                    f"{self._what}: state '{name}' of '{self.first.name}' goes nowhere; '{self.second.name}' has the "
+                    f"states {', '.join(after) or 'none'}. Use it in jump=, or leave it alone by omit=['{name}']."
+                )
+        return continued
+
+    def _states_given(self, states: Any, determined: set[str], omit: Iterable[Any]) -> dict[str, str]:
+        if list(omit):
+            raise LinkError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
+        given = states.items() if isinstance(states, Mapping) else [(each, each) for each in _listed(states)]
+        continued: dict[str, str] = {}
+        for source, target in given:
+            before, after = self._state_name(self.first, source), self._state_name(self.second, target)
+            if after in determined | set(continued):
+                raise LinkError(f"{self._what}: the start of state '{after}' is given twice. Take it out of states=.")
+            continued[after] = before
+        return continued
+
+    def _state_name(self, phase: Any, state: Any) -> str:
+        # A list of states may name them by the variables of either phase.
+        name = state if isinstance(state, str) else getattr(state, "local_name", state)
+        try:
+            return phase.state_name(name)
+        except TranscriptionError as error:
+            raise LinkError(f"{self._what}: {error}") from None
+
+    def _names_to_omit(self, omit: Iterable[Any]) -> set[str]:
+        names = {each if isinstance(each, str) else each.local_name for each in _listed(omit)}
+        for name in names:
+            if name not in self.first.record.names_of_states and name not in self.second.record.names_of_states:
+                raise LinkError(f"{self._what}: omit= names '{name}', which is a state of neither phase.")
+        return names
+
+    def _parameter_name(self, parameter: Any) -> str:
+        name = parameter if isinstance(parameter, str) else parameter.local_name
+        for phase in (self.first, self.second):
+            known = phase.record.names(Parameter)
+            if name not in known:
+                raise LinkError(
+                    f"{self._what}: '{name}' is no parameter of '{phase.name}'; its parameters are "
+                    f"{', '.join(known) or 'none'}."
+                )
+        return name
+
+
+def _listed(names: Any) -> list[Any]:
+    return [names] if isinstance(names, str) else list(names)
+
+
+def _two_phases(link: LinkData, given: Any) -> tuple[PhaseBlockData, PhaseBlockData]:
+    """The two phases, checked.
+
+    Raises
+    ------
+    LinkError
+        When they are not two single phases of the model that the link is on.
+    """
+    what = f"link '{link.name}'"
+    if not (isinstance(given, tuple) and len(given) == 2):
+        raise LinkError(f"{what}: expected two phases (first, second), found {given!r}.")
+    for phase in given:
+        if isinstance(phase, IndexedPhaseBlock):
+            raise LinkError(f"{what}: '{phase.name}' is indexed; give one of its phases, such as {phase.name}[1].")
+        if not isinstance(phase, PhaseBlockData):
+            raise LinkError(f"{what}: {getattr(phase, 'name', repr(phase))!r} is no PhaseBlock.")
+        if phase.model() is not link.model():
+            raise LinkError(
+                f"{what}: phase '{phase.name}' belongs to the model '{phase.model().name}', the link to "
+                f"'{link.model().name}'. Add both to one model."
+            )
+    return given
+
+
+class _BuildLink:
+    """The block rule: our build first, then the user's own rule. A class, because it must survive pickling."""
+
+    def __init__(self, phases: Any, options: dict[str, Any], rule: Rule | None) -> None:
+        self.phases = phases
+        self.options = options
+        self.rule = rule
+
+    def __call__(self, link: LinkData, *index: Hashable) -> None:
+        index = index if link.parent_component().is_indexed() else ()
+        phases = self.phases
+        if isinstance(phases, IndexedPhaseBlock):
+            order = list(phases)
+            phases = phases[order[order.index(link.index()) - 1]], phases[link.index()]
+        elif not isinstance(phases, tuple):
+            phases = phases(link.parent_component().parent_block(), *index)
+        link._build(phases, **self.options)
+        if self.rule is not None:
+            self.rule(link, *index)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Built links need none of the functions again.
+        phases = picklable_or_none(self.phases) if callable(self.phases) else self.phases
+        options = {**self.options, "jump": picklable_or_none(self.options["jump"])}
+        return {"phases": phases, "options": options, "rule": picklable_or_none(self.rule)}
+
+
+@ModelComponentFactory.register("The end of one phase joined to the start of another.")
+class Link(Block):
+    """The end of one phase joined to the start of another: states continue, or jump.
+
+    Parameters
+    ----------
+    *args
+        Two phases, ``Link(m.flight, m.stance)``; the same phase twice makes a periodic motion. Or one indexed
+        `PhaseBlock`: each of its phases is joined to the next, and the links are indexed by the later one. Or index
+        sets, together with ``phases``.
+    phases : callable, optional
+        ``phases(model, *index)`` returns the two phases of an indexed link.
+    states : list or mapping of states, optional
+        What continues: states of both phases, or {state of the first: state of the second}. By default all states
+        that both phases have and that no jump gives; a state that is then left over is an error.
+    omit : list of states, optional
+        States to leave alone: a distance travelled in a periodic motion, a state that ends with its phase.
+    jump : callable, optional
+        ``jump(pre, post)`` with a `PhaseEnd` each returns {name of a state: its start in the second phase, an
+        expression of ``pre``}, or one or several relations between both. A state whose start stands in an equality
+        does not continue by itself.
+    parameters : list of parameters, optional
+        Parameters that have the same value in both phases.
+    rule : callable, optional
+        ``rule(link, *index)`` adds whatever else, by ``link.pre`` and ``link.post``.
+
+    Raises
+    ------
+    LinkError
+        When the phases cannot be joined so; the link is then not added to the model.
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.bounces = rcp.PhaseBlock([1, 2, 3], duration=rcp.Duration(bounds=(0.1, 2)), elements=1)
+    >>> for b in m.bounces.values():
+    ...     b.height, b.speed = rcp.State(final=0), rcp.State()
+    ...     _ = b.ode(lambda b, t: {b.height: b.speed[t], b.speed: -9.81})
+    >>> m.impacts = rcp.Link(m.bounces, jump=lambda pre, post: {"speed": -0.8 * pre.speed})
+    >>> m.impacts[2].jump["speed"].pprint()
+    """
+
+    _ComponentDataClass = LinkData
+
+    def __new__(cls, *args: Any, **kwds: Any) -> Link:
+        """Choose the scalar or the indexed class."""
+        if cls is not Link:
+            return super().__new__(cls)
+        scalar = not args or (args[0] is UnindexedComponent_set and len(args) == 1)
+        made: type[Link] = ScalarLink if scalar or _are_phases(args) else IndexedLink
+        return Block.__new__(made)
+
+    def __init__(
+        self,
+        *args: Any,
+        phases: Any = None,
+        states: Any = None,
+        omit: Iterable[Any] = (),
+        jump: Rule | None = None,
+        parameters: Iterable[Any] = (),
+        rule: Rule | None = None,
+        **kwds: Any,
+    ) -> None:
+        sets, joined = _sort_arguments(args, phases)
+        options = {"states": states, "omit": _listed(omit), "jump": jump, "parameters": _listed(parameters)}
+        super().__init__(*sets, rule=_BuildLink(joined, options, rule), **kwds)
+
+    def construct(self, data: Any = None) -> None:
+        """Build the link; on any error, the user's own included, take it off the model again."""
+        try:
+            super().construct(data)
+        except BaseException:
+            parent = self.parent_block()
+            if parent is not None and parent.component(self.local_name) is self:
+                parent.del_component(self)
+            raise
+
+
+def _are_phases(args: tuple[Any, ...]) -> bool:
+    return isinstance(args[0], PhaseBlockData) or (len(args) > 1 and isinstance(args[0], PhaseBlock))
+
+
+def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...], Any]:
+    """Index sets, and what gives the phases: two of them, an indexed block, or a rule."""
+    if args and isinstance(args[0], (PhaseBlock, PhaseBlockData)):
+        if phases is not None:
+            raise LinkError("a Link takes two phases, or index sets and phases=; it was given both.")
+        if len(args) == 1 and isinstance(args[0], IndexedPhaseBlock):
+            order = list(args[0])
+            if len(order) < 2:
+                raise LinkError(f"'{args[0].name}' has {len(order)} phases; a Link takes two or more.")
+            return (order[1:],), args[0]
+        return (), args
+    if not callable(phases):
+        raise LinkError(
+            "a Link takes two phases: Link(m.flight, m.stance). An indexed one takes index sets and "
+            "phases=rule, which returns two phases for each index."
+        )
+    return args, phases
+
+
+class ScalarLink(LinkData, Link):
+    """A single link."""
+
+    def __init__(self, *args: Any, **kwds: Any) -> None:
+        LinkData.__init__(self, component=self)
+        Link.__init__(self, *args, **kwds)
+        self._data[None] = self
+        self._index = UnindexedComponent_index
+
+    display = Block.display
+
+
+class IndexedLink(Link):
+    """Links over an index set."""

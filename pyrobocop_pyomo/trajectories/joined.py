@@ -1,0 +1,204 @@
+"""Trajectories of a sequence of phases, laid one after the other in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.plotting import mark_phases, plot_signals
+
+from .exchange import as_data_frame
+from .trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedTrajectory:
+    """The trajectories of several phases as one; made by `join_trajectories`.
+
+    Attributes
+    ----------
+    parts : tuple of Trajectory
+        One per phase, each starting where the one before ends.
+
+    Notes
+    -----
+    Values are attributes: ``joined.speed`` belongs to ``joined.time`` if it is a state, to ``joined.points`` otherwise,
+    and is NaN in phases that have no such name. Both values at a boundary between phases are there, so that a jump
+    remains visible. Parameters belong to phases: ``joined.parts[0].mass``.
+    """
+
+    parts: tuple[Trajectory, ...]
+
+    def __getattr__(self, name: str) -> Array:
+        if not name.startswith("_"):
+            if name in self._states:
+                return np.concatenate([_at_own_times(part, name) for part in self.parts])
+            if name in self._signals:
+                return np.concatenate([part.signals.get(name, _nothing(part.points)) for part in self.parts])
+        raise AttributeError(f"a joined trajectory of {self._parts_named()} has no '{name}'.")
+
+    @cached_property
+    def _states(self) -> list[str]:
+        return list(dict.fromkeys(name for part in self.parts for name in part.states))
+
+    @cached_property
+    def _signals(self) -> list[str]:
+        every = dict.fromkeys(name for part in self.parts for name in part.signals)
+        return [name for name in every if name not in self._states]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of everything that changes in time, in any of the phases."""
+        return [*self._states, *self._signals]
+
+    @cached_property
+    def time(self) -> Array:
+        """Times of the states; each boundary between phases stands there twice."""
+        return np.concatenate([part.time for part in self.parts])
+
+    @cached_property
+    def points(self) -> Array:
+        """Times of algebraics and controls."""
+        return np.concatenate([part.points for part in self.parts])
+
+    @cached_property
+    def boundaries(self) -> Array:
+        """Start of each phase, and the end of the last, shape ``(len(parts) + 1,)``."""
+        return np.array([self.parts[0].time[0], *(part.time[-1] for part in self.parts)])
+
+    @property
+    def duration(self) -> float:
+        """Length of all phases together."""
+        return float(self.boundaries[-1] - self.boundaries[0])
+
+    def __call__(self, t: ArrayLike, *, after: bool = False) -> dict[str, Any]:
+        """Values of every state, algebraic and control at given times; NaN where a phase has no such name.
+
+        Parameters
+        ----------
+        t : float or array, shape (m,)
+            Times within the sequence.
+        after : bool
+            At a boundary, ask the phase that starts there; by default the one that ends.
+
+        Returns
+        -------
+        dict of name to float, or to array of shape (m,)
+
+        Raises
+        ------
+        TrajectoryError
+            When a time is not a number within the sequence.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        position = np.searchsorted(self.boundaries, times, side="right" if after else "left")
+        part = np.clip(position - 1, 0, len(self.parts) - 1)
+        values = {name: np.full(times.shape, np.nan) for name in self.names}
+        for i, each in enumerate(self.parts):
+            if (part == i).any():
+                for name, found in each(times[part == i]).items():
+                    values[name][part == i] = found
+        return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
+
+    def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
+        """Draw signals over time, the phases marked; returns the Matplotlib figure.
+
+        Parameters
+        ----------
+        names : list of str, or mapping of name to label, optional
+            What to draw, and what to write beside it; everything under its name by default.
+        figure : Figure or SubFigure, optional
+            Where to draw; a new figure by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When a name is unknown, or none is given.
+        """
+        chosen = self.names if names is None else list(names)
+        unknown = [name for name in chosen if name not in self.names]
+        if unknown or not chosen:
+            missing = f"has no '{unknown[0]}'" if unknown else "was given nothing to draw"
+            raise TrajectoryError(
+                f"a joined trajectory of {self._parts_named()} {missing}; it has {', '.join(self.names)}."
+            )
+        pieces = [
+            np.unique(np.concatenate([part.time, np.linspace(part.time[0], part.time[-1], 200)])) for part in self.parts
+        ]
+        # A NaN between two phases breaks the line: what jumps is not drawn as a slope.
+        dense = np.concatenate([np.append(piece, piece[-1]) for piece in pieces])
+        values = {name: self._dense_values(name, pieces) for name in chosen}
+        nodes = {name: (self.time if name in self._states else self.points, getattr(self, name)) for name in chosen}
+        steps = {name for name in chosen if all(name not in part.names or name in part.stepwise for part in self.parts)}
+        labels = names if isinstance(names, Mapping) else None
+        drawn = plot_signals("", dense, values, nodes, steps, labels=labels, figure=figure)
+        mark_phases(drawn, self.boundaries, [part.name for part in self.parts])
+        return drawn
+
+    def _dense_values(self, name: str, pieces: list[Array]) -> Array:
+        values = []
+        for part, piece in zip(self.parts, pieces, strict=True):
+            values.append(part(piece)[name] if name in part.names else _nothing(piece))
+            values.append(np.array([np.nan]))
+        return np.concatenate(values)
+
+    def to_pandas(self) -> Any:
+        """A data frame with one row per time, the name of the phase in the column ``phase``, and NaN as in `time`."""
+        columns = {name: np.concatenate([_at_own_times(part, name) for part in self.parts]) for name in self.names}
+        frame = as_data_frame(self.time, columns)
+        frame.insert(0, "phase", [part.name for part in self.parts for _ in part.time])
+        return frame
+
+    def _parts_named(self) -> str:
+        return ", ".join(f"'{part.name}'" for part in self.__dict__.get("parts", ()))
+
+
+def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:
+    """Lay trajectories one after the other in time.
+
+    Parameters
+    ----------
+    parts : iterable of Trajectory or PhaseBlock
+        In the order of the motion; a phase stands for its ``trajectory()``. The first keeps its times, each other
+        is moved to start where the one before ends.
+
+    Raises
+    ------
+    TrajectoryError
+        When there are none.
+    """
+    joined: list[Trajectory] = []
+    for each in parts:
+        part = each if isinstance(each, Trajectory) else each.trajectory()
+        joined.append(_moved(part, joined[-1].grid.mesh.boundaries[-1]) if joined else part)
+    if not joined:
+        raise TrajectoryError("no trajectories to join; give the phases in their order.")
+    return JoinedTrajectory(tuple(joined))
+
+
+def _nothing(times: Array) -> Array:
+    return np.full(times.shape, np.nan)
+
+
+def _at_own_times(part: Trajectory, name: str) -> Array:
+    """Values at the times of the states; what is no state is evaluated there by its polynomial."""
+    if name in part.states:
+        return part.states[name]
+    return part(part.time)[name] if name in part.signals else _nothing(part.time)
+
+
+def _moved(part: Trajectory, start: float) -> Trajectory:
+    boundaries = part.grid.mesh.boundaries
+    if boundaries[0] == start:
+        return part
+    mesh = Mesh(tuple(start + (boundary - boundaries[0]) for boundary in boundaries))
+    return replace(part, grid=Grid(part.grid.scheme, mesh))
