@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from pyomo.core.base.block import Block
-from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.objective import Objective
-from pyomo.core.base.var import Var
-from pyomo.core.expr.visitor import identify_variables
+from pyomo.core.base.block import BlockData
 
-from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.phases.structure import sides_of
+from pyrobocop_pyomo.errors import ModelError
 
+from .appearance import appearance_findings
 from .boundaries import boundary_findings, decided_findings
 from .degrees import degrees_of_freedom, phases_of
 from .dependence import dependence_findings
-from .findings import Diagnosis, Finding, Severity, Subject
+from .findings import Diagnosis, Finding, Severity
 from .finite import data_findings, rate_findings, row_findings, values_missing
 from .linearisation import Linearisation
 from .scaling import scaling_advice
+from .statements import statement_findings
 from .structure import structural_findings
 from .unit_consistency import unit_findings
 
@@ -41,10 +38,19 @@ def diagnose(model: Any) -> Diagnosis:
     -------
     Diagnosis
         Counts, findings with names and remedies, and factors for scaling.
+
+    Raises
+    ------
+    ModelError
+        When it is given several blocks at once, or no block.
     """
+    if not isinstance(model, BlockData):
+        raise ModelError(
+            f"'{model}' is no model and no single phase. Diagnose the model, or one phase after the other."
+        )
     phases = phases_of(model)
     remarks: list[str] = []
-    findings: list[Finding] = []
+    findings: list[Finding] = list(statement_findings(model))
     for phase in phases:
         findings += structural_findings(phase)
         findings += rate_findings(phase)
@@ -59,7 +65,7 @@ def diagnose(model: Any) -> Diagnosis:
     findings += data_findings(model)
     findings += row_findings(linearisation, reported)
     findings += decided_findings(model)
-    findings += _nowhere(model, {name for each in findings for name in each.components})
+    findings += appearance_findings(model, {name for each in findings for name in each.components})
     findings += dependence_findings(model, linearisation)
     findings += unit_findings(model)
     advice, factors = scaling_advice(linearisation)
@@ -69,35 +75,3 @@ def diagnose(model: Any) -> Diagnosis:
         degrees.append(degrees_of_freedom(model))
     findings.sort(key=lambda each: _ORDER.index(each.severity))
     return Diagnosis(model.name, tuple(findings), tuple(degrees), factors, tuple(remarks))
-
-
-def _nowhere(block: Any, known: set[str]) -> list[Finding]:
-    """Variables in no row, pair or objective of the whole model, one finding for all."""
-    model = block.model()
-    seen: set[int] = set()
-    for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
-        seen.update(id(v) for v in identify_variables(row.body))
-    for objective in model.component_data_objects(Objective, active=True, descend_into=Block):
-        seen.update(id(v) for v in identify_variables(objective.expr))
-    for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
-        seen.update(
-            id(v) for side in sides_of(pair) if hasattr(side, "is_expression_type") for v in identify_variables(side)
-        )
-    lost = [
-        data
-        for data in block.component_data_objects(Var, active=True, descend_into=Block)
-        if id(data) not in seen and not data.fixed and data.parent_component().name not in known
-    ]
-    if not lost:
-        return []
-    names = tuple(dict.fromkeys(data.parent_component().name for data in lost))
-    return [
-        Finding(
-            Severity.WARNING,
-            Subject.UNDETERMINED,
-            f"{len(lost)} variables are in no active row, pair or objective, for example '{lost[0].name}': their "
-            "values come back as they are.",
-            names,
-            "Use them, fix them or remove them.",
-        )
-    ]
