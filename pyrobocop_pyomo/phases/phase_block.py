@@ -24,6 +24,7 @@ from .consistency import check_phase
 from .declarations import Declaration, Duration, check_bounds
 from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual, rule_name
 from .extraction import extract_trajectory
+from .phase_actions import PhaseActions
 from .pickling import picklable_or_none
 from .record import PhaseRecord, Statement
 from .variables import add_duration, add_variables
@@ -32,7 +33,7 @@ from .verification import Verification, verify
 Rule = Callable[..., Any]
 
 
-class PhaseBlockData(BlockData):
+class PhaseBlockData(PhaseActions, BlockData):
     """One phase; see `PhaseBlock` for how to make one.
 
     Attributes
