@@ -34,7 +34,9 @@ class PhaseInterface(DynamicModelInterface):
             scalars.append(block.duration)
         self.model, self.time = block.model(), block.points
         self._block, self._record = block, record
-        self._scalar_vars, self._scalar_expr, self._dae_expr = scalars, [], []
+        self._scalar_vars = scalars
+        self._scalar_expr: list[Any] = []
+        self._dae_expr: list[Any] = []
         self._dae_vars = [Reference(block.component(name)[:], ctype=Var) for name in names]
         self._scalar_var_cuids = [ComponentUID(each, context=self.model) for each in scalars]
         self._dae_var_cuids = [ComponentUID(f"{block.name}.{name}[*]") for name in names]

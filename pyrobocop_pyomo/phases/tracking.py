@@ -63,7 +63,8 @@ def _samples(reference: Any, what: str) -> tuple[Any, Any]:
         ) from None
     if times.ndim != 1 or times.shape != values.shape or len(times) < 2:
         raise DeclarationError(
-            f"{what}: times of shape {times.shape} and values of shape {values.shape}; expected two lists of one length."
+            f"{what}: times of shape {times.shape} and values of shape {values.shape}; expected two lists as long as "
+            "each other."
         )
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
         raise DeclarationError(f"{what}: times and values of a reference must be finite, and times increase.")

@@ -41,7 +41,7 @@ def read_time_series(series: Any) -> tuple[str, Array, dict[str, Array]]:
     Raises
     ------
     TrajectoryError
-        When it is no time series, has fewer than two times, values that are no finite numbers, or keys of several owners.
+        When it is no time series, or has fewer than two times, values that are not finite, or keys of several owners.
     """
     if not isinstance(series, TimeSeriesData):
         raise TrajectoryError(f"a {type(series).__name__} is no time series of pyomo.contrib.mpc.")
