@@ -13,7 +13,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
-from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
+from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 from pyrobocop_pyomo.phases import (
@@ -24,16 +24,20 @@ from pyrobocop_pyomo.phases import (
     PhaseBlock,
     State,
     Verification,
+    label_measurements,
 )
 from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
+    RefinedResult,
+    RefinementEnd,
     Route,
     SolveResult,
     StopReason,
     available_routes,
     configure_ipopt_executable,
     solve,
+    solve_refined,
 )
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -54,9 +58,12 @@ __all__ = [
     "PhaseBlock",
     "PyRobocopError",
     "Quality",
+    "RefinedResult",
+    "RefinementEnd",
     "Route",
     "Scheme",
     "Scholtes",
+    "SimulationFailed",
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
@@ -73,9 +80,11 @@ __all__ = [
     "explicit",
     "find_scheme",
     "gauss_legendre",
+    "label_measurements",
     "lobatto",
     "radau",
     "solve",
+    "solve_refined",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.

@@ -3,6 +3,7 @@
 from .families import explicit, find_scheme, gauss_legendre, lobatto, radau
 from .lagrange import barycentric_weights, differentiation_matrix, evaluation_matrix, integration_matrix
 from .mesh import Grid, Mesh
+from .remeshing import remesh
 from .schemes import Scheme
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "integration_matrix",
     "lobatto",
     "radau",
+    "remesh",
 ]

@@ -1,6 +1,8 @@
 """What the user states: declarations, `PhaseBlock`, and the judgement of a trajectory by it."""
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, State
+from .measurements import label_measurements
+from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock, PhaseBlockData
 from .verification import Verification
 
@@ -12,6 +14,8 @@ __all__ = [
     "Parameter",
     "PhaseBlock",
     "PhaseBlockData",
+    "PhaseInterface",
     "State",
     "Verification",
+    "label_measurements",
 ]

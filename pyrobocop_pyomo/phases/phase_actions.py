@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pyrobocop_pyomo.errors import GuessError
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import Guess
 
+from .element_errors import estimate_element_errors
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .mpc_interface import PhaseInterface
 from .simulation import SimulationOptions, simulate
 from .tracking import tracking_cost
+
+Array = NDArray[np.float64]
 
 
 class PhaseActions:
@@ -101,6 +107,25 @@ class PhaseActions:
         """
         options = SimulationOptions(method=method, rtol=rtol, atol=atol)
         return simulate(self, self.record, controls or {}, initial or {}, options)
+
+    def element_errors(self: Any, trajectory: Trajectory | None = None) -> Array:
+        """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
+
+        Controls are taken as the trajectory's polynomials. Explicit equations are integrated by SciPy, as `verify`
+        does; with implicit or algebraic ones each element is stepped anew by a Radau scheme of two stages more.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When there are no states, or the equations do not determine the algebraics.
+        """
+        judged = self.trajectory() if trajectory is None else trajectory
+        return estimate_element_errors(self, self.record, judged)
 
     def tracking(self: Any, variable: Any, reference: Any, weight: Any = 1.0) -> Any:
         """Integral of the squared deviation from a reference, for an objective or a constraint.

@@ -23,13 +23,18 @@ class PointEquations:
     record : PhaseRecord
     duration : float
         Value of the duration, for rules that read it.
+    parameters : mapping of name to number, optional
+        As the phase holds them by default.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord, duration: float) -> None:
+    def __init__(
+        self, block: Any, record: PhaseRecord, duration: float, parameters: Mapping[str, float] | None = None
+    ) -> None:
         self._point = PointModel(block, record, duration)
         self._odes = [statement for statement in record.statements if statement.kind == "ode"]
         self._residuals = [statement for statement in record.statements if statement.kind == "residual"]
-        self.parameters = {name: float(value(block.component(name))) for name in record.names(Parameter)}
+        held = {name: block.component(name).value for name in record.names(Parameter)}
+        self.parameters = {name: float(each) for name, each in {**held, **(parameters or {})}.items()}
         self._point.set_values(self.parameters)
 
     def rates(

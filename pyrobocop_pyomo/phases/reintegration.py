@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,7 @@ def integrate_elements(trajectory: Trajectory, rates: Rates) -> Array:
     """Each element from its own start: differences at the ends, shape ``(N, states)``."""
     boundaries = trajectory.grid.mesh.boundaries
     values = _at_boundaries(trajectory)
-    ends = [
-        _integrate(rates, i, *boundaries[i : i + 2], values[i]) for i in range(trajectory.grid.mesh.elements)
-    ]  # fmt: skip
+    ends = [_integrate(rates, i, start, end, values[i]) for i, (start, end) in enumerate(pairwise(boundaries))]
     return np.array(ends) - values[1:]
 
 
@@ -30,8 +29,8 @@ def integrate_horizon(trajectory: Trajectory, rates: Rates) -> Array:
     boundaries = trajectory.grid.mesh.boundaries
     values = _at_boundaries(trajectory)
     carried, ends = values[0], []
-    for i in range(trajectory.grid.mesh.elements):
-        carried = _integrate(rates, i, *boundaries[i : i + 2], carried)
+    for i, (start, end) in enumerate(pairwise(boundaries)):
+        carried = _integrate(rates, i, start, end, carried)
         ends.append(carried)
     return np.array(ends) - values[1:]
 

@@ -3,12 +3,17 @@
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable
 from .procedure import solve
+from .refined_result import RefinedResult, RefinementEnd, RefinementStep
+from .refinement import solve_refined
 from .routes import Route, available_routes
 from .solve_result import Quality, SolveResult, Step, StopReason
 
 __all__ = [
     "InProcessIpopt",
     "Quality",
+    "RefinedResult",
+    "RefinementEnd",
+    "RefinementStep",
     "Route",
     "SolveResult",
     "Step",
@@ -16,4 +21,5 @@ __all__ = [
     "available_routes",
     "configure_ipopt_executable",
     "solve",
+    "solve_refined",
 ]

@@ -13,12 +13,13 @@ import pyrobocop_pyomo
 
 PUBLIC = """
     Algebraic Complementarity Control Duration Fixed FollowBarrier Geometric Grid Mesh Parameter Penalty
-    PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SolveFailed SolveResult
-    SquareSlider State StopReason Trajectory Verification __version__ active_pairs available_routes complements
-    draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre lobatto radau solve
+    PerElement PerPair PhaseBlock PyRobocopError Quality RefinedResult RefinementEnd Route Scheme Scholtes
+    SimulationFailed SolveFailed SolveResult SquareSlider State StopReason Trajectory Verification
+    __version__ active_pairs available_routes complements draw_linkage draw_planar_pushing explicit
+    find_scheme gauss_legendre label_measurements lobatto radau solve solve_refined
 """
 
-EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "dask", "mpi4py")
+EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py")
 
 
 def in_a_fresh_process(code: str) -> subprocess.CompletedProcess:
