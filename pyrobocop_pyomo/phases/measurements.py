@@ -1,4 +1,4 @@
-"""`label_measurements`: measured data of a phase, labelled as `pyomo.contrib.parmest` and `pyomo.contrib.doe` read it."""
+"""`label_measurements`: measured data of a phase, labelled as `pyomo.contrib.parmest` reads it."""
 
 from __future__ import annotations
 
@@ -95,10 +95,9 @@ def label_measurements(
             )
         model.add_component(suffix, Suffix(direction=Suffix.LOCAL))
     for name in names:
-        predicted = Expression(times.tolist())
+        predicted = Expression(times.tolist(), initialize={t: _at(phase, name, t) for t in times.tolist()})
         phase.add_component(f"{name}_measured", predicted)
         for time, measured in zip(times.tolist(), series[name].tolist(), strict=True):
-            predicted.add(time, _at(phase, name, time))
             model.experiment_outputs[predicted[time]] = measured
             model.measurement_error[predicted[time]] = deviations[name]
     for name in estimated:

@@ -54,8 +54,8 @@ def solve_refined(
     ----------
     build : callable
         ``build(mesh)`` returns a model whose phase was made with ``PhaseBlock(..., mesh=mesh)``. First it is called
-        with None, for which a `PhaseBlock` makes its default mesh. With ``phases``, it is called with a mapping of their
-        names to meshes.
+        with None, for which a `PhaseBlock` makes its default mesh. With ``phases``, it is called with a mapping of
+        their names to meshes.
     tolerance : float
         Largest error of a state at the end of an element, in the model's own units.
     elements : int, or mapping of phase name to int, optional
