@@ -7,6 +7,7 @@ bounds is moved onto the nearest one. Everything is checked before anything is s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,9 +60,13 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
     grid = record.grid
     boundaries = np.array(grid.mesh.boundaries)
     fractions = _fractions(block, grid)
+    # A trajectory answers at an element boundary for the element that ends there; a stage at an element start that no
+    # other element shares belongs to the one that begins.
+    starts = grid.scheme.starts_on_a_stage and not grid.elements_share_points
+    begins = {times[0] for times in grid.stage_times} if starts else set()
     sampled = {
         "time": _evaluate(trajectory, [fractions(t) for t in grid.times]),
-        "points": _evaluate(trajectory, [fractions(t) for t in grid.points]),
+        "points": _evaluate(trajectory, [fractions(t) for t in grid.points], [t in begins for t in grid.points]),
         "elements": _evaluate(trajectory, [fractions(t) for t in ((boundaries[:-1] + boundaries[1:]) / 2).tolist()]),
     }
     guesses: dict[str, Guess] = {}
@@ -80,6 +85,16 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
     if _is_free(block, "duration"):
         guesses["duration"] = trajectory.duration
     set_guesses(block, record, guesses)
+    # The trajectory's own rates: between schemes, those of the polynomial through the new nodes would be less exact.
+    rates = {name: each for name, each in trajectory.rates.items() if name in record.kept_derivatives}
+    if rates:
+        slopes = _evaluate(
+            replace(trajectory, states={}, signals=rates), [fractions(t) for t in grid.points],
+            [t in begins for t in grid.points],
+        )  # fmt: skip
+        real = real_grid(block, record).mesh.boundaries
+        stretch = trajectory.duration / (real[-1] - real[0])
+        set_guesses(block, record, {f"{name}_derivative": stretch * each for name, each in slopes.items()})
 
 
 def set_straight_lines(block: Any, record: PhaseRecord) -> None:
@@ -192,12 +207,14 @@ def _fractions(block: Any, grid: Grid) -> Any:
     return lambda t: (float(value(block.clock(t))) - start) / span
 
 
-def _evaluate(trajectory: Trajectory, fractions: Sequence[float]) -> dict[str, Array]:
+def _evaluate(trajectory: Trajectory, fractions: Sequence[float], begins: Sequence[bool] = ()) -> dict[str, Array]:
     boundaries = np.array(trajectory.grid.mesh.boundaries)
     times = np.clip(boundaries[0] + np.array(fractions) * trajectory.duration, boundaries[0], boundaries[-1])
     # A control may jump at an element end, and rounding must not carry a time to the other side of it.
     nearest = boundaries[np.abs(times[:, None] - boundaries[None, :]).argmin(axis=1)]
     times = np.where(np.abs(times - nearest) < 1e-12 * (1 + np.abs(boundaries).max()), nearest, times)
+    if any(begins):
+        times = np.where(begins, np.nextafter(times, boundaries[-1]), times)
     return trajectory(times)
 
 

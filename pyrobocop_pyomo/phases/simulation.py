@@ -134,6 +134,7 @@ class _Run:
                 reached = float(answer.t[-1]) if len(answer.t) else 0.0
                 return begin + width * reached, f"SciPy's {options.method} gave up ({answer.message})"
             nodes = answer.y[:, np.searchsorted(asked, scheme.state_nodes)]
+            nodes[:, 0] = self.start  # LSODA returns it with rounding
             self._take(i, dict(zip(names, nodes, strict=True)), answer.y[:, -1])
         self._fill_rates(i)
         return None
