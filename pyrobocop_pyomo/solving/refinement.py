@@ -89,8 +89,8 @@ def solve_refined(
 
     References
     ----------
-    Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, sec. 4.7,
-    doi:10.1137/1.9780898718577
+    Haman & Rao, Adaptive mesh refinement and error estimation method for optimal control using direct collocation,
+    arXiv:2410.07488; Patterson, Hager & Rao, A ph mesh refinement method for optimal control, doi:10.1002/oca.2114
     """
     if not (isinstance(tolerance, (int, float)) and 0 < tolerance < math.inf):
         raise ModelError(f"tolerance = {tolerance!r}; expected a positive number.")
