@@ -4,8 +4,9 @@
 
 Each way makes the same nonlinear program (see ``cart_pole_ways.py``) with three Radau stages per element, from the
 same straight line; the objectives must agree. Each column is the smallest number of seconds of several runs, "total"
-their sum. "hand-off" is all that is neither stating nor Ipopt: writing, loading, starting, reading back, and for phases
-also the checks before; "judge" is the recomputation of the answer's residuals, which the other ways do not do. "ratio" is the total against this package in process.
+their sum. "hand-off" is all that is neither stating nor Ipopt: writing, loading, starting, reading back, and for
+phases also the checks before; "judge" is the recomputation of the answer's residuals, which the other ways do not do.
+"ratio" is the total against this package in process.
 
 ``pyomo.dae`` keeps derivatives as variables, and Ipopt may need many more iterations then: "derivatives kept" is the
 same formulation by this package, which tells the cost of the layer from the gain by the formulation.

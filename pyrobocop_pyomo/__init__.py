@@ -14,7 +14,7 @@ from pyrobocop_pyomo.complementarity import (
     complements,
 )
 from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
-from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
+from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 from pyrobocop_pyomo.phases import (
@@ -27,11 +27,14 @@ from pyrobocop_pyomo.phases import (
     Start,
     State,
     Verification,
+    label_measurements,
 )
 from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
     RecedingHorizon,
+    RefinedResult,
+    RefinementEnd,
     Route,
     SequenceRanking,
     SolveResult,
@@ -40,6 +43,7 @@ from pyrobocop_pyomo.solving import (
     configure_ipopt_executable,
     mode_sequences,
     solve,
+    solve_refined,
     solve_sequences,
 )
 from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
@@ -65,10 +69,13 @@ __all__ = [
     "PyRobocopError",
     "Quality",
     "RecedingHorizon",
+    "RefinedResult",
+    "RefinementEnd",
     "Route",
     "Scheme",
     "Scholtes",
     "SequenceRanking",
+    "SimulationFailed",
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
@@ -88,10 +95,12 @@ __all__ = [
     "find_scheme",
     "gauss_legendre",
     "join_trajectories",
+    "label_measurements",
     "lobatto",
     "mode_sequences",
     "radau",
     "solve",
+    "solve_refined",
     "solve_sequences",
 ]
 

@@ -16,6 +16,7 @@
     ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
     ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
     ├── EvaluationError (ArithmeticError) the functions of a problem have no finite value at a point
+    ├── SimulationFailed (RuntimeError)  a forward simulation that could not go on
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
     └── TrajectoryError (ValueError)     a trajectory that cannot be read, evaluated or verified
 
@@ -80,6 +81,23 @@ class SolverOptionError(PyRobocopError, ValueError):
 
 class EvaluationError(PyRobocopError, ArithmeticError):
     """A function or a derivative of a nonlinear program has no finite value at the point asked for."""
+
+
+class SimulationFailed(PyRobocopError, RuntimeError):
+    """A forward simulation that could not go on.
+
+    Attributes
+    ----------
+    time : float
+        Where it stopped.
+    trajectory : Trajectory or None
+        The elements before; None when it stopped in the first.
+    """
+
+    def __init__(self, message: str, time: float, trajectory: object = None) -> None:
+        super().__init__(message)
+        self.time = time
+        self.trajectory = trajectory
 
 
 class SolveFailed(PyRobocopError, RuntimeError):

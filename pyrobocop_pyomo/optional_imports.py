@@ -20,6 +20,7 @@ matplotlib, matplotlib_available = attempt_import(
     "matplotlib", error_message=_remedy("Matplotlib", "plot"), deferred_submodules=["cm", "colors", "figure", "patches"]
 )
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
+xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
 
 # Required, but deferred all the same: with Pyomo loaded, the first import of SciPy takes half a second.
-scipy, _ = attempt_import("scipy", deferred_submodules=["integrate", "sparse", "sparse.linalg", "special"])
+scipy, _ = attempt_import("scipy", deferred_submodules=["integrate", "optimize", "sparse", "sparse.linalg", "special"])

@@ -4,6 +4,7 @@ from .families import explicit, find_scheme, gauss_legendre, lobatto, radau
 from .lagrange import barycentric_weights, differentiation_matrix, evaluation_matrix, integration_matrix
 from .matching import Matching, maximum_matching
 from .mesh import Grid, Mesh
+from .remeshing import remesh
 from .schemes import Scheme
 
 __all__ = [
@@ -21,4 +22,5 @@ __all__ = [
     "lobatto",
     "maximum_matching",
     "radau",
+    "remesh",
 ]

@@ -2,6 +2,8 @@
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
 from .links import Link, LinkData
+from .measurements import label_measurements
+from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock, PhaseBlockData
 from .phase_end import PhaseEnd
 from .verification import Verification
@@ -17,7 +19,9 @@ __all__ = [
     "PhaseBlock",
     "PhaseBlockData",
     "PhaseEnd",
+    "PhaseInterface",
     "Start",
     "State",
     "Verification",
+    "label_measurements",
 ]

@@ -13,7 +13,7 @@ from pyomo.mpec import Complementarity as PyomoComplementarity
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
-from .controls import variables_name
+from .controls import refuse_weightless_controls, variables_name
 from .declarations import Algebraic, Control, Parameter
 from .record import PhaseRecord
 from .structure import check_structure, sides_of
@@ -25,6 +25,7 @@ def check_phase(block: Any, record: PhaseRecord) -> None:
         return  # a transformation has renamed the variables, as scaling does: the record is about another model
     _check_each_state_has_an_equation(block, record)
     _check_counts(block, record)
+    refuse_weightless_controls(block, record)
     _check_each_variable_appears(block, record)
     check_structure(block, record)
 

@@ -38,7 +38,6 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
     """
     what = f"{what} (declared at {control.declared_at})"
     if control.parametrization == "collocated":
-        _refuse_weightless_stages(record, what)
         add_indexed(block, name, control, block.points, stage_guess(control.guess, record.grid, what), what)
     elif control.parametrization == "piecewise_constant":
         _add_held(block, record, name, control, what)
@@ -48,18 +47,29 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
         _bound_rate(block, record, name, control, check_bounds(control.rate_bounds, what, "rate bounds"))
 
 
-def _refuse_weightless_stages(record: PhaseRecord, what: str) -> None:
+def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
     """A control at a stage with quadrature weight zero moves the state at no cost: the optimum would be nonsense.
 
     Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, sec. 4,
-    doi:10.1007/s002110000178.
+    doi:10.1007/s002110000178. A simulation may have such controls, hence this is asked before a solve only.
+
+    Raises
+    ------
+    DeclarationError
+        Naming the control and the stage.
     """
     scheme = record.grid.scheme
-    if (abs(scheme.b) < 1e-14).any():
-        raise DeclarationError(
-            f"{what}: with the scheme {scheme.name} the stage at c = {scheme.c[abs(scheme.b).argmin()]:g} has weight 0 "
-            "in every integral, so a control of its own there would cost nothing. Choose 'piecewise_constant'."
-        )
+    if not (abs(scheme.b) < 1e-14).any():
+        return
+    for name in record.names(Control):
+        control = record.declarations[name]
+        assert isinstance(control, Control)
+        if control.parametrization == "collocated" and not all(data.fixed for data in block.component(name).values()):
+            raise DeclarationError(
+                f"phase '{block.name}': control '{name}' (declared at {control.declared_at}): with the scheme "
+                f"{scheme.name} the stage at c = {scheme.c[abs(scheme.b).argmin()]:g} has weight 0 in every integral, "
+                "so a control of its own there would cost nothing. Choose 'piecewise_constant'."
+            )
 
 
 def variables_name(name: str, control: Control) -> str:

@@ -26,6 +26,7 @@ from .declarations import Bounds, Control, Declaration, Duration, Start, check_b
 from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual, rule_name
 from .extraction import extract_trajectory
 from .horizon import add_horizon, quadrature_weights, real_time
+from .phase_actions import PhaseActions
 from .pickling import picklable_or_none
 from .record import PhaseRecord, Statement
 from .variables import add_variables
@@ -34,7 +35,7 @@ from .verification import Verification, verify
 Rule = Callable[..., Any]
 
 
-class PhaseBlockData(BlockData):
+class PhaseBlockData(PhaseActions, BlockData):
     """One phase; see `PhaseBlock` for how to make one.
 
     Attributes

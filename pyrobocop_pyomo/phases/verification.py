@@ -14,13 +14,13 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh
-from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .answers import labelled_rows
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .point_model import PointModel
 from .record import PhaseRecord, Statement
+from .reintegration import integrate_elements, integrate_horizon
 from .violations import outside, sides, violation
 
 Array = NDArray[np.float64]
@@ -51,6 +51,8 @@ class Verification:
         Re-integration of the whole horizon in one go: largest difference at any element end.
     remarks : tuple of str
         What could not be judged, and why.
+    element_errors : array, shape (N,), or None
+        The re-integration error of each element; `element_error` is the largest.
     """
 
     defect: float
@@ -62,6 +64,7 @@ class Verification:
     element_error: float | None
     horizon_error: float | None
     remarks: tuple[str, ...] = field(default=())
+    element_errors: Array | None = field(default=None, repr=False, compare=False)
 
     @property
     def largest_violation(self) -> float:
@@ -107,7 +110,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
     judge = _Judge(block, record, trajectory)
     judge.remark_what_is_not_stated(block)
     defect, equations, natural, product = judge.at_collocation_points()
-    element_error, horizon_error = judge.reintegrate()
+    element_errors, horizon_error = judge.reintegrate()
     return Verification(
         defect=defect,
         continuity=judge.continuity(),
@@ -115,13 +118,14 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
         bounds=judge.bounds(),
         natural_residual=natural,
         product=product,
-        element_error=element_error,
+        element_error=None if element_errors is None else float(element_errors.max()),
         horizon_error=horizon_error,
         remarks=tuple(judge.remarks),
+        element_errors=element_errors,
     )
 
 
-def _indices(record: PhaseRecord, grid: Grid) -> Grid:
+def indices_of(record: PhaseRecord, grid: Grid) -> Grid:
     """The grid of a trajectory in the phase's time indices; its mesh need not be that of the phase."""
     if not record.normalised:
         return grid
@@ -131,13 +135,18 @@ def _indices(record: PhaseRecord, grid: Grid) -> Grid:
     return Grid(grid.scheme, Mesh(tuple((time - first) / (last - first) for time in grid.mesh.boundaries)))
 
 
+def element_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
+    """Re-integration error of each element, shape ``(N,)``; every state has an explicit equation."""
+    return _Judge(block, record, trajectory).element_errors()
+
+
 class _Judge:
     def __init__(self, block: Any, record: PhaseRecord, trajectory: Trajectory) -> None:
         self.record = record
         self.trajectory = trajectory
         self.grid = trajectory.grid
         # Rules are asked at time indices, which are normalised where something of the horizon was to be found.
-        self.indices = _indices(record, trajectory.grid)
+        self.indices = indices_of(record, trajectory.grid)
         self.point = PointModel(block, record, self.indices, trajectory.grid)
         self.point.set_values(trajectory.parameters)
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
@@ -240,7 +249,7 @@ class _Judge:
                 worst = max(worst, outside(sample, *declaration.bounds_at(time, name)))
         return worst
 
-    def reintegrate(self) -> tuple[float | None, float | None]:
+    def reintegrate(self) -> tuple[Array | None, float | None]:
         """Errors at element ends of an adaptive integration with the trajectory's controls and algebraics."""
         names = list(self.states)
         if not names:
@@ -252,34 +261,22 @@ class _Judge:
                 f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}."
             )
             return None, None
-        rates = self._rate_function(names)
         try:
-            return self._reintegrate(names, rates)
+            element_errors = self.element_errors()
+            horizon_error = float(np.abs(integrate_horizon(self.trajectory, self._rate_function(names))).max())
         except TrajectoryError as error:
             self.remarks.append(f"re-integration asks between the points of the grid, which failed: {error}")
             return None, None
-
-    def _reintegrate(self, names: list[str], rates: Callable[[int, float, Array], Array]) -> tuple[float, float]:
-        boundaries = self.grid.mesh.boundaries
-        element_error = horizon_error = 0.0
-        carried = np.array([self.states[name][0, 0] for name in names])
-        for i in range(self.grid.mesh.elements):
-            start, end = boundaries[i : i + 2]
-            own = np.array([self.states[name][i, 0] for name in names])
-            last = i + 1 == self.grid.mesh.elements
-            reached = np.array(
-                [self.trajectory.states[name][-1] if last else self.states[name][i + 1, 0] for name in names]
-            )
-            carried_is_own = np.array_equal(carried, own)
-            single = _integrate(rates, i, start, end, own)
-            carried = single if carried_is_own else _integrate(rates, i, start, end, carried)
-            element_error = max(element_error, float(np.abs(single - reached).max()))
-            horizon_error = max(horizon_error, float(np.abs(carried - reached).max()))
         if not np.isfinite(horizon_error):
             self.remarks.append(
                 "re-integration over the whole horizon left the finite numbers: the motion is unstable."
             )
-        return element_error, horizon_error
+        return element_errors, horizon_error
+
+    def element_errors(self) -> Array:
+        """Largest error of a state at the end of each element, shape ``(N,)``."""
+        errors: Array = np.abs(integrate_elements(self.trajectory, self._rate_function(list(self.states)))).max(axis=1)
+        return errors
 
     def _rate_function(self, names: list[str]) -> Callable[[int, float, Array], Array]:
         scheme, mesh = self.grid.scheme, self.grid.mesh
@@ -298,18 +295,3 @@ class _Judge:
             return np.array([answer[name] for name in names])
 
         return rates
-
-
-def _integrate(rates: Callable[[int, float, Array], Array], i: int, start: float, end: float, initial: Array) -> Array:
-    if not np.isfinite(initial).all():
-        return np.full_like(initial, np.inf)
-    try:
-        with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
-            answer = scipy.integrate.solve_ivp(
-                lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11
-            )
-    except TrajectoryError:
-        raise  # a rule that cannot be asked says nothing about the motion
-    except (OverflowError, ZeroDivisionError, ValueError):
-        return np.full_like(initial, np.inf)
-    return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)

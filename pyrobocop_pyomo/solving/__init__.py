@@ -6,6 +6,8 @@ from .kept_model import KeptModel
 from .mode_sequences import mode_sequences
 from .procedure import solve
 from .receding_horizon import HorizonStep, RecedingHorizon
+from .refined_result import RefinedResult, RefinementEnd, RefinementStep
+from .refinement import solve_refined
 from .routes import Route, available_routes
 from .sequence_ranking import SequenceOutcome, SequenceRanking
 from .sequence_solver import solve_sequences
@@ -17,6 +19,9 @@ __all__ = [
     "KeptModel",
     "Quality",
     "RecedingHorizon",
+    "RefinedResult",
+    "RefinementEnd",
+    "RefinementStep",
     "Route",
     "SequenceOutcome",
     "SequenceRanking",
@@ -27,5 +32,6 @@ __all__ = [
     "configure_ipopt_executable",
     "mode_sequences",
     "solve",
+    "solve_refined",
     "solve_sequences",
 ]

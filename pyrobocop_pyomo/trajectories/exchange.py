@@ -1,4 +1,4 @@
-"""Named signals on common times as a pandas frame, or as the time series of Pyomo's ``contrib.mpc``."""
+"""Named signals on common times: pandas frames, xarray data sets, and the time series of Pyomo's ``contrib.mpc``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from pyomo.contrib.mpc import TimeSeriesData
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.set import Set
 
-from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.optional_imports import pandas, xarray
 
 Array = NDArray[np.float64]
 
@@ -26,3 +27,37 @@ def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> Tim
     index = Set(initialize=times.tolist(), ordered=True)
     index.construct()
     return TimeSeriesData({ComponentUID(f"{owner}.{name}[*]"): each.tolist() for name, each in values.items()}, index)
+
+
+def as_data_set(times: Array, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Any:
+    """An xarray data set over the coordinate ``time``, with facts as its attributes."""
+    variables = {name: ("time", each) for name, each in values.items()}
+    return xarray.Dataset(variables, coords={"time": times}, attrs=dict(facts))
+
+
+def read_time_series(series: Any) -> tuple[str, Array, dict[str, Array]]:
+    """Owner, times and values by name of a time series whose keys look like ``push.theta[*]``.
+
+    Raises
+    ------
+    TrajectoryError
+        When it is no time series, or has fewer than two times, values that are not finite, or keys of several owners.
+    """
+    if not isinstance(series, TimeSeriesData):
+        raise TrajectoryError(f"a {type(series).__name__} is no time series of pyomo.contrib.mpc.")
+    times = np.array(series.get_time_points(), dtype=float)
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise TrajectoryError(f"a time series with the times {times.tolist()}; two or more that increase are needed.")
+    owners, values = set(), {}
+    for key, samples in series.get_data().items():
+        owner, _, name = str(key).removesuffix("[*]").rpartition(".")
+        owners.add(owner)
+        values[name] = np.array(samples, dtype=float)  # None becomes NaN
+        if not np.isfinite(values[name]).all():
+            raise TrajectoryError(f"the time series has no finite value of '{key}' at every time.")
+    if len(owners) != 1:
+        raise TrajectoryError(
+            f"the time series has keys of {', '.join(map(repr, sorted(owners))) or 'nothing'}; one trajectory is that "
+            "of one phase. Use series.extract_variables(...) first."
+        )
+    return owners.pop(), times, values

@@ -1,0 +1,70 @@
+"""From the errors of elements to a better mesh: split where they are large, join where they are small."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .mesh import Mesh
+
+# A split aims below the tolerance and a join further below, so that the next estimate seldom calls for the contrary.
+_AIM_OF_SPLITTING = 0.5
+_AIM_OF_JOINING = 0.05
+_ROUNDING = 1e-14
+
+
+def remesh(
+    mesh: Mesh,
+    errors: ArrayLike,
+    tolerance: float,
+    order: int,
+    *,
+    most_parts: int = 4,
+    keep: Collection[float] | None = None,
+) -> Mesh:
+    """A mesh whose elements are expected to meet a tolerance.
+
+    With the local error ``e = C h^(order + 1)``, an element whose error exceeds the tolerance is split into
+    ``ceil((e / aim)^(1 / (order + 1)))`` equal parts, and neighbours whose union is expected far below the tolerance
+    are joined.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    errors : array, shape (N,)
+        Per element; infinite ones count as very large.
+    tolerance : float
+    order : int
+        Of the scheme, at element ends.
+    most_parts : int
+        Into which one element is split at once: far from its asymptotic order an error says little.
+    keep : collection of float, optional
+        Boundaries that stay; all of them by default, so that nothing is joined.
+    """
+    found = np.maximum(np.asarray(errors, dtype=float), _ROUNDING)
+    power = 1.0 / (order + 1)
+    fixed = set(mesh.boundaries) if keep is None else set(keep)
+    boundaries = [mesh.boundaries[0]]
+    i = 0
+    while i < mesh.elements:
+        start, end = mesh.boundaries[i : i + 2]
+        if found[i] > tolerance:
+            ratio = (found[i] / (_AIM_OF_SPLITTING * tolerance)) ** power
+            parts = most_parts if not math.isfinite(ratio) else min(most_parts, max(2, math.ceil(ratio)))
+            boundaries += [start + (end - start) * k / parts for k in range(1, parts)]
+        elif i + 1 < mesh.elements and end not in fixed and _can_join(mesh, found, i, tolerance, power):
+            i += 1
+            end = mesh.boundaries[i + 1]
+        boundaries.append(end)
+        i += 1
+    return Mesh(tuple(boundaries))
+
+
+def _can_join(mesh: Mesh, errors: NDArray[np.float64], i: int, tolerance: float, power: float) -> bool:
+    """True when the union of an element and the next is expected to stay far below the tolerance."""
+    union = mesh.widths[i] + mesh.widths[i + 1]
+    expected = max(errors[k] * (union / mesh.widths[k]) ** (1.0 / power) for k in (i, i + 1))
+    return bool(expected <= _AIM_OF_JOINING * tolerance)

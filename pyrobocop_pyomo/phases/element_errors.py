@@ -1,0 +1,82 @@
+"""Local error of each element, for phases with explicit, implicit and algebraic equations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import GuessError, TrajectoryError
+from pyrobocop_pyomo.numerics import radau
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .declarations import Algebraic
+from .implicit_steps import step_element
+from .point_equations import PointEquations
+from .record import PhaseRecord
+from .simulation_inputs import Unknowns, find_unknowns
+from .verification import element_errors as reintegrated_errors
+from .verification import indices_of
+
+Array = NDArray[np.float64]
+
+_MORE_STAGES = 2
+
+
+def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
+    """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
+
+    Controls are taken as the trajectory's polynomials. Explicit equations are integrated by SciPy; with implicit or
+    algebraic equations each element is stepped anew by a Radau scheme of two stages more.
+
+    Raises
+    ------
+    TrajectoryError
+        When there are no states, or the equations do not determine the algebraics.
+    """
+    names = record.names_of_states
+    if not names:
+        raise TrajectoryError(f"phase '{block.name}' has no states: there is no error to estimate.")
+    if set(record.equation_of) == set(names):
+        return reintegrated_errors(block, record, trajectory)
+    unknowns = _unknowns(block, record)
+    indices = indices_of(record, trajectory.grid)
+    equations = PointEquations(block, record, indices, trajectory.grid, trajectory.parameters)
+    fine = radau(trajectory.grid.scheme.stages + _MORE_STAGES)
+    to_fine = trajectory.grid.scheme.stage_polynomial_at(fine.c)
+    boundaries, widths = trajectory.grid.mesh.boundaries, trajectory.grid.mesh.widths
+    states = {name: trajectory.element_states(name) for name in names}
+    signals = {name: trajectory.element_signals(name) @ to_fine.T for name in trajectory.signals}
+    errors = np.empty(len(widths))
+    for i, width in enumerate(widths):
+        times = boundaries[i] + width * fine.c
+        asked = tuple(equations.index(time) for time in times.tolist())
+        start = {name: float(states[name][i, 0]) for name in names}
+        nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
+        nearby |= {f"d {name}": float(states[name][i, -1] - states[name][i, 0]) / width for name in unknowns.implicit}
+        answer = step_element(
+            equations, fine, width, asked, {name: each.copy() for name, each in signals.items()},
+            {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns, start, nearby,
+        )  # fmt: skip
+        if isinstance(answer, float):
+            errors[i] = np.inf
+            continue
+        last = i + 1 == len(widths)
+        reached = {name: trajectory.states[name][-1] if last else states[name][i + 1, 0] for name in names}
+        errors[i] = max(abs(answer[name][-1] - reached[name]) for name in names)
+    return errors
+
+
+def _unknowns(block: Any, record: PhaseRecord) -> Unknowns:
+    """Algebraics are found anew where residual equations determine them all, else taken from the trajectory."""
+    try:
+        return find_unknowns(block, record, {})
+    except GuessError:
+        try:
+            return find_unknowns(block, record, dict.fromkeys(record.names(Algebraic)))
+        except GuessError as error:
+            raise TrajectoryError(
+                f"phase '{block.name}': the error of its elements cannot be estimated, since its residual equations "
+                "determine neither all algebraics nor the derivatives alone."
+            ) from error

@@ -1,0 +1,151 @@
+"""`PhaseActions`: what can be done with a phase once it is declared, beyond stating and solving it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import Guess
+
+from .element_errors import estimate_element_errors
+from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
+from .mpc_interface import PhaseInterface
+from .simulation import SimulationOptions, simulate
+from .tracking import tracking_cost
+
+Array = NDArray[np.float64]
+
+
+class PhaseActions:
+    """Guesses, simulation, tracking and exchange; part of every `PhaseBlock`."""
+
+    __slots__ = ()
+
+    def set_guess(self: Any, guess: Trajectory | Mapping[Any, Guess] | None = None, /, **by_name: Guess) -> None:
+        """Set where the solver starts, any time after the declarations.
+
+        Variables that are fixed keep their values, bounds are left alone, and a value outside of its bounds is moved
+        onto the nearest. Derivatives that are variables follow their states.
+
+        Parameters
+        ----------
+        guess : Trajectory, or mapping of name (or variable) to guess
+            A trajectory of any mesh, scheme and duration is evaluated by its own polynomials, its horizon stretched
+            onto that of the phase, and a free duration gets its; names in common are set. A guess by name is a number,
+            a function of the time index, or an array as in a declaration. ``"duration"``, parameters and
+            ``"<state>_derivative"`` are names as well.
+        **by_name : guess
+            The same, as in ``set_guess(theta=0.5)``; these win.
+
+        Raises
+        ------
+        GuessError
+            Naming what is unknown, of the wrong length or not finite; nothing is set then.
+        """
+        if isinstance(guess, Trajectory):
+            set_trajectory(self, self.record, guess)
+        elif isinstance(guess, Mapping):
+            by_name = {**guess, **by_name}
+        elif guess is not None:
+            raise GuessError(
+                f"phase '{self.name}': a guess is a trajectory or a mapping of names to guesses, not a "
+                f"{type(guess).__name__}."
+            )
+        set_guesses(self, self.record, by_name)
+
+    def guess_straight_lines(self: Any) -> None:
+        """Lead every state from its initial to its final value on a straight line.
+
+        A range counts with the value nearest to the other end. A state with one stated end stays there; one with
+        none keeps its guess. Controls and algebraics keep theirs.
+        """
+        set_straight_lines(self, self.record)
+
+    def simulate(
+        self: Any,
+        controls: Mapping[str, Guess] | None = None,
+        *,
+        initial: Mapping[str, float] | None = None,
+        method: str = "DOP853",
+        rtol: float = 1e-9,
+        atol: float = 1e-10,
+    ) -> Trajectory:
+        """What the equations do from the initial values on, as a trajectory on the phase's own grid.
+
+        Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
+        polynomials of controls. With residual equations, or ``method="scheme"``, the rows of the scheme are solved
+        element by element. Nothing on the model changes: use ``phase.set_guess(trajectory)`` to start from the answer.
+
+        Parameters
+        ----------
+        controls : mapping of name to number, array or function of the time index
+            Controls, and algebraics that are to be taken as given; the others are as the phase holds them.
+        initial : mapping of state to number
+            Where states start; as the phase holds them by default.
+        method : str
+            A method of `solve_ivp` (``"Radau"`` for stiff equations), or ``"scheme"``.
+        rtol, atol : float
+            Tolerances of `solve_ivp`.
+
+        Raises
+        ------
+        GuessError
+            When names, lengths or the number of equations do not fit.
+        SimulationFailed
+            With the time at which it stopped; the elements before are its attribute ``trajectory``.
+
+        Notes
+        -----
+        Parameters and the duration are as the phase holds them. Bounds, path constraints and complementarity have no
+        say. Algebraics are found where residual equations determine all of them, and held at the phase's values where
+        there are no such equations; in between, those that pairs determine have to be given.
+        """
+        options = SimulationOptions(method=method, rtol=rtol, atol=atol)
+        return simulate(self, self.record, controls or {}, initial or {}, options)
+
+    def element_errors(self: Any, trajectory: Trajectory | None = None) -> Array:
+        """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
+
+        Controls are taken as the trajectory's polynomials. Explicit equations are integrated by SciPy, as `verify`
+        does; with implicit or algebraic ones each element is stepped anew by a Radau scheme of two stages more.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When there are no states, or the equations do not determine the algebraics.
+        """
+        judged = self.trajectory() if trajectory is None else trajectory
+        return estimate_element_errors(self, self.record, judged)
+
+    def tracking(self: Any, variable: Any, reference: Any, weight: Any = 1.0) -> Any:
+        """Integral of the squared deviation from a reference, for an objective or a constraint.
+
+        Parameters
+        ----------
+        variable : Var or str
+            A state, algebraic or control of this phase.
+        reference : number, function of time, Trajectory, or (times, values)
+            Samples are interpolated linearly, a trajectory by its polynomials. With a free duration a function gets
+            an expression for the time, so that it has to be made of Pyomo's functions.
+        weight : number or function of time
+
+        Raises
+        ------
+        DeclarationError
+            When the variable is not of this phase, or the reference does not cover it.
+        """
+        return tracking_cost(self, self.record, variable, reference, weight)
+
+    def interface(self: Any) -> PhaseInterface:
+        """This phase for `pyomo.contrib.mpc`; see `PhaseInterface`."""
+        return PhaseInterface(self, self.record)

@@ -1,0 +1,229 @@
+"""Forward simulation: what a phase does from its initial values under given controls.
+
+Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations are
+stepped with the rows of the scheme itself (`implicit_steps`). Bounds, path constraints and complementarity have no say:
+a simulation follows the equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import GuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import Guess
+
+from .controls import knots_of
+from .declarations import Control, is_held
+from .horizon import real_grid
+from .implicit_steps import step_element, step_start
+from .point_equations import PointEquations
+from .record import PhaseRecord
+from .simulation_inputs import Unknowns, find_unknowns, given_signals, initial_states, values_at_knots
+
+Array = NDArray[np.float64]
+
+# What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
+_NO_VALUE = (ArithmeticError, ValueError)
+
+
+METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """How to integrate.
+
+    Attributes
+    ----------
+    method : str
+        One of `scipy.integrate.solve_ivp`, or ``"scheme"``: the rows of the scheme.
+    rtol, atol : float
+        Tolerances of `solve_ivp`.
+    """
+
+    method: str = "DOP853"
+    rtol: float = 1e-9
+    atol: float = 1e-10
+
+
+def simulate(
+    block: Any,
+    record: PhaseRecord,
+    controls: Mapping[str, Guess],
+    initial: Mapping[str, float],
+    options: SimulationOptions,
+) -> Trajectory:
+    """See `PhaseActions.simulate`."""
+    if options.method not in METHODS:
+        raise GuessError(
+            f"phase '{block.name}': method {options.method!r} is unknown; choose one of {', '.join(METHODS)}."
+        )
+    run = _Run(block, record, controls, initial)
+    by_rows = options.method == "scheme" or bool(run.unknowns.algebraics or run.unknowns.implicit)
+    for i in range(record.grid.mesh.elements):
+        start = run.grid.mesh.boundaries[i]
+        try:
+            with np.errstate(all="ignore"):
+                failure = run.by_rows(i) if by_rows else run.by_integration(i, options)
+        except TrajectoryError:
+            raise  # a rule that cannot be asked says nothing about the motion
+        except _NO_VALUE as error:
+            failure = start, f"the equations have no value ({error})"
+        if failure is not None:
+            raise _failed(block, run, i, *failure)
+    return run.trajectory(record.grid.mesh.elements)
+
+
+def _failed(block: Any, run: _Run, element: int, time: float, reason: str) -> SimulationFailed:
+    kept = f"the {element} elements before" if element else "nothing before"
+    return SimulationFailed(
+        f"phase '{block.name}': the simulation stopped at t = {time:g}: {reason}. Kept in error.trajectory: {kept}. "
+        "Give other controls or initial values, or another method.",
+        time,
+        run.trajectory(element) if element else None,
+    )
+
+
+class _Run:
+    """The values so far, per element: states at the nodes, everything else at the stages."""
+
+    def __init__(
+        self, block: Any, record: PhaseRecord, controls: Mapping[str, Guess], initial: Mapping[str, float]
+    ) -> None:
+        self.block, self.record = block, record
+        self.grid = real_grid(block, record)
+        self.unknowns: Unknowns = find_unknowns(block, record, controls)
+        self.signals = given_signals(block, record, controls, self.unknowns)
+        self.linear = values_at_knots(block, record, controls)
+        self.equations = PointEquations(block, record, record.grid, self.grid)
+        shape = (record.grid.mesh.elements, record.grid.scheme.stages)
+        names = record.names_of_states
+        self.start = initial_states(block, record, initial)
+        self.states = {name: np.full((shape[0], len(record.grid.scheme.state_nodes)), np.nan) for name in names}
+        self.rates = {name: np.full(shape, np.nan) for name in names}
+        for name in self.unknowns.algebraics:
+            self.signals[name] = np.full(shape, np.nan)
+        self.ends = np.full((shape[0], len(names)), np.nan)
+
+    def by_integration(self, i: int, options: SimulationOptions) -> tuple[float, str] | None:
+        """Integrate one element with SciPy; returns time and reason of a failure."""
+        scheme, names = self.record.grid.scheme, self.record.names_of_states
+        first, last = self.record.grid.mesh.boundaries[i : i + 2]
+        width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
+        given = {name: each[i] for name, each in self.signals.items()}
+
+        def slope(local: float, state: Array) -> Array:
+            weights = scheme.stage_polynomial_at([local])[0]
+            values = {name: float(weights @ each) for name, each in given.items()}
+            values |= dict(zip(names, state.tolist(), strict=True))
+            answer = self.equations.rates(first + local * (last - first), values)
+            return width * np.array([answer[name] for name in names])
+
+        if names:
+            asked = np.union1d(scheme.state_nodes, [0.0, 1.0])
+            answer = scipy.integrate.solve_ivp(
+                slope, (0.0, 1.0), self.start, method=options.method, t_eval=asked, rtol=options.rtol, atol=options.atol
+            )
+            if not answer.success or not np.isfinite(answer.y).all():
+                reached = float(answer.t[-1]) if len(answer.t) else 0.0
+                return begin + width * reached, f"SciPy's {options.method} gave up ({answer.message})"
+            nodes = answer.y[:, np.searchsorted(asked, scheme.state_nodes)]
+            nodes[:, 0] = self.start  # LSODA returns it with rounding
+            self._take(i, dict(zip(names, nodes, strict=True)), answer.y[:, -1])
+        self._fill_rates(i)
+        return None
+
+    def by_rows(self, i: int) -> tuple[float, str] | None:
+        """Solve the rows of one element; returns time and reason of a failure."""
+        names, scheme = self.record.names_of_states, self.record.grid.scheme
+        start = dict(zip(names, self.start.tolist(), strict=True))
+        shared = self.record.grid.elements_share_points and i > 0
+        if shared:
+            for each in (*(self.rates[name] for name in names), *(self.signals[n] for n in self.unknowns.algebraics)):
+                each[i, 0] = each[i - 1, -1]
+        arguments = self.record.grid.stage_times[i], self.signals, self.rates, i, self.unknowns
+        if scheme.starts_on_a_stage and not shared:
+            residual = step_start(self.equations, *arguments, start, self._near(i))
+            if residual is not None:
+                return self.grid.mesh.boundaries[i], f"no consistent values at the start (residual {residual:.1e})"
+        answer = step_element(self.equations, scheme, self.grid.mesh.widths[i], *arguments, start, self._near(i))
+        if isinstance(answer, float):
+            return self.grid.mesh.boundaries[i], f"the rows of element {i} were not solved (residual {answer:.1e})"
+        ends = np.array([float(scheme.end_weights @ answer[name]) for name in names])
+        self._take(i, answer, ends)
+        return None
+
+    def _near(self, i: int) -> dict[str, float]:
+        """Where Newton's method starts for the unknowns at a stage: the stage before, or the phase's own guess."""
+        near = {}
+        for name in self.unknowns.algebraics:
+            data = self.block.component(name)[self.record.grid.stage_times[i][0]]
+            near[name] = float(self.signals[name][i - 1, -1]) if i else float(data.value or 0.0)
+        for name in self.unknowns.implicit:
+            near[f"d {name}"] = float(self.rates[name][i - 1, -1]) if i else 0.0
+        return near
+
+    def _take(self, i: int, nodes: Mapping[str, Array], ends: Array) -> None:
+        for name, each in nodes.items():
+            self.states[name][i] = each
+        self.start = self.ends[i] = np.asarray(ends)
+
+    def _fill_rates(self, i: int) -> None:
+        scheme, names = self.record.grid.scheme, self.record.names_of_states
+        first = 0 if scheme.starts_on_a_stage else 1
+        for k, time in enumerate(self.record.grid.stage_times[i]):
+            values = {name: float(self.states[name][i, first + k]) for name in names}
+            values |= {name: float(each[i, k]) for name, each in self.signals.items()}
+            for name, rate in self.equations.rates(time, values).items():
+                self.rates[name][i, k] = rate
+
+    def trajectory(self, elements: int) -> Trajectory:
+        """The first elements as a trajectory."""
+        grid = Grid(self.grid.scheme, Mesh(self.grid.mesh.boundaries[: elements + 1]))
+        names = self.record.names_of_states
+        states = {}
+        for j, name in enumerate(names):
+            at: dict[float, float] = {}
+            for i in range(elements):
+                at |= dict(zip(grid.node_times[i], self.states[name][i].tolist(), strict=True))
+                at[grid.mesh.boundaries[i + 1]] = float(self.ends[i, j])
+            states[name] = np.array([at[t] for t in grid.times])
+        linear = {}
+        for name in self.record.names(Control):
+            control = self.record.declarations[name]
+            if (
+                isinstance(control, Control)
+                and control.parametrization == "piecewise_linear"
+                and elements == len(self.ends)
+            ):
+                knots = knots_of(self.record, control, f"'{self.block.name}.{name}'")
+                clocks = np.interp(knots, self.record.grid.mesh.boundaries, self.grid.mesh.boundaries)
+                linear[name] = np.array([clocks, self.linear[name]])
+        held = frozenset(name for name, declaration in self.record.declarations.items() if is_held(declaration))
+        return Trajectory(
+            name=self.block.name,
+            grid=grid,
+            states=states,
+            signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
+            parameters=self.equations.parameters,
+            pairs={},
+            rates={name: self._at_points(grid, each) for name, each in self.rates.items()},
+            linear=linear,
+            held=held,
+            phase=self.block,
+        )
+
+    @staticmethod
+    def _at_points(grid: Grid, per_stage: Array) -> Array:
+        at: dict[float, float] = {}
+        for times, values in zip(grid.stage_times, per_stage, strict=False):
+            at |= dict(zip(times, values.tolist(), strict=True))
+        return np.array([at[t] for t in grid.points])

@@ -1,0 +1,216 @@
+"""Forward simulation: it follows the equations to the integrator's tolerance, and says where it could not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.phases import exact_x, exact_y, oscillators
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import GuessError, SimulationFailed, TrajectoryError
+
+SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(2), rcp.lobatto(3), rcp.explicit(3)]
+each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+
+
+def pendulum(implicit: bool = False, **options: Any) -> Any:
+    m = pyo.ConcreteModel()
+    m.swing = b = rcp.PhaseBlock(**{"duration": 2.0, "elements": 8, **options})
+    b.theta, b.omega = rcp.State(initial=0.5), rcp.State(initial=0)
+    b.torque = rcp.Control(bounds=(-1, 1))
+    b.g = rcp.Parameter(guess=9.81)
+    if implicit:
+        b.pull = rcp.Algebraic()
+        b.ode(lambda b, t: {b.theta: b.omega[t]})
+        b.residual(weight_and_newton)
+    else:
+        b.ode(swing)
+    return b
+
+
+def swing(b: Any, t: float) -> Any:
+    return {b.theta: b.omega[t], b.omega: b.torque[t] - b.g * pyo.sin(b.theta[t])}
+
+
+def weight_and_newton(b: Any, t: float) -> Any:
+    return [b.pull[t] == b.torque[t] - b.g * pyo.sin(b.theta[t]), b.derivative(b.omega)[t] - b.pull[t]]
+
+
+@each_scheme
+@pytest.mark.parametrize("duration", [1.5, rcp.Duration(bounds=(1.5, 1.5))], ids=["fixed", "free"])
+def test_a_simulation_is_the_exact_motion(scheme: Any, duration: Any) -> None:
+    m = oscillators(scheme=scheme, elements=3, duration=duration)
+    trajectory = m.swing.simulate()
+    np.testing.assert_allclose(trajectory.x, [exact_x(t) for t in trajectory.time], atol=1e-7)
+    np.testing.assert_allclose(trajectory.y, [exact_y(t) for t in trajectory.time], atol=1e-7)
+    assert all(v.value == 1 for v in m.swing.x.values())  # the model is as it was
+
+
+@settings(max_examples=25)
+@given(
+    scheme=st.sampled_from(SCHEMES),
+    amplitude=st.floats(-5, 5),
+    theta=st.floats(-3, 3),
+    method=st.sampled_from(["DOP853", "RK45", "LSODA"]),
+)
+def test_elements_have_the_integrators_error(scheme: Any, amplitude: float, theta: float, method: str) -> None:
+    b = pendulum(scheme=scheme)
+    trajectory = b.simulate({"torque": lambda t: amplitude * math.cos(4 * t)}, initial={"theta": theta}, method=method)
+    assert trajectory.theta[0] == theta
+    assert trajectory.verify().element_error < 1e-6
+
+
+@each_scheme
+@pytest.mark.parametrize("implicit", [False, True])
+def test_steps_of_the_scheme_solve_its_rows(scheme: Any, implicit: bool) -> None:
+    b = pendulum(implicit, scheme=scheme)
+    trajectory = b.simulate({"torque": math.sin}, method="scheme")
+    verdict = trajectory.verify()
+    assert max(verdict.defect, verdict.continuity, verdict.equations) < 1e-9
+    b.set_guess(trajectory)
+    for row in b.component_data_objects(pyo.Constraint):
+        assert abs(pyo.value(row.body) - row.lower) < 1e-9
+
+
+@each_scheme
+def test_implicit_and_explicit_statements_move_alike(scheme: Any) -> None:
+    explicit, implicit = (pendulum(each, scheme=scheme).simulate(method="scheme") for each in (False, True))
+    np.testing.assert_allclose(implicit.theta, explicit.theta, atol=1e-9)
+    np.testing.assert_allclose(implicit.pull, -9.81 * np.sin(implicit(implicit.points)["theta"]), atol=1e-7)
+
+
+def test_controls_are_given_or_as_the_phase_holds_them() -> None:
+    b = pendulum()
+    b.set_guess(torque=3.0)  # moved onto its bound
+    held, given_ = b.simulate(), b.simulate({"torque": 1.0})
+    np.testing.assert_allclose(held.theta, given_.theta)
+    assert set(b.simulate({"torque": 3.0}).torque) == {3.0}  # a simulation does not look at bounds
+    with pytest.raises(GuessError, match=r"'speed' is given to a simulation, but .* these are torque"):
+        b.simulate({"speed": 1.0})
+    with pytest.raises(GuessError, match=r"'torque': the guess has 3 values; 8 elements need 8 or 24"):
+        b.simulate({"torque": [1, 2, 3]})
+    with pytest.raises(GuessError, match="initial value is given for 'torque'; its states are theta, omega"):
+        b.simulate(initial={"torque": 1.0})
+    with pytest.raises(GuessError, match="initial value of 'theta'.* is nan"):
+        b.simulate(initial={"theta": math.nan})
+    with pytest.raises(GuessError, match="method 'euler' is unknown; choose one of RK45"):
+        b.simulate(method="euler")
+    b.torque[b.points.last()].value = None
+    with pytest.raises(GuessError, match=r"torque\[2.0\]' has no value to simulate with"):
+        b.simulate()
+
+
+def test_held_controls_and_phases_without_states() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.u = rcp.Control(parametrization="piecewise_constant")
+    b.f = rcp.Algebraic(guess=1)
+
+    def cube(b: Any, t: float) -> Any:
+        return b.f[t] ** 3 == b.u[t]
+
+    b.residual(cube)
+    trajectory = b.simulate({"u": [8.0, 27.0]})
+    assert trajectory.held == {"u"}
+    np.testing.assert_allclose(trajectory.f, [2.0] * 3 + [3.0] * 3, atol=1e-8)
+    assert trajectory.verify().equations < 1e-7
+
+
+def contact() -> Any:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=4)
+    b.x = rcp.State(initial=1)
+    b.force, b.slack = rcp.Algebraic(bounds=(0, None), guess=2), rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.force[t]})
+    b.complementarity(touch)
+    return b
+
+
+def touch(b: Any, t: float) -> Any:
+    return rcp.complements(b.force[t] >= 0, b.slack[t] >= 0)
+
+
+def height(b: Any, t: float) -> Any:
+    return b.slack[t] == b.x[t]
+
+
+def no_root_in_the_end(b: Any, t: float) -> Any:
+    return b.f[t] ** 2 == 0.55 - t
+
+
+def no_root(b: Any, t: float) -> Any:
+    return b.f[t] ** 2 == -1
+
+
+def test_algebraics_that_pairs_determine_are_given_or_keep_their_guess() -> None:
+    b = contact()
+    assert b.simulate().x[-1] == pytest.approx(3)
+    assert b.simulate({"force": 5.0}).x[-1] == pytest.approx(6)
+    b.residual(height)
+    with pytest.raises(GuessError, match=r"has 1 residual equations per point for 2 unknowns: force, slack\. Compl"):
+        b.simulate()
+    trajectory = b.simulate({"force": 2.0})
+    np.testing.assert_allclose(trajectory.slack, trajectory(trajectory.points)["x"], atol=1e-9)
+
+
+def explosion(rule: Any) -> Any:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4)
+    b.x = rcp.State(initial=1.1)
+    b.ode(rule)
+    return b
+
+
+@pytest.mark.parametrize("method", ["DOP853", "LSODA", "scheme"])
+@pytest.mark.filterwarnings("ignore:lsoda")
+def test_a_failure_names_the_time_and_keeps_what_it_has(method: str) -> None:
+    b = explosion(lambda b, t: {b.x: b.x[t] ** 2})  # leaves the numbers at t = 1 / 1.1
+    with pytest.raises(
+        SimulationFailed, match=r"phase 'p': the simulation stopped at t = .* Kept in error.traj"
+    ) as caught:
+        b.simulate(method=method)
+    error = caught.value
+    assert 0.5 <= error.time <= 1.01
+    np.testing.assert_allclose(error.trajectory.x, 1 / (1 / 1.1 - error.trajectory.time), rtol=0.05)
+    assert error.trajectory.time[-1] == pytest.approx(0.5)
+
+
+def test_equations_without_a_value_stop_a_simulation() -> None:
+    b = explosion(lambda b, t: {b.x: 1 + pyo.sqrt(1.2 - b.x[t])})
+    with pytest.raises(SimulationFailed, match=r"the equations have no value \(.*Kept in .*: nothing before"):
+        b.simulate()
+    b = explosion(lambda b, t: {b.x: 1 / (b.x[t] - 1.1)})
+    with pytest.raises(SimulationFailed) as caught:
+        b.simulate(method="scheme")
+    assert caught.value.trajectory is None or len(caught.value.trajectory.time) > 0
+
+
+def test_equations_without_a_root_stop_a_simulation() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.f = rcp.Algebraic(guess=1)
+    b.residual(no_root_in_the_end)
+    with pytest.raises(SimulationFailed, match=r"stopped at t = 0.5: the rows of element 1 were not solved \(resid"):
+        b.simulate()
+    m.q = q = rcp.PhaseBlock(elements=2, scheme=rcp.lobatto(2))
+    q.f = rcp.Algebraic()
+    q.residual(no_root)
+    with pytest.raises(SimulationFailed, match="no consistent values at the start"):
+        q.simulate()
+
+
+def test_a_rule_that_needs_the_grid_can_be_stepped() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.demand = pyo.Param(b.points, initialize=lambda b, t: 2.0)
+    b.x = rcp.State(initial=0)
+    b.ode(lambda b, t: {b.x: b.demand[t]})
+    with pytest.raises(TrajectoryError, match="cannot be asked at t = "):
+        b.simulate()
+    assert b.simulate(method="scheme").x[-1] == pytest.approx(2.0)

@@ -1,0 +1,76 @@
+"""Following a reference."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import DeclarationError
+
+
+def phase(duration: Any = 2.0, **options: Any) -> Any:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=duration, elements=4, **options)
+    b.x, b.u, b.k = rcp.State(guess=lambda t: t), rcp.Control(guess=1), rcp.Parameter()
+    return b
+
+
+def test_every_kind_of_reference_means_the_same() -> None:
+    b = phase()
+    line = phase()
+    line.set_guess(x=lambda t: 3 * t)
+    for reference in (lambda t: 3 * t, ([0, 2], [0, 6]), np.array([[-1, 5.0], [-3, 15]]), line.trajectory()):
+        assert pyo.value(b.tracking(b.x, reference)) == pytest.approx(4 * 2**3 / 3)  # integral of (2 t)^2
+    assert pyo.value(b.tracking("u", 3, weight=0.5)) == pytest.approx(0.5 * 4 * 2)
+    assert pyo.value(b.tracking(b.u, 3, weight=lambda t: t)) == pytest.approx(4 * 2)
+
+
+def test_samples_are_joined_by_lines() -> None:
+    b = phase()
+    b.set_guess(x=0)
+    cost = b.tracking(b.x, ([0, 0.5, 2], [0, 1, 1]))
+    assert pyo.value(cost) == pytest.approx(0.5 / 3 + 1.5)
+
+
+def test_a_free_duration_takes_functions_of_pyomo() -> None:
+    b = phase(rcp.Duration(bounds=(1, 3), guess=2.0))
+    b.set_guess(x=0)
+    assert pyo.value(b.tracking(b.x, lambda t: pyo.sin(t))) == pytest.approx(1 - math.sin(4) / 4, abs=1e-4)
+    with pytest.raises(
+        DeclarationError, match="data need times that are numbers, but something of the horizon is to be found"
+    ):
+        b.tracking(b.x, ([0, 3], [0, 1]))
+
+
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        (([0, 1], [0, 1]), r"tracking 'x': the reference runs from 0 to 1, the phase from 0 to 2\. Give"),
+        (([0, 1, 2], [0, 1]), r"times of shape \(3,\) and values of shape \(2,\)"),
+        (([0, 2, 1], [0, 1, 2]), "must be finite, and times increase"),
+        (([0, 2], [0, math.nan]), "must be finite"),
+        ("fast", "is no number, function, trajectory or pair"),
+        ((["a", "b"], [1, 2]), "is no number, function, trajectory or pair"),
+    ],
+)
+def test_what_is_no_reference_is_refused(reference: Any, message: str) -> None:
+    b = phase()
+    with pytest.raises(DeclarationError, match=message):
+        b.tracking(b.x, reference)
+
+
+def test_only_what_changes_in_time_on_this_phase_is_tracked() -> None:
+    b, other = phase(), phase()
+    for variable in (b.k, other.x, "z", b.points):
+        with pytest.raises(DeclarationError, match="it is no state, algebraic or control of this phase"):
+            b.tracking(variable, 0)
+    m = pyo.ConcreteModel()
+    m.p = rcp.PhaseBlock(duration=2.0)
+    m.p.y = rcp.State()
+    with pytest.raises(DeclarationError, match="trajectory 'p' has no 'x'"):
+        b.tracking(b.x, m.p.trajectory())
