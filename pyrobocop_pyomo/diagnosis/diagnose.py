@@ -68,7 +68,7 @@ def diagnose(model: Any) -> Diagnosis:
     findings += appearance_findings(model, {name for each in findings for name in each.components})
     findings += dependence_findings(model, linearisation)
     findings += unit_findings(model)
-    advice, factors = scaling_advice(linearisation)
+    advice, factors = scaling_advice(linearisation, phases)
     findings += advice
     degrees = [degrees_of_freedom(phase) for phase in phases]
     if len(phases) != 1 or phases[0] is not model:
