@@ -26,8 +26,8 @@ _ORDER = list(Severity)
 def diagnose(model: Any) -> Diagnosis:
     """Look at a model before a solve: structure, numbers at the guess, units and scaling.
 
-    Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions, so that it
-    takes about as long as building the model did; `rcp.solve` only asks each phase's `check`.
+    Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions,
+    which takes some seconds for ten thousand rows; `rcp.solve` only asks each phase's `check`.
 
     Parameters
     ----------
