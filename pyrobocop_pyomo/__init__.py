@@ -31,6 +31,7 @@ from pyrobocop_pyomo.phases import (
 from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
+    RecedingHorizon,
     Route,
     SequenceRanking,
     SolveResult,
@@ -63,6 +64,7 @@ __all__ = [
     "PhaseBlock",
     "PyRobocopError",
     "Quality",
+    "RecedingHorizon",
     "Route",
     "Scheme",
     "Scholtes",
