@@ -85,7 +85,7 @@ def decided_findings(block: Any) -> Iterator[Finding]:
                 (row.name,),
                 "Unfix a variable in it, or correct the fixed values.",
             )
-    for data in block.component_data_objects(Var, descend_into=Block):
+    for data in block.component_data_objects(Var, active=True, descend_into=Block):
         lower, upper = data.bounds
         if data.fixed and data.value is not None:
             below = lower is not None and data.value < lower - TOLERANCE

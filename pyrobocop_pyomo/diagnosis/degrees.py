@@ -7,9 +7,8 @@ from typing import Any
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
-from pyomo.mpec import Complementarity as PyomoComplementarity
 
-from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.phases import Control, PhaseBlockData
 from pyrobocop_pyomo.phases.controls import variables_name
 
@@ -26,13 +25,15 @@ def phases_of(block: Any) -> list[Any]:
 def degrees_of_freedom(block: Any) -> DegreesOfFreedom:
     """Count a block with all its active blocks."""
     # By identity: a control that is held is the same variable under two names.
-    variables = {id(data): data for data in block.component_data_objects(Var, descend_into=Block)}
+    variables = {id(data): data for data in block.component_data_objects(Var, active=True, descend_into=Block)}
     rows = list(block.component_data_objects(Constraint, active=True, descend_into=Block))
     equalities = sum(row.equality for row in rows)
+    # Relaxed pairs are deactivated, but still pairs; those on deactivated blocks are not counted.
     pairs = sum(
         len(component)
-        for ctype in (Complementarity, PyomoComplementarity)
-        for component in block.component_objects(ctype, descend_into=Block)
+        for part in block.block_data_objects(active=True, descend_into=Block)
+        for ctype in PAIR_TYPES
+        for component in part.component_objects(ctype, descend_into=False)
     )
     return DegreesOfFreedom(
         name=block.name,

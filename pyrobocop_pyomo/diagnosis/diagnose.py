@@ -26,8 +26,8 @@ _ORDER = list(Severity)
 def diagnose(model: Any) -> Diagnosis:
     """Look at a model before a solve: structure, numbers at the guess, units and scaling.
 
-    Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions, so that it
-    takes about as long as building the model did; `rcp.solve` only asks each phase's `check`.
+    Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions,
+    which takes some seconds for ten thousand rows; `rcp.solve` only asks each phase's `check`.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def diagnose(model: Any) -> Diagnosis:
     findings += appearance_findings(model, {name for each in findings for name in each.components})
     findings += dependence_findings(model, linearisation)
     findings += unit_findings(model)
-    advice, factors = scaling_advice(linearisation)
+    advice, factors = scaling_advice(linearisation, phases)
     findings += advice
     degrees = [degrees_of_freedom(phase) for phase in phases]
     if len(phases) != 1 or phases[0] is not model:

@@ -72,13 +72,13 @@ def data_findings(block: Any) -> Iterator[Finding]:
             if not math.isfinite(number) or bad is not None:
                 what = f"has no finite derivative by '{bad}'" if math.isfinite(number) else f"is {number:g}"
                 yield _error(objective.name, f"objective '{objective.name}' {what} at the guess.", GUESS)
-    for component in block.component_objects(Param, descend_into=Block):
+    for component in block.component_objects(Param, active=True, descend_into=Block):
         for index in component.sparse_keys():
             number = number_or_nan(component[index], without=0.0)
             if not math.isfinite(number):
                 name = component.name if index is None else f"{component.name}[{index}]"
                 yield _error(name, f"parameter '{name}' is {number:g}.", "Give it a finite number.")
-    for data in block.component_data_objects(Var, descend_into=Block):
+    for data in block.component_data_objects(Var, active=True, descend_into=Block):
         if data.value is not None and not math.isfinite(data.value):
             yield _error(data.name, f"'{data.name}' starts at {data.value:g}.", "Give it a finite guess.")
         for which, bound in (("lower", data.lower), ("upper", data.upper)):
@@ -88,7 +88,7 @@ def data_findings(block: Any) -> Iterator[Finding]:
 
 def values_missing(block: Any) -> list[str]:
     """Names of components some of whose variables have no value to start from."""
-    variables = block.component_data_objects(Var, descend_into=Block)
+    variables = block.component_data_objects(Var, active=True, descend_into=Block)
     return sorted({data.parent_component().name for data in variables if data.value is None})
 
 

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from .findings import Finding, Severity, Subject
-from .linearisation import Linearisation, equilibrate
+from .linearisation import Linearisation, Row, equilibrate, number_or_nan
 
 # Ipopt scales gradients above 100 down by itself: what is off by less than three orders of magnitude hardly matters.
 ORDERS = 3
 
 
-def scaling_advice(linearisation: Linearisation) -> tuple[list[Finding], dict[str, float]]:
+def scaling_advice(linearisation: Linearisation, phases: list[Any]) -> tuple[list[Finding], dict[str, float]]:
     """Findings, and powers of ten by which components could be multiplied."""
     rows = [row for row in linearisation.rows if row.gradient and row.is_finite]
     if not rows:
         return [], {}
     jacobian = linearisation.jacobian(rows)
-    row_factors, column_factors = equilibrate(jacobian)
+    row_factors, column_factors = equilibrate(_of_rates(jacobian, rows, linearisation, phases))
     used = np.flatnonzero(np.diff(jacobian.tocsc().indptr))
     by_component = _by_component((row.data for row in rows), row_factors)
     # A variable of typical size 1000 is multiplied by 0.001: the inverse of its column's factor.
@@ -43,6 +43,26 @@ def scaling_advice(linearisation: Linearisation) -> tuple[list[Finding], dict[st
         "nlp_scaling_method to 'user-scaling'.",
     )
     return [finding], factors
+
+
+def _of_rates(jacobian: Any, rows: list[Row], linearisation: Linearisation, phases: list[Any]) -> Any:
+    """The Jacobian with right-hand sides not multiplied by the width of an element.
+
+    ``D x - h f = 0`` holds the controls with a factor ``h``: a fine mesh would look like a badly scaled control.
+    """
+    width_of: dict[int, tuple[float, set[int]]] = {}
+    for phase in phases:
+        width = number_or_nan(phase.duration) / phase.grid.mesh.elements
+        for name in phase.record.names_of_states if width > 0 else ():
+            collocation = phase.component(f"{name}_collocation")
+            own = {id(data) for data in phase.component(name).values()}
+            width_of.update((id(row), (width, own)) for row in (collocation or {}).values())
+    changed = jacobian.tocoo()
+    for entry, (i, j) in enumerate(zip(changed.row.tolist(), changed.col.tolist(), strict=True)):
+        width, own = width_of.get(id(rows[i].data), (1.0, set()))
+        if id(linearisation.variables[j]) not in own:
+            changed.data[entry] /= width
+    return changed.tocsr()
 
 
 def _by_component(data: Any, factors: np.ndarray) -> dict[str, int]:

@@ -20,7 +20,7 @@ from .findings import Finding, Severity, Subject
 
 def unit_findings(block: Any) -> Iterator[Finding]:
     """Rows and objectives whose terms have different units, one finding per component; nothing without units."""
-    if not any(_has_units(component) for component in block.component_objects(Var, descend_into=Block)):
+    if not any(_has_units(component) for component in block.component_objects(Var, active=True, descend_into=Block)):
         return
     for component in block.component_objects((Constraint, Objective), active=True, descend_into=Block):
         try:

@@ -1,0 +1,237 @@
+"""The report itself: counts, words, factors, and the numerical means behind it. Who is found is in the catalogue."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.phases import contents, oscillators
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse import csr_matrix
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis import Severity, Subject
+from pyrobocop_pyomo.diagnosis.dependence import left_null_vector
+from pyrobocop_pyomo.diagnosis.linearisation import Linearisation, equilibrate
+from pyrobocop_pyomo.diagnosis.structure import dependent_rows
+from pyrobocop_pyomo.errors import ModelError
+
+
+def pushing(**options: Any) -> pyo.ConcreteModel:
+    """A mass with a force, a pair that stops it, and two rows of very different size."""
+    m = pyo.ConcreteModel("pushing")
+    m.p = b = rcp.PhaseBlock(**{"elements": 5, "stages": 2, **options})
+    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0)
+    b.stop = rcp.Algebraic(bounds=(0, None))
+    b.u = rcp.Control(bounds=(-50, 50))
+    b.ode(motion)
+    b.complementarity(wall)
+    b.constraint(strong)
+    m.cost = pyo.Objective(expr=b.integral(effort))
+    return m
+
+
+def motion(b: Any, t: float) -> Any:
+    return {b.x: b.v[t], b.v: b.u[t] - b.stop[t]}
+
+
+def wall(b: Any, t: float) -> Any:
+    return rcp.complements(2 - b.x[t] >= 0, b.stop[t] >= 0)
+
+
+def strong(b: Any, t: float) -> Any:
+    return 1e7 * b.u[t] <= 4e8
+
+
+def effort(b: Any, t: float) -> Any:
+    return b.u[t] ** 2
+
+
+def test_counts_are_those_of_the_model() -> None:
+    phase, whole = rcp.diagnose(pushing()).degrees_of_freedom
+    assert (phase.name, whole.name) == ("p", "pushing")
+    assert (phase.variables, phase.fixed) == (2 * 11 + 10 + 10, 3)
+    assert (phase.equalities, phase.inequalities, phase.pairs, phase.controls) == (20, 10, 10, 10)
+    assert phase.degrees == 42 - 3 - 20
+
+
+def test_relaxed_or_not_the_pairs_are_counted_once() -> None:
+    m = pushing()
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m)
+    phase, whole = rcp.diagnose(m).degrees_of_freedom
+    assert phase.pairs == whole.pairs == 10
+
+
+@pytest.mark.parametrize("duration", [1.0, rcp.Duration(bounds=(0.5, 2))], ids=["fixed", "free"])
+def test_nothing_is_changed(duration: Any) -> None:
+    m = pushing(duration=duration)
+    before = contents(m), [(v.value, v.fixed, v.bounds, v.stale) for v in m.component_data_objects(pyo.Var)]
+    rcp.diagnose(m)
+    assert (contents(m), [(v.value, v.fixed, v.bounds, v.stale) for v in m.component_data_objects(pyo.Var)]) == before
+
+
+def test_the_report_reads_from_the_worst_to_advice() -> None:
+    m = pushing()
+    m.lost = pyo.Var(initialize=0)
+    m.second = pyo.Objective(expr=m.p.x[1.0])
+    diagnosis = rcp.diagnose(m)
+    assert [each.severity for each in diagnosis.findings] == [Severity.ERROR, Severity.WARNING, Severity.ADVICE]
+    text = str(diagnosis)
+    assert text.startswith("Diagnosis of 'pushing': 1 errors, 2 other findings")
+    assert "19 degrees of freedom (10 in controls)" in text
+    assert "- error, what was stated: 2 objectives are active: 'cost', 'second'." in text
+    assert "- warning, undetermined variables: 1 variables" in text
+    assert diagnosis.about(Subject.UNDETERMINED)[0].components == ("lost",)
+    with pytest.raises(ModelError, match="'pushing': error, what was stated: 2 objectives"):
+        diagnosis.raise_for_errors()
+    m.second.deactivate()
+    rcp.diagnose(m).raise_for_errors()
+
+
+def test_a_variable_without_value_is_remarked_and_spoils_nothing() -> None:
+    m = pushing()
+    m.z = pyo.Var()
+    m.row = pyo.Constraint(expr=m.z == m.p.x[1.0])
+    diagnosis = rcp.diagnose(m)
+    assert diagnosis.errors == []
+    assert diagnosis.remarks == ("rows that hold a variable without a value: z",)
+
+
+def test_several_phases_at_once_are_refused() -> None:
+    m = pyo.ConcreteModel()
+    m.p = rcp.PhaseBlock([1, 2])
+    with pytest.raises(ModelError, match="'p' is no model and no single phase"):
+        rcp.diagnose(m.p)
+    assert rcp.diagnose(m.p[1]).degrees_of_freedom[0].name == "p[1]"
+
+
+# -------------------------------------------------------------------- scaling
+
+
+def test_scaling_factors_bring_rows_to_size_one_and_are_written_once() -> None:
+    m = pushing()
+    diagnosis = rcp.diagnose(m)
+    assert set(diagnosis.scaling_factors) <= {"p.strong", "p.u"}
+    assert diagnosis.scaling_factors["p.strong"] <= 1e-3
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    first = next(iter(m.p.strong.values()))
+    m.scaling_factor[first] = 0.5
+    suffix = diagnosis.write_scaling(m)
+    assert suffix is m.scaling_factor
+    assert suffix[first] == 0.5
+    assert all(suffix[row] == diagnosis.scaling_factors["p.strong"] for row in list(m.p.strong.values())[1:])
+
+
+@pytest.mark.casadi
+def test_a_model_scaled_by_the_advice_needs_no_more_and_has_the_same_solution() -> None:
+    m = pushing()
+    diagnosis = rcp.diagnose(m)
+    reference = pushing()
+    rcp.solve(reference).raise_for_status()
+    diagnosis.write_scaling(m)
+    scaled = pyo.TransformationFactory("core.scale_model").create_using(m, rename=False)
+    scaled.scaling_factor.deactivate()
+    assert rcp.diagnose(scaled).scaling_factors == {}
+    rcp.solve(m, options={"nlp_scaling_method": "user-scaling"}).raise_for_status()
+    assert pyo.value(m.cost) == pytest.approx(pyo.value(reference.cost), rel=1e-4)
+
+
+def test_a_finer_mesh_is_no_reason_to_scale() -> None:
+    assert rcp.diagnose(oscillators(elements=400, stages=1)).scaling_factors == {}
+
+
+def test_a_component_in_the_way_of_the_suffix_is_named() -> None:
+    m = pushing()
+    diagnosis = rcp.diagnose(m)
+    with pytest.raises(ModelError, match="has no component 'p.strong'"):
+        diagnosis.write_scaling(pyo.ConcreteModel("other"))
+    m.scaling_factor = pyo.Var()
+    with pytest.raises(ModelError, match="'scaling_factor' is no suffix"):
+        diagnosis.write_scaling(m)
+
+
+# -------------------------------------------------------------------- the means
+
+
+def test_the_jacobian_is_that_of_differences() -> None:
+    m = oscillators(elements=2)
+    line = Linearisation(m)
+    matrix = line.jacobian(line.rows).toarray()
+    step = 1e-6
+    for j, variable in enumerate(line.variables):
+        centre = variable.value
+        sides = []
+        for sign in (1, -1):
+            variable.set_value(centre + sign * step)
+            sides.append(np.array([pyo.value(row.data.body) for row in line.rows]))
+        variable.set_value(centre)
+        assert matrix[:, j] == pytest.approx((sides[0] - sides[1]) / (2 * step), abs=1e-6)
+
+
+matrices = st.tuples(st.integers(2, 6), st.integers(0, 3), st.integers(0, 10_000))
+
+
+@given(matrices)
+def test_dependent_rows_are_those_that_take_part_in_a_combination(shape: tuple[int, int, int]) -> None:
+    rows, more, seed = shape
+    random = np.random.default_rng(seed)
+    matrix = random.uniform(0.5, 2.0, (rows, rows + more)) * random.choice([-1, 1], (rows, rows + more))
+    dependent = matrix.copy()
+    dependent[-1] = 3 * dependent[0] - (dependent[1] if rows > 2 else 0)
+    if np.linalg.cond(matrix @ matrix.T) < 1e8:
+        assert dependent_rows(matrix) == []
+        assert set(dependent_rows(dependent)) >= {0, rows - 1}
+    zero = matrix.copy()
+    zero[0] = 0.0
+    assert 0 in dependent_rows(zero)
+
+
+@given(matrices, st.floats(-4, 4))
+def test_a_left_null_vector_is_found_exactly_when_there_is_one(shape: tuple[int, int, int], order: float) -> None:
+    rows, more, seed = shape
+    random = np.random.default_rng(seed)
+    matrix = random.standard_normal((rows, rows + more + 2))
+    matrix[0] *= 10.0**order
+
+    def scaled(dense: np.ndarray) -> Any:
+        sparse = csr_matrix(dense)
+        left, right = equilibrate(sparse)
+        return csr_matrix(left[:, None] * dense * right)
+
+    if np.linalg.cond(scaled(matrix).toarray()) < 1e6:
+        assert left_null_vector(scaled(matrix)) is None
+    matrix[-1] = matrix[0] + matrix[-1] * 0
+    singular = scaled(matrix)
+    vector = left_null_vector(singular)
+    assert vector is not None
+    assert np.abs(singular.T @ vector).max() < 1e-8
+
+
+@pytest.mark.slow
+def test_check_stays_cheap() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=200, stages=3)
+    for i in range(10):
+        setattr(b, f"x{i}", rcp.State(initial=0))
+        setattr(b, f"y{i}", rcp.Algebraic())
+
+    def motion_of_many(b: Any, t: float) -> Any:
+        return {f"x{i}": b.component(f"y{i}")[t] for i in range(10)}
+
+    def forces_of_many(b: Any, t: float) -> Any:
+        return [b.component(f"y{i}")[t] == b.component(f"x{(i + 1) % 10}")[t] for i in range(10)]
+
+    b.ode(motion_of_many)
+    b.residual(forces_of_many)
+    b.check()
+
+    def seconds() -> float:
+        before = time.process_time()
+        b.check()
+        return time.process_time() - before
+
+    assert min(seconds() for _ in range(5)) < 0.02

@@ -1,0 +1,222 @@
+"""What users of Pyomo do with any model works with phases: slices, labels, reports, suffixes, scaling, explanations."""
+
+from __future__ import annotations
+
+import io
+import logging
+from pathlib import Path
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.common.timing import report_timing
+from pyomo.contrib.iis.mis import compute_infeasibility_explanation
+from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
+from pyomo.util.infeasible import log_infeasible_bounds, log_infeasible_constraints
+from pyomo.util.model_size import build_model_size_report
+
+import pyrobocop_pyomo as rcp
+
+ELEMENTS, STAGES = 3, 2
+POINTS = ELEMENTS * STAGES
+
+
+def leg(b: Any, *index: Any) -> None:
+    """One of each: state, algebraic, held and linear control, parameter, pair."""
+    b.x = rcp.State(initial=0, final=1, bounds=(-5, 5))
+    b.v = rcp.State(initial=0)
+    b.z = rcp.Algebraic(bounds=(0, None))
+    b.u = rcp.Control(bounds=(-20, 20), parametrization="piecewise_constant")
+    b.w = rcp.Control(bounds=(-20, 20), parametrization="piecewise_linear")
+    b.k = rcp.Parameter(bounds=(1, 2), guess=1)
+    b.ode(motion)
+    b.complementarity(stop)
+
+
+def motion(b: Any, t: float) -> Any:
+    return {b.x: b.v[t], b.v: b.u[t] + b.w[t] - b.k * b.z[t]}
+
+
+def stop(b: Any, t: float) -> Any:
+    return rcp.complements(b.z[t] >= 0, 2 - b.x[t] >= 0)
+
+
+def effort(b: Any, t: float) -> Any:
+    return b.u[t] ** 2 + b.w[t] ** 2
+
+
+def robot() -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel("robot")
+    m.phase = rcp.PhaseBlock(rule=leg, elements=ELEMENTS, stages=STAGES)
+    m.legs = rcp.PhaseBlock(["a", "b"], rule=leg, elements=ELEMENTS, stages=STAGES)
+    m.cost = pyo.Objective(expr=sum(phase.integral(effort) for phase in (m.phase, *m.legs.values())))
+    return m
+
+
+def relaxed() -> pyo.ConcreteModel:
+    m = robot()
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m)
+    return m
+
+
+def test_timing_names_our_components_and_our_transformation() -> None:
+    text = io.StringIO()
+    report_timing(text)
+    try:
+        relaxed()
+    finally:
+        report_timing(False)
+    for line in (
+        f"construct Var phase.x; {POINTS + 1} indices",
+        f"construct Constraint legs[b].x_collocation; {POINTS} indices",
+        f"construct Complementarity phase.stop; {POINTS} indices",
+        "construct Block phase; 1 index",
+        "construct Block legs; 2 indices",
+        "apply Transformation RelaxComplementarity (in-place)",
+    ):
+        assert line in text.getvalue()
+
+
+def test_slices_reach_through_phases() -> None:
+    m = robot()
+    assert len(list(m.phase.x[:])) == POINTS + 1
+    assert len(list(m.legs[:].x[:])) == 2 * (POINTS + 1)
+    assert len(list(m.legs[:].u[:])) == len(list(m.legs[:].w[:])) == 2 * POINTS
+    assert len({id(v) for v in m.legs[:].u[:]}) == 2 * ELEMENTS
+    assert str(pyo.ComponentUID(m.phase.x[:])) == "phase.x[*]"
+    assert len(pyo.Reference(m.legs[:].z[:])) == 2 * POINTS
+    m.legs[:].x[:].setub(3)
+    assert all(v.ub == 3 for phase in m.legs.values() for v in phase.x.values())
+
+
+@pytest.mark.parametrize("suffix", ["nl", "gms", "bar"])
+def test_symbolic_labels_are_readable(suffix: str, tmp_path: Path) -> None:
+    m = relaxed()
+    m.write(str(tmp_path / f"robot.{suffix}"), io_options={"symbolic_solver_labels": True})
+    if suffix == "nl":
+        rows, columns = ((tmp_path / f"robot.{end}").read_text().splitlines() for end in ("row", "col"))
+        assert {"phase.x_collocation[1.0]", "legs[a].v_collocation[1.0]", "cost"} <= set(rows)
+        assert {"phase.v[1.0]", "legs[b].z[1.0]", "phase.u_per_element[0]", "phase.w_at_knots[1]"} <= set(columns)
+    elif suffix == "gms":
+        text = (tmp_path / "robot.gms").read_text()
+        assert "phase_x_collocation_1_0_" in text
+        assert "legs_b__z_1_0_" in text
+    else:
+        assert "legs_b__z_1_0_" in (tmp_path / "robot.bar").read_text()
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("factory", [pyo.SolverFactory, NewSolverFactory], ids=["legacy", "new"])
+@pytest.mark.parametrize(
+    "solver", ["pyrobocop.ipopt", pytest.param("ipopt", marks=pytest.mark.executable)]
+)  # fmt: skip
+def test_both_interfaces_solve_with_symbolic_labels(factory: Any, solver: str) -> None:
+    m = relaxed()
+    factory(solver).solve(m, symbolic_solver_labels=True)
+    assert pyo.value(m.phase.x[1.0]) == 1
+    assert m.phase.trajectory().verify().equations < 1e-6
+    assert m.phase.trajectory().verify().defect < 1e-6
+
+
+def test_model_size_counts_every_variable_once() -> None:
+    per_phase = 2 * (POINTS + 1) + POINTS + ELEMENTS + (ELEMENTS + 1) + 1
+    report = build_model_size_report(robot())
+    assert report.activated.constraints == 3 * 2 * POINTS
+    assert report.overall.variables == 3 * per_phase
+    # Fixed ends are no variables there; one seen at many points is one.
+    assert report.activated.continuous_variables == 3 * (per_phase - 3)
+
+
+def test_infeasible_rows_and_bounds_are_logged_by_name() -> None:
+    text = io.StringIO()
+    logger = logging.Logger("infeasible", level=logging.DEBUG)
+    logger.addHandler(logging.StreamHandler(text))
+    m = robot()
+    m.phase.z[1.0].set_value(-1)
+    log_infeasible_constraints(m, logger=logger, log_expression=True, log_variables=True)
+    log_infeasible_bounds(m, logger=logger)
+    assert "CONSTR phase.x_collocation[1.0]" in text.getvalue()
+    assert "VAR phase.x[1.0]: 1.0" in text.getvalue()
+    assert "VAR phase.z[1.0]: -1" in text.getvalue()
+
+
+def test_pprint_and_display_show_everything() -> None:
+    m = robot()
+    for part in (m, m.phase, m.legs, m.legs["a"]):
+        printed, displayed = io.StringIO(), io.StringIO()
+        part.pprint(ostream=printed)
+        part.display(ostream=displayed)
+        for text in (printed.getvalue(), displayed.getvalue()):
+            assert "x_collocation" in text
+            assert "u_per_element" in text
+        assert "stop" in printed.getvalue()
+
+
+@pytest.mark.executable
+def test_suffixes_on_a_phase_and_on_the_model_reach_its_rows() -> None:
+    m = relaxed()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    m.phase.ipopt_zL_out = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    pyo.SolverFactory("ipopt").solve(m)
+    rows = list(m.phase.x_collocation.values())
+    assert all(row in m.dual for row in rows)
+    assert max(abs(m.dual[row]) for row in rows) > 0.1
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("rename", [True, False])
+def test_a_scaled_model_has_the_same_solution(rename: bool) -> None:
+    expected, m = relaxed(), relaxed()
+    solver = pyo.SolverFactory("pyrobocop.ipopt")
+    solver.solve(expected, options={"tol": 1e-10})
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    b, other = m.phase, m.legs["a"]
+    for component, factor in ((b.x, 0.1), (b.u_per_element, 0.01), (b.x_collocation, 10), (other.z, 5), (m.cost, 0.01)):
+        m.scaling_factor[component] = factor
+    scale = pyo.TransformationFactory("core.scale_model")
+    scaled = scale.create_using(m, rename=rename)
+    solver.solve(scaled, options={"tol": 1e-10})
+    scale.propagate_solution(scaled, m)
+    assert pyo.value(m.cost) == pytest.approx(pyo.value(expected.cost), rel=1e-5)
+    assert m.phase.trajectory().x == pytest.approx(expected.phase.trajectory().x, abs=1e-4)
+    assert m.phase.trajectory().verify().defect < 1e-6
+
+
+@pytest.mark.casadi
+def test_a_scaled_and_renamed_model_can_be_given_to_solve() -> None:
+    m = robot()
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[m.phase.x] = 0.1
+    scaled = pyo.TransformationFactory("core.scale_model").create_using(m)
+    rcp.solve(scaled).raise_for_status()
+
+
+@pytest.mark.casadi
+def test_a_deactivated_phase_is_neither_solved_nor_counted() -> None:
+    m = robot()
+    m.legs.deactivate()
+    m.cost.set_value(m.phase.integral(effort))
+    before = [v.value for phase in m.legs.values() for v in phase.x.values()]
+    counts = rcp.diagnose(m).degrees_of_freedom
+    assert [each.name for each in counts] == ["phase", "robot"]
+    assert counts[0].variables == counts[1].variables
+    assert counts[1].pairs == POINTS
+    rcp.solve(m).raise_for_status()
+    assert [v.value for phase in m.legs.values() for v in phase.x.values()] == before
+
+
+@pytest.mark.casadi
+def test_pyomo_explains_an_infeasible_phase_by_name() -> None:
+    m = pyo.ConcreteModel("far")
+    m.p = b = rcp.PhaseBlock(elements=2, stages=1)
+    b.x = rcp.State(initial=0, final=5)
+    b.u = rcp.Control(bounds=(0, 1))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.nothing = pyo.Objective(expr=0)
+    text = io.StringIO()
+    logger = logging.Logger("explanation", level=logging.INFO)
+    logger.addHandler(logging.StreamHandler(text))
+    compute_infeasibility_explanation(m, solver=pyo.SolverFactory("pyrobocop.ipopt"), logger=logger)
+    minimal = text.getvalue().partition("Constraints / bounds in MIS:")[2]
+    assert "ub of var p.u[1.0]" in minimal
+    assert "constraint: p.x_collocation[1.0]" in minimal
