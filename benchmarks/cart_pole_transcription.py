@@ -34,6 +34,8 @@ def ways() -> dict[str, Callable[[int], Measured]]:
         chosen["phase, derivatives kept"] = lambda n: as_phase(n, "asl", keep_derivatives=True)
     if rcp.Route.IN_PROCESS_CASADI in found:
         chosen["phase, in process, CasADi"] = lambda n: as_phase(n, "casadi")
+    if rcp.Route.IN_PROCESS_MAPPED in found:
+        chosen["phase, in process, mapped"] = lambda n: as_phase(n, "mapped")
     if rcp.Route.EXECUTABLE in found:
         chosen["phase, executable"] = lambda n: as_phase(n, "executable")
         chosen["pyomo.dae, executable"] = by_pyomo_dae

@@ -23,6 +23,7 @@ from pyrobocop_pyomo.phases import (
     Link,
     Parameter,
     PhaseBlock,
+    Start,
     State,
     Verification,
 )
@@ -67,6 +68,7 @@ __all__ = [
     "SolveFailed",
     "SolveResult",
     "SquareSlider",
+    "Start",
     "State",
     "StopReason",
     "Trajectory",

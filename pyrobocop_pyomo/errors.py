@@ -10,6 +10,7 @@
     │   ├── TranscriptionError           equations that do not fit the declared variables
     │   ├── LinkError                    two phases that cannot be joined
     │   ├── GuessError                   an initial guess of the wrong shape, or not finite
+    │   ├── StructureChanged             a kept model whose variables or rows are no longer those it was made of
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
     ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
@@ -59,6 +60,10 @@ class GuessError(ModelError):
 
 class ComplementarityError(ModelError):
     """A pair that cannot be brought into the form ``0 <= a ⟂ b >= 0``."""
+
+
+class StructureChanged(ModelError):
+    """A model that was prepared for repeated solves has other free variables or other rows since."""
 
 
 class SolverNotFoundError(PyRobocopError):

@@ -1,12 +1,14 @@
-"""Collocation schemes, Lagrange bases and meshes: NumPy and SciPy only, no model."""
+"""Collocation schemes, Lagrange bases, meshes and matchings: NumPy and SciPy only, no model."""
 
 from .families import explicit, find_scheme, gauss_legendre, lobatto, radau
 from .lagrange import barycentric_weights, differentiation_matrix, evaluation_matrix, integration_matrix
+from .matching import Matching, maximum_matching
 from .mesh import Grid, Mesh
 from .schemes import Scheme
 
 __all__ = [
     "Grid",
+    "Matching",
     "Mesh",
     "Scheme",
     "barycentric_weights",
@@ -17,5 +19,6 @@ __all__ = [
     "gauss_legendre",
     "integration_matrix",
     "lobatto",
+    "maximum_matching",
     "radau",
 ]

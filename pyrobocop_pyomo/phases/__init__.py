@@ -1,6 +1,6 @@
 """What the user states: declarations, `PhaseBlock`, and the judgement of a trajectory by it."""
 
-from .declarations import Algebraic, Control, Declaration, Duration, Parameter, State
+from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
 from .links import Link, LinkData
 from .phase_block import PhaseBlock, PhaseBlockData
 from .phase_end import PhaseEnd
@@ -17,6 +17,7 @@ __all__ = [
     "PhaseBlock",
     "PhaseBlockData",
     "PhaseEnd",
+    "Start",
     "State",
     "Verification",
 ]

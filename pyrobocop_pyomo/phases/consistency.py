@@ -13,15 +13,20 @@ from pyomo.mpec import Complementarity as PyomoComplementarity
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
+from .controls import variables_name
 from .declarations import Algebraic, Control, Parameter
 from .record import PhaseRecord
+from .structure import check_structure, sides_of
 
 
 def check_phase(block: Any, record: PhaseRecord) -> None:
     """Raise a `TranscriptionError` that names the culprit when equations and variables do not fit."""
+    if any(block.component(name) is None for name in record.declarations):
+        return  # a transformation has renamed the variables, as scaling does: the record is about another model
     _check_each_state_has_an_equation(block, record)
     _check_counts(block, record)
     _check_each_variable_appears(block, record)
+    check_structure(block, record)
 
 
 def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
@@ -84,7 +89,7 @@ def _per_point(component: Any, points: int) -> int:
 def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
     """A variable in no row and no objective would come back as noise: name it."""
     declared = [name for kind in (Control, Algebraic, Parameter) for name in record.names(kind)]
-    missing = {name: {id(data) for data in block.component(name).values()} for name in declared}
+    missing = {name: {id(data) for data in _variables(block, record, name)} for name in declared}
     for expression in _expressions(block):
         if not missing:
             return
@@ -99,6 +104,12 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
         )
 
 
+def _variables(block: Any, record: PhaseRecord, name: str) -> Any:
+    declaration = record.declarations[name]
+    holder = variables_name(name, declaration) if isinstance(declaration, Control) else name
+    return block.component(holder).values()
+
+
 def _expressions(block: Any) -> Any:
     # One row of each of the phase's own components first: nearly always everything is found there.
     own = _active_constraints(block)
@@ -106,7 +117,7 @@ def _expressions(block: Any) -> Any:
         yield from (row.body for row in islice(component.values(), 1))
     for component in _complementarities(block):
         for data in component.values():
-            yield from data.args
+            yield from sides_of(data)
     for component in own:
         for row in component.values():
             yield row.body

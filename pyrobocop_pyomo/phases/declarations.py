@@ -106,25 +106,43 @@ class Algebraic(Declaration):
     """A variable without derivative that the equations determine: a force, a slip speed, a slack."""
 
 
+PARAMETRIZATIONS = ("collocated", "piecewise_constant", "piecewise_linear")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Control(Declaration):
     """A variable that the optimiser chooses.
 
     Attributes
     ----------
-    parametrization : {"collocated", "piecewise_constant"}
-        One value per collocation point (the default), or one per element. The latter respects its bounds
-        at every collocation point of the element.
+    parametrization : {"collocated", "piecewise_constant", "piecewise_linear"}
+        One value per collocation point (the default), one per element, or continuous and linear over each element.
+        A piecewise constant control respects its bounds at every collocation point, a linear one at its knots.
+    knots : sequence of float, optional
+        Time indices, the first and the last of the phase among them, between which a piecewise control is held or
+        linear; each must be an element boundary. All element boundaries by default.
+    rate_bounds : (lower, upper) or None
+        Bounds on the rate of change in real time: the slope of a linear control; for the others, the difference of
+        neighbouring values over the distance of their times (middles, where values are held).
     """
 
     parametrization: str = "collocated"
+    knots: tuple[float, ...] | None = None
+    rate_bounds: Bounds | None = None
 
     def __post_init__(self) -> None:
-        if self.parametrization not in ("collocated", "piecewise_constant"):
+        if self.parametrization not in PARAMETRIZATIONS:
             raise DeclarationError(
                 f"control declared at {self.declared_at}: parametrization {self.parametrization!r} is unknown; "
-                "choose 'collocated' or 'piecewise_constant'."
+                f"choose one of {', '.join(map(repr, PARAMETRIZATIONS))}."
             )
+        if self.knots is not None:
+            if self.parametrization == "collocated":
+                raise DeclarationError(
+                    f"control declared at {self.declared_at}: knots belong to a piecewise control. Add "
+                    "parametrization='piecewise_constant' or 'piecewise_linear'."
+                )
+            object.__setattr__(self, "knots", tuple(float(knot) for knot in self.knots))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +159,13 @@ class Duration(Declaration):
     """
 
 
+@dataclass(frozen=True, kw_only=True)
+class Start(Declaration):
+    """A start time that the optimiser chooses; the phase is then stated in normalised time."""
+
+
 def is_held(declaration: Declaration) -> bool:
-    """True for a control with one value per element."""
+    """True for a control with one value per element, or per interval between its knots."""
     return isinstance(declaration, Control) and declaration.parametrization == "piecewise_constant"
 
 

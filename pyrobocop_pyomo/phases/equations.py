@@ -15,9 +15,10 @@ from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import collocation_rows
 
 from .answers import labelled_rows
+from .building import add_generated
 from .declarations import State, check_bounds
+from .horizon import element_widths
 from .record import PhaseRecord
-from .variables import add_generated
 
 Rule = Callable[..., Any]
 
@@ -84,9 +85,7 @@ def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
 
 
 def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:
-    widths = record.grid.mesh.widths.tolist()
-    if block.has_free_duration:
-        widths = [width * block.duration for width in widths]
+    widths = element_widths(block, record)
     rows = _add_generated_rows(block, record, f"{name}_collocation")
     for time, row in collocation_rows(block.component(name), rates, record.grid, widths):
         rows.add(time, row)

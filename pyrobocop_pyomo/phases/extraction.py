@@ -9,10 +9,12 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_pair
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .controls import knots_of, variables_name
 from .declarations import Algebraic, Control, Parameter, is_held
+from .horizon import real_grid, real_time
 from .record import PhaseRecord
 
 
@@ -28,7 +30,7 @@ def extract_trajectory(block: Any, record: PhaseRecord) -> Trajectory:
     names = record.names(Algebraic) + record.names(Control)
     return Trajectory(
         name=block.name,
-        grid=_real_time(block, record),
+        grid=real_grid(block, record),
         states={name: _read(block, name, grid.times) for name in record.names_of_states},
         signals={name: _read(block, name, grid.points) for name in names},
         parameters={name: float(value(block.component(name))) for name in record.names(Parameter)},
@@ -38,6 +40,7 @@ def extract_trajectory(block: Any, record: PhaseRecord) -> Trajectory:
             for name in record.names_of_states
             if _has_rate(block, record, name)
         },
+        linear=_read_linear(block, record),
         held=frozenset(name for name, declaration in record.declarations.items() if is_held(declaration)),
         phase=block,
     )
@@ -45,7 +48,7 @@ def extract_trajectory(block: Any, record: PhaseRecord) -> Trajectory:
 
 def _read(block: Any, name: str, times: tuple[float, ...]) -> np.ndarray:
     variable = block.component(name)
-    values = [variable[time].value for time in times]
+    values = [value(variable[time], exception=False) for time in times]
     if None in values:
         missing = variable[times[values.index(None)]]
         raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it a guess.")
@@ -61,12 +64,18 @@ def _read_rates(block: Any, name: str, points: tuple[float, ...]) -> np.ndarray:
     return np.array([float(value(rates[time])) for time in points])
 
 
-def _real_time(block: Any, record: PhaseRecord) -> Grid:
-    if record.start_is_known and not block.has_free_duration:
-        return record.grid
-    duration, start = float(value(block.duration)), float(value(record.start))
-    mesh = Mesh(tuple(record.clock(t, duration, start) for t in record.grid.mesh.boundaries))
-    return Grid(record.grid.scheme, mesh)
+def _read_linear(block: Any, record: PhaseRecord) -> dict[str, np.ndarray]:
+    """Knots and values of the piecewise linear controls, in real time."""
+    found = {}
+    for name in record.names(Control):
+        control = record.declarations[name]
+        assert isinstance(control, Control)
+        if control.parametrization == "piecewise_linear":
+            knots = knots_of(record, control, f"'{block.name}.{name}'")
+            values = block.component(variables_name(name, control)).values()
+            clocks = [float(value(real_time(block, record, knot))) for knot in knots]
+            found[name] = np.array([clocks, [each.value for each in values]], dtype=float)
+    return found
 
 
 def _read_pairs(block: Any, grid: Grid) -> dict[str, np.ndarray]:

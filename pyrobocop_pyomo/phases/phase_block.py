@@ -14,7 +14,6 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 from pyomo.core.base.set import Set
-from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.errors import DeclarationError, MeshError, ModelError, TranscriptionError
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
@@ -22,12 +21,14 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
 
 from .consistency import check_phase
-from .declarations import Declaration, Duration, check_bounds
+from .controls import control_rate
+from .declarations import Bounds, Control, Declaration, Duration, Start, check_bounds
 from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual, rule_name
 from .extraction import extract_trajectory
+from .horizon import add_horizon, quadrature_weights, real_time
 from .pickling import picklable_or_none
 from .record import PhaseRecord, Statement
-from .variables import add_duration, add_variables
+from .variables import add_variables
 from .verification import Verification, verify
 
 Rule = Callable[..., Any]
@@ -76,7 +77,7 @@ class PhaseBlockData(BlockData):
             raise DeclarationError(
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
             )
-        with self._all_or_nothing():
+        with self._all_or_nothing(), PauseGC():
             add_variables(self, self.record, name, declaration)
             self.record.declarations[name] = declaration
 
@@ -168,15 +169,38 @@ class PhaseBlockData(BlockData):
         Returns
         -------
         expression
-            For an objective or a constraint; in real time also when the duration is a variable.
+            For an objective or a constraint; over real time also when the duration is a variable.
         """
-        scale = self.duration if self.has_free_duration else 1.0
         with PauseGC():
-            return quadrature(lambda time: integrand(self, time), self.record.grid, scale)
+            scale, weights = quadrature_weights(self, self.record)
+            total = quadrature(lambda time: integrand(self, time), weights)
+            return scale * total if self.has_normalised_time else total
 
     def clock(self, t: float) -> Any:
-        """The time that the index ``t`` stands for: ``t`` itself, or an expression in a free duration or start."""
-        return self.record.clock(t, self.duration, self.record.start)
+        """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
+        return real_time(self, self.record, t)
+
+    def rate_of(self, control: Any) -> Mapping[float, Any]:
+        """Rate of change of a control in real time, as seen at each collocation point.
+
+        The slope of a piecewise linear control; for the others the difference to the value before, over the distance
+        of their times. Meant for costs: ``phase.integral(lambda b, t: b.rate_of(b.u)[t] ** 2)``.
+
+        Parameters
+        ----------
+        control : Var, Expression or str
+            A control of this phase.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is no control of this phase.
+        """
+        name = control if isinstance(control, str) else getattr(control, "local_name", repr(control))
+        if name not in self.record.names(Control):
+            known = ", ".join(self.record.names(Control)) or "none"
+            raise TranscriptionError(f"{self._what}: '{name}' is no control; its controls are {known}.")
+        return MappingProxyType(control_rate(self, self.record, name))
 
     # ---------------------------------------------------------------- facts and answers
 
@@ -204,8 +228,13 @@ class PhaseBlockData(BlockData):
 
     @property
     def has_free_duration(self) -> bool:
-        """True when the duration is a variable and time indices are normalised to [0, 1]."""
+        """True when the duration is a variable."""
         return isinstance(self.record.duration, Duration)
+
+    @property
+    def has_normalised_time(self) -> bool:
+        """True when time indices run from 0 to 1: start, duration or element boundaries are to be found."""
+        return self.record.normalised
 
     def state_name(self, state: Any) -> str:
         """Name of a state given by its variable or its name.
@@ -230,8 +259,8 @@ class PhaseBlockData(BlockData):
         Raises
         ------
         TranscriptionError
-            Naming the state without equation, the counts that do not match, or the variable that
-            appears nowhere.
+            Naming the state without equation, the counts that do not match, the variable that appears nowhere, or
+            the equations that determine no derivative and no algebraic.
         """
         check_phase(self, self.record)
 
@@ -277,37 +306,45 @@ class PhaseBlockData(BlockData):
         scheme: str | Scheme,
         stages: int | None,
         start: Any,
+        moving: Bounds | None,
+        allow_higher_index: bool,
     ) -> None:
-        """Set up grid, index sets and duration; every argument is checked before anything is added."""
+        """Set up grid, index sets and horizon; every argument is checked before anything is added."""
         if isinstance(start, PhaseBlockData):
             start = start.clock(start.final_time)
-        known = isinstance(start, Real) and math.isfinite(start)
-        if not known and not (start.__class__ not in native_types and getattr(start, "is_numeric_type", bool)()):
-            raise DeclarationError(
-                f"{self._what}: start = {start!r}; expected a finite number, an expression, or the phase before."
-            )
-        if isinstance(duration, Duration):
-            bounds = check_bounds(duration.bounds, self._what, "duration bounds")
-            if bounds[0] is None or bounds[0] <= 0:
-                raise DeclarationError(
-                    f"{self._what}: the lower bound of the duration is {bounds[0]}; it must be positive. "
-                    "Give Duration(bounds=(0.1, 10), guess=1)."
-                )
-            first, last = 0.0, 1.0
-        else:
-            if isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < duration < math.inf:
-                raise DeclarationError(
-                    f"{self._what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...)."
-                )
-            first, last = (float(start), float(start + duration)) if known else (0.0, float(duration))
+        _check_horizon(self._what, start, duration)
+        normalised = isinstance(duration, Duration) or not isinstance(start, Real) or moving is not None
+        first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
         try:
             grid = Grid(find_scheme(scheme, stages), _make_mesh(first, last, elements, mesh))
         except ModelError as error:
             raise type(error)(f"{self._what}: {error}") from None
-        self._record = PhaseRecord(grid=grid, start=float(start) if known else start, duration=duration)
+        self._record = PhaseRecord(
+            grid, duration, normalised, moving=moving is not None, allow_higher_index=bool(allow_higher_index)
+        )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
-        add_duration(self, self._record)
+        add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, moving)
+
+
+def _check_horizon(what: str, start: Any, duration: Any) -> None:
+    if (
+        isinstance(start, bool)
+        or (isinstance(start, Real) and not math.isfinite(start))
+        or not (isinstance(start, (Real, Start)) or getattr(start, "is_numeric_type", bool)())
+    ):
+        raise DeclarationError(
+            f"{what}: start = {start!r}; expected a finite number, Start(...), an expression, or the phase before."
+        )
+    if isinstance(duration, Duration):
+        lower, _ = check_bounds(duration.bounds, what, "duration bounds")
+        if lower is None or lower <= 0:
+            raise DeclarationError(
+                f"{what}: the lower bound of the duration is {lower}; it must be positive. "
+                "Give Duration(bounds=(0.1, 10), guess=1)."
+            )
+    elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
+        raise DeclarationError(f"{what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...).")
 
 
 def _make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mesh:
@@ -326,7 +363,7 @@ def _make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Me
     if abs(made.boundaries[0] - first) > close or abs(made.boundaries[-1] - last) > close:
         raise DeclarationError(
             f"the mesh runs from {made.boundaries[0]:g} to {made.boundaries[-1]:g}, the phase from {first:g} to "
-            f"{last:g}. A phase with a free duration takes a mesh from 0 to 1."
+            f"{last:g}. A phase with a free start or duration, or with moving elements, takes a mesh from 0 to 1."
         )
     return made
 
@@ -357,7 +394,8 @@ class PhaseBlock(Block):
     *indexes
         Index sets, as for any Pyomo block.
     duration : float or Duration
-        How long the phase lasts. With `Duration` it is a variable, and time indices run from 0 to 1.
+        How long the phase lasts. With `Duration` it is a variable, and time indices run from 0 to 1; so they do
+        whenever something about the horizon is to be found.
     elements : int, optional
         Number of elements of a uniform mesh; 10 by default.
     mesh : sequence of float or Mesh, optional
@@ -366,9 +404,14 @@ class PhaseBlock(Block):
         ``"radau"`` (default), ``"gauss"``, ``"implicit_euler"``, ``"implicit_midpoint"``, or a scheme object.
     stages : int, optional
         Collocation points per element; 3 by default.
-    start : float, expression or PhaseBlock
-        Time at which the phase starts; given a phase, the time at which that one ends. Time indices count from the
-        start where it is not known as a number: ``phase.clock(t)`` is the time they stand for.
+    start : float, Start, expression or PhaseBlock
+        Time at which the phase starts: a number, a variable, an expression, or the phase after whose end it starts.
+    moving : (smallest, largest), optional
+        Lets the element boundaries move: factors between which each element's width may change, so that a switch
+        or a contact can fall on an element end.
+    allow_higher_index : bool
+        Let equations through that determine derivatives and algebraics only after differentiation. They are
+        transcribed as they stand; `check` refuses them otherwise.
     rule : callable, optional
         ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
 
@@ -421,6 +464,8 @@ class PhaseBlock(Block):
         scheme: str | Scheme = "radau",
         stages: int | None = None,
         start: Any = 0.0,
+        moving: Bounds | None = None,
+        allow_higher_index: bool = False,
         rule: Rule | None = None,
         **kwds: Any,
     ) -> None:
@@ -431,6 +476,8 @@ class PhaseBlock(Block):
             "scheme": scheme,
             "stages": stages,
             "start": start,
+            "moving": moving,
+            "allow_higher_index": allow_higher_index,
         }
         super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
 

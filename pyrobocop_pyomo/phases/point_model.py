@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Parameter
 from .record import PhaseRecord, Statement
@@ -37,11 +39,12 @@ class PointModel:
     ----------
     block : PhaseBlock
     record : PhaseRecord
-    start, duration : float
-        Values of the start and the duration, for rules that read them.
+    indices, grid : Grid
+        The same grid in the phase's time indices and in real time, for rules that read the clock, the start or the
+        duration.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord, start: float, duration: float) -> None:
+    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid) -> None:
         scratch = ConcreteModel()
         self._block = block
         self._record = record
@@ -58,8 +61,9 @@ class PointModel:
         for i, name in enumerate(record.names_of_states):
             self._derivatives[name] = Var()
             scratch.add_component(f"d{i}", self._derivatives[name])
-        self.duration = duration
-        self._start = start
+        self._indices, self._boundaries = indices.mesh.boundaries, grid.mesh.boundaries
+        self.start = grid.mesh.boundaries[0]
+        self.duration = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0]
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -81,7 +85,15 @@ class PointModel:
 
     def clock(self, t: float) -> float:
         """Real time of an index, as `PhaseBlock.clock` gives it."""
-        return self._record.clock(t, self.duration, self._start)
+        if not self._record.normalised:
+            return t
+        return float(np.interp(t, self._indices, self._boundaries))
+
+    def index(self, time: float) -> float:
+        """The index of a real time: what `clock` undoes."""
+        if not self._record.normalised:
+            return time
+        return float(np.interp(time, self._boundaries, self._indices))
 
     def set_values(self, values: Mapping[str, float], derivatives: Mapping[str, float] | None = None) -> None:
         """Hold other values: those of the instant that is asked next."""

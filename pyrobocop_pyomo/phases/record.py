@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from pyomo.core.expr.numvalue import native_numeric_types
-
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Declaration, Duration, State
@@ -41,10 +39,12 @@ class PhaseRecord:
     Attributes
     ----------
     grid : Grid
-        In time; since the start where that is an expression; in normalised time when the duration is a variable.
-    start : float or expression
-        Time at which the phase starts.
+        In time, or in normalised time when something about it is to be found.
     duration : float or Duration
+    normalised : bool
+        True when start, duration or element boundaries are to be found: indices then run from 0 to 1.
+    moving : bool
+        True when the element boundaries are variables.
     declarations : dict of name to Declaration
     statements : list of Statement
         Every rule, in the order stated.
@@ -55,35 +55,31 @@ class PhaseRecord:
         States whose derivative is a variable of its own.
     generated_rows : set of str
         Names of the constraints that tie states to their derivatives: no equations of the user's.
+    control_rates : dict of control name to {collocation point: expression}
+        Filled when first asked for.
     residuals_per_point : int
         Number of residual equations stated so far, per collocation point.
+    allow_higher_index : bool
+        True when equations may leave algebraics to hidden constraints.
     """
 
     grid: Grid
-    start: Any
     duration: float | Duration
+    normalised: bool = False
+    moving: bool = False
     declarations: dict[str, Declaration] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
+    control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
+    allow_higher_index: bool = False
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""
         return [name for name, declaration in self.declarations.items() if isinstance(declaration, kind)]
-
-    @property
-    def start_is_known(self) -> bool:
-        """False where the start is an expression, as after a phase whose duration is a variable."""
-        return self.start.__class__ in native_numeric_types
-
-    def clock(self, t: float, duration: Any, start: Any) -> Any:
-        """The time that an index stands for, given values or expressions for duration and start."""
-        if isinstance(self.duration, Duration):
-            return start + duration * t
-        return t if self.start_is_known else start + t
 
     @property
     def names_of_states(self) -> list[str]:

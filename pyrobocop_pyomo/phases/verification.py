@@ -13,6 +13,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -120,16 +121,25 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
     )
 
 
+def _indices(record: PhaseRecord, grid: Grid) -> Grid:
+    """The grid of a trajectory in the phase's time indices; its mesh need not be that of the phase."""
+    if not record.normalised:
+        return grid
+    if grid.mesh.elements == record.grid.mesh.elements:
+        return Grid(grid.scheme, record.grid.mesh)
+    first, last = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
+    return Grid(grid.scheme, Mesh(tuple((time - first) / (last - first) for time in grid.mesh.boundaries)))
+
+
 class _Judge:
     def __init__(self, block: Any, record: PhaseRecord, trajectory: Trajectory) -> None:
         self.record = record
         self.trajectory = trajectory
         self.grid = trajectory.grid
-        self.start = trajectory.grid.mesh.boundaries[0]
-        self.point = PointModel(block, record, self.start, trajectory.duration)
+        # Rules are asked at time indices, which are normalised where something of the horizon was to be found.
+        self.indices = _indices(record, trajectory.grid)
+        self.point = PointModel(block, record, self.indices, trajectory.grid)
         self.point.set_values(trajectory.parameters)
-        # Rules are asked at time indices, which are normalised where the duration was a variable.
-        self.free_duration = block.has_free_duration
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
@@ -146,11 +156,6 @@ class _Judge:
                 "values alone do not determine them. Extract it with phase.trajectory()."
             )
         return self.trajectory.element_rates(name)
-
-    def _index(self, time: float) -> float:
-        if self.free_duration:
-            return (time - self.start) / self.trajectory.duration
-        return time if self.record.start_is_known else time - self.start
 
     def _statements(self, kind: str) -> list[Statement]:
         return [statement for statement in self.record.statements if statement.kind == kind]
@@ -173,9 +178,8 @@ class _Judge:
         equations = natural = product = 0.0
         stated = {name: np.full_like(slopes, np.nan) for name, slopes in self.slopes.items()}
         stage_states = {name: self._at_stages(each) for name, each in self.states.items()}
-        for i, times in enumerate(self.grid.stage_times):
-            for k, real_time in enumerate(times):
-                time = self._index(real_time)
+        for i, times in enumerate(self.indices.stage_times):
+            for k, time in enumerate(times):
                 values = {name: each[i, k] for name, each in (stage_states | self.signals).items()}
                 slope = {name: float(each[i, k]) for name, each in self.slopes.items()}
                 self.point.set_values(values, slope)
@@ -223,7 +227,7 @@ class _Judge:
             if name in self.trajectory.parameters:
                 samples = [(0.0, self.trajectory.parameters[name])]
             elif name in self.trajectory.states:
-                samples = list(zip(self.grid.times, self.trajectory.states[name], strict=True))
+                samples = list(zip(self.indices.times, self.trajectory.states[name], strict=True))
                 assert isinstance(declaration, State)
                 for given, reached in ((declaration.initial, samples[0][1]), (declaration.final, samples[-1][1])):
                     lower, upper = given if isinstance(given, tuple) else (given, given)
@@ -231,9 +235,9 @@ class _Judge:
                 for slope in self.slopes[name].ravel():
                     worst = max(worst, outside(slope, *(declaration.derivative_bounds or UNBOUNDED)))
             else:
-                samples = list(zip(self.grid.points, self.trajectory.signals[name], strict=True))
+                samples = list(zip(self.indices.points, self.trajectory.signals[name], strict=True))
             for time, sample in samples:
-                worst = max(worst, outside(sample, *declaration.bounds_at(self._index(time), name)))
+                worst = max(worst, outside(sample, *declaration.bounds_at(time, name)))
         return worst
 
     def reintegrate(self) -> tuple[float | None, float | None]:
@@ -286,10 +290,11 @@ class _Judge:
             values: Mapping[str, float] = {
                 **dict(zip(names, state, strict=True)),
                 **{name: weights @ each[element] for name, each in self.signals.items()},
+                **{name: np.interp(time, *knots) for name, knots in self.trajectory.linear.items()},
             }
             self.point.set_values(values)
             self.point.forget_derivatives()
-            answer = self._rates(self._index(time))
+            answer = self._rates(self.point.index(time))
             return np.array([answer[name] for name in names])
 
         return rates

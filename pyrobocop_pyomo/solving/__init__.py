@@ -2,6 +2,7 @@
 
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable
+from .kept_model import KeptModel
 from .mode_sequences import mode_sequences
 from .procedure import solve
 from .routes import Route, available_routes
@@ -11,6 +12,7 @@ from .solve_result import Quality, SolveResult, Step, StopReason
 
 __all__ = [
     "InProcessIpopt",
+    "KeptModel",
     "Quality",
     "Route",
     "SequenceOutcome",

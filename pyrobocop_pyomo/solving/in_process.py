@@ -63,9 +63,9 @@ class InProcessIpoptConfig(SolverConfig):
             "derivatives",
             ConfigValue(
                 default=None,
-                domain=In([None, "asl", "casadi"]),
+                domain=In([None, "asl", "casadi", "mapped"]),
                 description="Where derivatives come from; by default ASL where PyNumero's library is found, else "
-                "CasADi.",
+                "CasADi. 'mapped' is CasADi without a file, quickest where rows repeat each other.",
             ),
         )
         self.on_iteration = self.declare(
@@ -94,7 +94,7 @@ class InProcessIpopt(SolverBase):
             return Availability.NotFound
         if found is None:
             return Availability.NotFound
-        usable = {"asl": asl_available, "casadi": casadi_available}
+        usable = {"asl": asl_available, "casadi": casadi_available, "mapped": casadi_available}
         wanted = [self.config.derivatives] if self.config.derivatives else list(usable)
         if not any(usable[name]() for name in wanted):
             return Availability.NeedsCompiledExtension

@@ -30,7 +30,7 @@ class InProcessSession:
         The generated parameter.
     rows : list of ConstraintData
         Rows that a shift of delta moves; empty where delta acts otherwise, as in a penalty.
-    derivatives : {"asl", "casadi"}
+    derivatives : {"asl", "casadi", "mapped"} or None
     options : mapping
         Ipopt's.
     tee : bool
@@ -77,7 +77,8 @@ class InProcessSession:
                 self._nlp.delta = delta
             elif self._delta.value != delta:
                 self._delta.set_value(delta)
-                self._write()
+                self._written.update()
+                self._nlp = self._written.nlp
         options = dict(self._options)
         if warm:
             options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}

@@ -84,7 +84,8 @@ def solve(
         How delta shrinks. By default it follows Ipopt's barrier parameter, ``FollowBarrier(factor=2)``, with a
         geometric continuation from the same guess if that ends without an acceptable point.
     route : Route or str, optional
-        Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"`` or ``"executable"``.
+        Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"mapped"`` or
+        ``"executable"``.
     options : mapping, optional
         Ipopt's options; they win over those that are set here.
     tee : bool
@@ -287,7 +288,12 @@ def _stop_reason(step: Step) -> StopReason:
 
 
 def _find_route(route: Route | str | None) -> Route:
-    words = {"asl": Route.IN_PROCESS_ASL, "casadi": Route.IN_PROCESS_CASADI, "executable": Route.EXECUTABLE}
+    words = {
+        "asl": Route.IN_PROCESS_ASL,
+        "casadi": Route.IN_PROCESS_CASADI,
+        "mapped": Route.IN_PROCESS_MAPPED,
+        "executable": Route.EXECUTABLE,
+    }
     if route is None:
         return best_route()
     present = available_routes()

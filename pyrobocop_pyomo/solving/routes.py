@@ -28,12 +28,17 @@ class Route(enum.Enum):
 
     IN_PROCESS_ASL = "Ipopt in this process, derivatives by ASL through PyNumero"
     IN_PROCESS_CASADI = "Ipopt in this process, derivatives by CasADi"
+    IN_PROCESS_MAPPED = "Ipopt in this process, derivatives by CasADi on mapped expressions"
     EXECUTABLE = "the ipopt executable, derivatives by ASL"
 
     @property
     def derivatives(self) -> str | None:
         """What `WrittenModel` calls the source of derivatives; None for the executable."""
-        return {Route.IN_PROCESS_ASL: "asl", Route.IN_PROCESS_CASADI: "casadi"}.get(self)
+        return {
+            Route.IN_PROCESS_ASL: "asl",
+            Route.IN_PROCESS_CASADI: "casadi",
+            Route.IN_PROCESS_MAPPED: "mapped",
+        }.get(self)
 
 
 def available_routes() -> list[Route]:
@@ -42,6 +47,7 @@ def available_routes() -> list[Route]:
     present = {
         Route.IN_PROCESS_ASL: in_process and asl_available(),
         Route.IN_PROCESS_CASADI: in_process and casadi_available(),
+        Route.IN_PROCESS_MAPPED: in_process and casadi_available(),
         Route.EXECUTABLE: _found(find_ipopt_executable),
     }
     return [route for route in Route if present[route]]

@@ -1,4 +1,4 @@
-"""A Pyomo model as numbers: written to a ``.nl`` file once, evaluated from memory ever after."""
+"""A Pyomo model as numbers: written to a ``.nl`` file or walked over once, evaluated from memory ever after."""
 
 from __future__ import annotations
 
@@ -9,22 +9,26 @@ import re
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
-from pyomo.core.base.objective import Objective, ObjectiveData
+from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 from pyomo.repn.plugins.nl_writer import NLWriter
 from pyomo.solvers.amplfunc_merge import amplfunc_merge
 
-from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
+from pyrobocop_pyomo.errors import SolverNotFoundError, StructureChanged
 
 from .asl_program import ASL_REMEDY, AslProgram, asl_available
 from .casadi_program import CasadiProgram, casadi_available
+from .mapped_program import MappedProgram
+from .model_checks import refuse_discrete, single_objective
+from .model_terms import collect_terms
 from .nonlinear_program import FloatArray, NonlinearProgram
 
 logger = logging.getLogger(__name__)
@@ -38,15 +42,16 @@ _HEADER_LINES = 10
 class WrittenModel:
     """A Pyomo model with its nonlinear program, which can be solved many times without writing it again.
 
-    What was fixed, active or the value of a mutable Param when the model was written stays as it was: write a new
-    one after changing them. Values of variables are free to change; `current_point` reads them.
+    What was fixed, active or the value of a mutable Param when the model was written stays as it was until `update`.
+    Values of variables are free to change; `current_point` reads them.
 
     Parameters
     ----------
     model : Block
         The model, with at most one active objective; without any, the objective is zero.
-    derivatives : {"asl", "casadi"}, optional
-        Where derivatives come from; by default ASL where PyNumero's library is found, else CasADi.
+    derivatives : {"asl", "casadi", "mapped"}, optional
+        Where derivatives come from: a ``.nl`` file read by ASL or by CasADi, or without a file CasADi on mapped
+        expressions. By default ASL where PyNumero's library is found, else CasADi.
 
     Attributes
     ----------
@@ -59,14 +64,12 @@ class WrittenModel:
     constraints : list of ConstraintData
         In the order of the program's rows; a range constraint is one row. Constraints without free variables are
         absent.
-    row_of : ComponentMap
-        From constraint to its row.
     objective : ObjectiveData or None
         The active objective.
     sign : float
         1 for a minimised objective, -1 for a maximised one.
     seconds_writing, seconds_building : float
-        Time spent in Pyomo's writer, and in reading the file and preparing derivatives.
+        Time spent in Pyomo's writer or in our own walk, and in preparing derivatives.
 
     Raises
     ------
@@ -76,18 +79,47 @@ class WrittenModel:
         When there is nothing on this machine that gives the derivatives asked for.
     """
 
+    nlp: NonlinearProgram
+    variables: list[VarData]
+    constraints: list[ConstraintData]
+    objective: ObjectiveData | None
+    sign: float
+    seconds_writing: float
+    seconds_building: float
+
     def __init__(self, model: BlockData, derivatives: str | None = None) -> None:
-        build = _program_builder(derivatives)
+        self._build = None if derivatives == "mapped" else _program_builder(derivatives)
         self.model = model
-        self.objective = _single_objective(model)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        self.objective = single_objective(self.model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
+        self.__dict__.pop("row_of", None)
+        if self._build is None:
+            self._map()
+        else:
+            self._write(self._build)
+        logger.debug(
+            "'%s': %d variables, %d rows, derivatives by %s; %.3f s writing, %.3f s building", self.model.name,
+            self.nlp.n, self.nlp.m, self.nlp.derivatives, self.seconds_writing, self.seconds_building,
+        )  # fmt: skip
+
+    def _map(self) -> None:
+        started = time.perf_counter()
+        terms = collect_terms(self.model)
+        self.variables, self.constraints = terms.variables, terms.constraints
+        self.seconds_writing = time.perf_counter() - started
+        started = time.perf_counter()
+        self.nlp = MappedProgram(terms)
+        self.seconds_building = time.perf_counter() - started
+
+    def _write(self, build: Callable[[Path, list[str]], NonlinearProgram]) -> None:
         started = time.perf_counter()
         text = io.StringIO()
-        info = NLWriter().write(model, text, linear_presolve=False, scale_model=False)
-        self.variables: list[VarData] = info.variables
-        self.constraints: list[ConstraintData] = info.constraints
-        _refuse_discrete(model, self.variables)
-        self.row_of = ComponentMap((constraint, row) for row, constraint in enumerate(self.constraints))
+        info = NLWriter().write(self.model, text, linear_presolve=False, scale_model=False)
+        self.variables, self.constraints = info.variables, info.constraints
+        refuse_discrete(self.model, self.variables)
         self.seconds_writing = time.perf_counter() - started
         started = time.perf_counter()
         # Both readers take everything from the file at once: it can go as soon as the program exists.
@@ -95,12 +127,27 @@ class WrittenModel:
             path = Path(folder) / "model.nl"
             with path.open("w", encoding="utf-8", newline="\n") as file:
                 file.write(_plain(text.getvalue(), has_objective=self.objective is not None))
-            self.nlp: NonlinearProgram = build(path, info.external_function_libraries)
+            self.nlp = build(path, info.external_function_libraries)
         self.seconds_building = time.perf_counter() - started
-        logger.debug(
-            "'%s': %d variables, %d rows, derivatives by %s; %.3f s writing, %.3f s building",
-            model.name, self.nlp.n, self.nlp.m, self.nlp.derivatives, self.seconds_writing, self.seconds_building,
-        )  # fmt: skip
+
+    @cached_property
+    def row_of(self) -> ComponentMap:
+        """From constraint to its row."""
+        return ComponentMap((constraint, row) for row, constraint in enumerate(self.constraints))
+
+    def update(self) -> None:
+        """Bring the program up to date with the model: fixed values, Params and bounds.
+
+        With mapped expressions the numbers are read again, and only a change of structure (see
+        `MappedProgram.refresh`) needs another walk. A file is written again in any case.
+        """
+        if isinstance(self.nlp, MappedProgram):
+            try:
+                self.nlp.refresh()
+                return
+            except StructureChanged as error:
+                logger.info("%s", error)
+        self._prepare()
 
     def current_point(self) -> FloatArray:
         """Values of the model's variables in the program's order; 0 where a variable has none."""
@@ -125,7 +172,9 @@ def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram
 
 def _program_builder(derivatives: str | None) -> Callable[[Path, list[str]], NonlinearProgram]:
     if derivatives not in (None, "asl", "casadi"):
-        raise ValueError(f"derivatives is {derivatives!r}; it must be 'asl', 'casadi' or None (the best present).")
+        raise ValueError(
+            f"derivatives is {derivatives!r}; it must be 'asl', 'casadi', 'mapped' or None (the best present)."
+        )
     if derivatives != "casadi" and asl_available():
         return _build_asl
     if derivatives == "asl":
@@ -138,32 +187,6 @@ def _program_builder(derivatives: str | None) -> Callable[[Path, list[str]], Non
         "there is nothing on this machine to take derivatives of a .nl file: neither CasADi nor PyNumero's library "
         f"pynumero_ASL is found. Run: pip install 'pyrobocop_pyomo[ipopt]' (CasADi). {ASL_REMEDY} (ASL, faster)."
     )
-
-
-def _single_objective(model: BlockData) -> ObjectiveData | None:
-    objectives = list(model.component_data_objects(Objective, active=True, descend_into=True))
-    if len(objectives) > 1:
-        names = ", ".join(f"'{objective.name}'" for objective in objectives)
-        raise ModelError(
-            f"'{model.name}' has {len(objectives)} active objectives ({names}); Ipopt takes one. Deactivate the "
-            "others, or add them up in a single one."
-        )
-    return objectives[0] if objectives else None
-
-
-def _refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
-    if not variables:
-        raise ModelError(
-            f"'{model.name}' has no free variable in any active constraint or objective: there is nothing to "
-            "solve. Unfix a variable, or activate what uses it."
-        )
-    discrete = [variable.name for variable in variables if not variable.is_continuous()]
-    if discrete:
-        shown = ", ".join(f"'{name}'" for name in discrete[:5]) + (", ..." if len(discrete) > 5 else "")
-        raise ModelError(
-            f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems "
-            "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
-        )
 
 
 def _plain(text: str, has_objective: bool) -> str:

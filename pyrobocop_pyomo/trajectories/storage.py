@@ -54,7 +54,7 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, 
                     for group, names in header["names"].items()
                 }
                 return header["facts"], groups
-    # An array file is no context manager, a list no dict: TypeError. An empty file: EOFError.
-    except (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
+    # An array file is no context manager (in Python 3.10 an AttributeError), a list no dict. An empty file: EOFError.
+    except (AttributeError, OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise TrajectoryError(f"{path}: no trajectory can be read from it ({error}).") from error
     raise TrajectoryError(f"{path}: written in format {written_in}; this version reads format {_FORMAT}.")

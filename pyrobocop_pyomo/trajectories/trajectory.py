@@ -37,6 +37,8 @@ class Trajectory:
         Algebraics and controls, at the collocation points.
     rates : dict of name to array, shape (len(points),)
         Derivatives of the states at the collocation points; may be empty.
+    linear : dict of name to array, shape (2, knots)
+        Times and values of the controls that are linear between knots.
     held : frozenset of str
         Those of the signals that are constant over each element.
     parameters : dict of name to float
@@ -58,6 +60,7 @@ class Trajectory:
     parameters: Mapping[str, float]
     pairs: Mapping[str, Array]
     rates: Mapping[str, Array] = field(default_factory=dict)
+    linear: Mapping[str, Array] = field(default_factory=dict)
     held: frozenset[str] = frozenset()
     phase: Any = field(default=None, repr=False)
 
@@ -91,7 +94,7 @@ class Trajectory:
     @property
     def stepwise(self) -> set[str]:
         """Names of the signals whose polynomial has degree zero: it jumps at element ends, and is drawn as a step."""
-        return {name for name in self.signals if self.grid.scheme.stages == 1 or name in self.held}
+        return set(self.held) if self.grid.scheme.stages > 1 else set(self.signals) - set(self.linear)
 
     def __call__(self, t: ArrayLike) -> dict[str, Any]:
         """Values of every state, algebraic and control at given times.
@@ -129,6 +132,7 @@ class Trajectory:
         stage_weights = self.grid.scheme.stage_polynomial_at(local)
         values = {name: self._interpolate_state(name, element, local) for name in self.states}
         values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
+        values |= {name: np.interp(times, *knots) for name, knots in self.linear.items()}
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
     def _interpolate_state(self, name: str, element: NDArray[np.int64], local: Array) -> Array:
@@ -246,7 +250,7 @@ class Trajectory:
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
-        groups = {"states": self.states, "signals": self.signals, "pairs": self.pairs, "rates": self.rates}
+        groups = {name: getattr(self, name) for name in ("states", "signals", "pairs", "rates", "linear")}
         return write_archive(path, facts, {"grid": grid, **groups})
 
     @classmethod

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pyomo.core.expr import LinearExpression
+from pyomo.core.expr.numeric_expr import MonomialTermExpression, SumExpression
 
 from pyrobocop_pyomo.numerics import Grid
 
@@ -47,13 +48,12 @@ def collocation_rows(
     mixtures = [[(k, weight) for k, weight in enumerate(row) if weight != 0.0] for row in scheme.F.tolist()]
     for nodes, stages, width in zip(grid.node_times, grid.stage_times, widths, strict=True):
         variables = [state[time] for time in nodes]
+        backward = -width
         for stage, row, mixture in zip(scheme.row_stages, coefficients, mixtures, strict=True):
-            # A LinearExpression from lists is several times cheaper to build, and to write, than a sum of products.
-            if len(mixture) == 1:
-                slope = rate[stages[stage]]
-            else:
-                slope = sum(weight * rate[stages[k]] for k, weight in mixture)
-            yield stages[stage], (LinearExpression(linear_vars=variables, linear_coefs=row) - width * slope, 0)
+            # One flat sum, made from its terms, takes half the time of operators, to build and to walk over again.
+            terms = list(map(MonomialTermExpression, zip(row, variables, strict=True)))
+            terms += [(backward if weight == 1.0 else backward * weight) * rate[stages[k]] for k, weight in mixture]
+            yield stages[stage], (SumExpression(terms), 0)
 
 
 def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[float, Any]]:

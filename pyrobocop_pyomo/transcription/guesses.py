@@ -44,17 +44,20 @@ def stage_guess(guess: Guess, grid: Grid, name: str) -> Array:
     return values if len(values) == len(points) else values[[grid.element_of[time] for time in points]]
 
 
-def element_guess(guess: Guess, grid: Grid, name: str) -> Array:
-    """Values per element; a function of time is asked at the middle of each.
+def guess_at(guess: Guess, times: Sequence[float], name: str, expected: str) -> Array:
+    """Values at given times; an array has one value for each.
+
+    Parameters
+    ----------
+    expected : str
+        What the times are, for the message: ``"12 elements"``.
 
     Raises
     ------
     GuessError
         On another length, or values that are not finite numbers.
     """
-    boundaries = np.asarray(grid.mesh.boundaries)
-    middles = tuple(((boundaries[:-1] + boundaries[1:]) / 2).tolist())
-    return _values(guess, middles, {len(middles)}, name, f"{len(middles)} elements")
+    return _values(guess, times, {len(times)}, name, expected)
 
 
 def number_guess(guess: Guess, name: str) -> float:

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pyomo.core.util import quicksum
 
-from pyrobocop_pyomo.numerics import Grid
 
+def quadrature(integrand: Callable[[float], Any], weights: Mapping[float, Any]) -> Any:
+    """``sum_t weights[t] * integrand(t)`` as a Pyomo expression (or a number).
 
-def quadrature(integrand: Callable[[float], Any], grid: Grid, scale: Any = 1.0) -> Any:
-    """``scale * sum_i h_i sum_k b_k integrand(t_{i,k})`` as a Pyomo expression (or a number).
-
-    The weights are those that the collocation equations imply, so the value has the order of the
-    scheme: it equals what an additional state ``xdot = integrand`` would have gained at the end.
+    With the weights ``h_i b_k`` that the collocation equations imply, the value has the order of the scheme: it
+    equals what an additional state ``xdot = integrand`` would have gained at the end.
 
     Parameters
     ----------
     integrand : callable
         Collocation point -> expression or number.
-    grid : Grid
-    scale : number or expression, optional
-        Factor on every width: the duration variable where the grid is that of normalised time.
+    weights : mapping of collocation point to number or expression
+        ``Grid.quadrature_weights``, or expressions where element widths are variables.
     """
-    return scale * quicksum(weight * integrand(time) for time, weight in grid.quadrature_weights.items())
+    return quicksum(weight * integrand(time) for time, weight in weights.items())

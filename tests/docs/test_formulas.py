@@ -93,6 +93,53 @@ def test_rows_are_equivalent_to_the_runge_kutta_method(scheme):
     assert scheme.end_weights @ [start, *stages] == pytest.approx(start + h * scheme.b @ rates, abs=1e-10)
 
 
+OTHER_SCHEMES = [*(rcp.lobatto(s) for s in (2, 3, 5)), *(rcp.explicit(s) for s in (1, 2, 3))]
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, *OTHER_SCHEMES], ids=str)
+def test_any_scheme_has_the_rows_of_the_page(scheme):
+    increments = scheme.A if scheme.c[0] > 0 else scheme.A[1:]
+    if scheme.c[0] == 0 and scheme.c[-1] < 1:
+        increments = np.vstack([increments, scheme.b])
+    square = increments[:, scheme.stages - len(increments) :]
+    inverse = np.linalg.inv(square)
+    assert pytest.approx(np.column_stack([-inverse.sum(axis=1), inverse]), abs=1e-9) == scheme.D
+    assert pytest.approx(inverse @ increments, abs=1e-9) == scheme.F
+    # One state with the derivative x^2 + t, at arbitrary values.
+    m = pyo.ConcreteModel()
+    m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], scheme=scheme)
+    b.x = rcp.State(guess=lambda t: math.cos(3 * t))
+    b.ode(lambda b, t: {b.x: b.x[t] ** 2 + t})
+    for i, h in enumerate(b.grid.mesh.widths):
+        nodes = np.cos(3 * np.array(b.grid.node_times[i]))
+        stages = np.array(b.grid.stage_times[i])
+        expected = scheme.D @ nodes - h * scheme.F @ (np.cos(3 * stages) ** 2 + stages)
+        rows = [b.x_collocation[b.grid.stage_times[i][k]] for k in scheme.row_stages]
+        assert [pyo.value(row.body) - pyo.value(row.upper) for row in rows] == pytest.approx(expected, abs=1e-9)
+
+
+def test_piecewise_controls_are_seen_as_the_page_says():
+    m = pyo.ConcreteModel()
+    m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0, 1.5], duration=1.5)
+    knots, values = [0.0, 1.0, 1.5], [2.0, -1.0, 4.0]
+    b.held = rcp.Control(parametrization="piecewise_constant", knots=knots, guess=values[:2])
+    b.linear = rcp.Control(parametrization="piecewise_linear", knots=knots, guess=values)
+    for t in b.points:
+        j = 0 if t <= 1.0 else 1
+        theta = (t - knots[j]) / (knots[j + 1] - knots[j])
+        assert pyo.value(b.held[t]) == values[j]
+        assert pyo.value(b.linear[t]) == pytest.approx((1 - theta) * values[j] + theta * values[j + 1])
+
+
+def test_moving_elements_keep_their_factors():
+    m = pyo.ConcreteModel()
+    m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], moving=(0.5, 1.25))
+    assert (b.boundary[0].value, b.boundary[2].value) == (0, 1)
+    assert [(row.lb, row.ub) for row in b.boundary_width.values()] == [
+        pytest.approx((0.5 * width, 1.25 * width)) for width in (0.3, 0.7)
+    ]
+
+
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 def test_order_is_that_of_the_quadrature(scheme):
     def gap(n):

@@ -99,7 +99,10 @@ def test_a_class_in_place_of_a_declaration_is_refused() -> None:
 
 
 def test_an_unknown_parametrization_is_refused() -> None:
-    with pytest.raises(DeclarationError, match="'linear' is unknown; choose 'collocated' or"):
+    with pytest.raises(
+        DeclarationError,
+        match="'linear' is unknown; choose one of 'collocated', 'piecewise_constant', 'piecewise_linear'",
+    ):
         rcp.Control(parametrization="linear")
 
 
@@ -283,7 +286,7 @@ OPTIONS = {
     "mesh of a free duration": (
         {"mesh": [0, 2], "duration": rcp.Duration(bounds=(1, 2))},
         DeclarationError,
-        "a free duration takes a mesh from 0 to 1",
+        "or with moving elements, takes a mesh from 0 to 1",
     ),
     "scheme": ({"scheme": "euler"}, SchemeError, "unknown scheme 'euler'; known are 'radau'"),
     "stages": ({"stages": 0}, SchemeError, "stages = 0; expected an integer"),

@@ -51,29 +51,74 @@ def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp
     assert observed_order(MESHES[scheme.order], cost_errors, 1e-13) == pytest.approx(scheme.order, abs=0.2)
 
 
-@pytest.mark.parametrize(
-    "scheme", [rcp.radau(1), rcp.radau(2), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(2)], ids=str
-)
-def test_a_differential_algebraic_equation_of_index_one_converges_with_the_computed_order(
-    scheme: rcp.Scheme,
-) -> None:
-    """``x' - z = 0`` and ``z exp(-x) = cos(t)``, both implicit: then exp(-x) = 1 - sin(t)."""
-    errors = []
-    for elements in MESHES[scheme.order]:
-        m = pyo.ConcreteModel()
-        m.dae = rcp.PhaseBlock(duration=0.5, elements=elements, scheme=scheme)
-        m.dae.x = rcp.State(initial=0)
-        m.dae.z = rcp.Algebraic(guess=1)
+INDEX_ONE = [
+    *(scheme(stages) for stages in range(1, 4) for scheme in (rcp.radau, rcp.gauss_legendre)),
+    *(rcp.lobatto(stages) for stages in range(2, 5)),
+    rcp.explicit(1),
+    rcp.explicit(2),
+]
 
-        @m.dae.residual
+
+@pytest.mark.parametrize("form", ["ode", "residual"])
+@pytest.mark.parametrize("scheme", INDEX_ONE, ids=str)
+def test_a_differential_algebraic_equation_of_index_one_converges_with_the_computed_order(
+    scheme: rcp.Scheme, form: str
+) -> None:
+    """``x' - z = 0`` and ``z exp(-x) = cos(t)``: then exp(-x) = 1 - sin(t) and z = cos(t) / (1 - sin(t)).
+
+    The algebraic has the order of the stages: one more than their number for collocation, as far as the scheme goes.
+    """
+    meshes = MESHES[scheme.order] if scheme.order < 6 else (6, 9, 12, 16)
+    errors, algebraic_errors = [], []
+    for elements in meshes:
+        m = pyo.ConcreteModel()
+        m.dae = b = rcp.PhaseBlock(duration=0.5, elements=elements, scheme=scheme)
+        b.x = rcp.State(initial=0)
+        b.z = rcp.Algebraic(guess=1)
+        if form == "ode":
+            b.ode(lambda b, t: {b.x: b.z[t]})
+
+        @b.residual
         def equations(b, t):
-            return [b.derivative(b.x)[t] - b.z[t], b.z[t] * pyo.exp(-b.x[t]) == pyo.cos(t)]
+            algebraic = b.z[t] * pyo.exp(-b.x[t]) == pyo.cos(t)
+            return algebraic if form == "ode" else [b.derivative(b.x)[t] - b.z[t], algebraic]
 
         m.dae.check()
         m.nothing = pyo.Objective(expr=0)
         solve(m)
-        errors.append(abs(m.dae.x[0.5].value + math.log(1 - math.sin(0.5))))
-    assert observed_order(MESHES[scheme.order], errors, 1e-13) == pytest.approx(scheme.order, abs=0.2)
+        errors.append(abs(b.x[0.5].value + math.log(1 - math.sin(0.5))))
+        algebraic_errors.append(max(abs(b.z[t].value - math.cos(t) / (1 - math.sin(t))) for t in b.points))
+    assert observed_order(meshes, errors, 1e-13) == pytest.approx(scheme.order, abs=0.2)
+    stage_order = scheme.stages + 1 if scheme.is_collocation else 2
+    assert observed_order(meshes, algebraic_errors, 1e-12) == pytest.approx(min(scheme.order, stage_order), abs=0.3)
+
+
+CONTROL_ORDER = {"radau": 0, "gauss": 1, "lobatto": -1, "explicit": 0}
+
+
+@pytest.mark.parametrize("scheme", [s for s in SCHEMES if s.stages <= 3 and s.b.min() > 1e-14], ids=str)
+def test_optimal_control_and_optimal_cost_converge(scheme: rcp.Scheme) -> None:
+    """min of the integral of x^2 + u^2, x' = u, x(0) = 1: u = -sinh(T - t) / cosh(T), and the cost is tanh(T).
+
+    The cost has the order of the scheme. A collocated control has the number of stages, one more for Gauss, one less
+    for Lobatto.
+    """
+    meshes = (16, 24, 32, 48) if scheme.order <= 3 else (6, 8, 12, 16)
+    control_errors, cost_errors = [], []
+    for elements in meshes:
+        m = pyo.ConcreteModel()
+        m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements, scheme=scheme)
+        b.x = rcp.State(initial=1)
+        b.u = rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+        m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+        solve(m)
+        control_errors.append(max(abs(b.u[t].value + math.sinh(1 - t) / math.cosh(1)) for t in b.points))
+        cost_errors.append(abs(pyo.value(m.cost) - math.tanh(1)))
+    expected = scheme.stages + CONTROL_ORDER[scheme.name.partition("(")[0]]
+    assert observed_order(meshes, control_errors, 1e-12) == pytest.approx(expected, abs=0.3)
+    if cost_errors[2] > 1e-13:
+        assert observed_order(meshes, cost_errors, 1e-13) == pytest.approx(scheme.order, abs=0.2)
 
 
 def test_an_unevenly_given_mesh_is_integrated_as_well_as_its_widths_allow() -> None:

@@ -93,17 +93,23 @@ ROUTES = {
     "ipopt_v2": pytest.mark.executable,
     "asl": pytest.mark.asl,
     "casadi": pytest.mark.casadi,
+    "mapped": pytest.mark.casadi,
 }
 
 every_route = pytest.mark.parametrize("route", [pytest.param(name, marks=mark) for name, mark in ROUTES.items()])
 every_derivative = pytest.mark.parametrize(
-    "derivatives", [pytest.param("asl", marks=pytest.mark.asl), pytest.param("casadi", marks=pytest.mark.casadi)]
+    "derivatives",
+    [
+        pytest.param("asl", marks=pytest.mark.asl),
+        pytest.param("casadi", marks=pytest.mark.casadi),
+        pytest.param("mapped", marks=pytest.mark.casadi),
+    ],
 )
 
 
 def solver(route: str) -> object:
     """The solver of a route, in Pyomo's older interface, which all of them have."""
-    if route in ("asl", "casadi"):
+    if route in ("asl", "casadi", "mapped"):
         return pyo.SolverFactory("pyrobocop.ipopt", derivatives=route)
     if route == "ipopt_v2":
         return pyo.SolverFactory(route, writer_config={"linear_presolve": False, "scale_model": False})

@@ -159,7 +159,7 @@ def test_without_any_ipopt_the_solver_says_so_and_does_not_fail_before(machine):
         solver.solve(hock_schittkowski_71()[0])
 
 
-@pytest.mark.parametrize("derivatives", [None, "asl", "casadi"])
+@pytest.mark.parametrize("derivatives", [None, "asl", "casadi", "mapped"])
 def test_missing_derivatives_are_named_with_remedies(machine, derivatives):
     with pytest.raises(SolverNotFoundError, match=r"build-asl|pip install"):
         written_model.WrittenModel(hock_schittkowski_71()[0], derivatives)
@@ -171,11 +171,12 @@ def test_routes_are_ordered_by_preference(machine, monkeypatch):
     machine.add(machine.prefix / "lib" / ipopt_library._NAMES[0])
     assert routes.available_routes() == [Route.EXECUTABLE]  # a library alone has no derivatives
     monkeypatch.setattr(routes, "casadi_available", lambda: True)
-    assert routes.available_routes() == [Route.IN_PROCESS_CASADI, Route.EXECUTABLE]
+    in_process = [Route.IN_PROCESS_CASADI, Route.IN_PROCESS_MAPPED]
+    assert routes.available_routes() == [*in_process, Route.EXECUTABLE]
     machine.add(machine.prefix / "lib" / "libpynumero_ASL.so")
     assert routes.available_routes() == list(Route)
     assert routes.best_route() is Route.IN_PROCESS_ASL
-    assert [route.derivatives for route in Route] == ["asl", "casadi", None]
+    assert [route.derivatives for route in Route] == ["asl", "casadi", "mapped", None]
 
 
 def test_finding_asl_does_not_touch_pyomo(machine):

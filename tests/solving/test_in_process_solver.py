@@ -39,7 +39,7 @@ def test_results_tell_what_was_done(derivatives):
     assert result.solution_status is SolutionStatus.optimal
     assert result.incumbent_objective == pytest.approx(OPTIMUM)
     assert result.solver_name == "pyrobocop.ipopt"
-    assert result.extra_info.derivatives.startswith({"asl": "ASL", "casadi": "CasADi"}[derivatives])
+    assert result.extra_info.derivatives.startswith("ASL" if derivatives == "asl" else "CasADi")
     assert "ipopt" in result.extra_info.ipopt_library
     assert result.extra_info.iteration_count == len(result.extra_info.iteration_log) - 1
     assert result.extra_info.iteration_log[-1].mu < 1e-6

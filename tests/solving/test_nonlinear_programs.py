@@ -175,5 +175,5 @@ def test_what_casadi_cannot_read_names_the_remedy(tmp_path):
 
 
 def test_the_source_of_derivatives_is_checked_by_name():
-    with pytest.raises(ValueError, match=r"'finite'; it must be 'asl', 'casadi' or None"):
+    with pytest.raises(ValueError, match=r"'finite'; it must be 'asl', 'casadi', 'mapped' or None"):
         WrittenModel(transcendental(), "finite")

@@ -18,6 +18,7 @@ from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
 ROUTES = [
     pytest.param("asl", marks=pytest.mark.asl),
     pytest.param("casadi", marks=pytest.mark.casadi),
+    pytest.param("mapped", marks=pytest.mark.casadi),
     pytest.param("executable", marks=pytest.mark.executable),
 ]
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
@@ -76,7 +77,7 @@ def test_every_route_finds_the_corner(route: str) -> None:
     assert result.largest_product <= 1e-7
     assert result.steps[-1].delta == 1e-8
     assert "Ipopt" in result.solver
-    assert result.derivatives.startswith("CasADi" if route == "casadi" else "ASL")
+    assert result.derivatives.startswith("CasADi" if route in ("casadi", "mapped") else "ASL")
 
 
 @pytest.mark.parametrize("route", ROUTES)
@@ -268,7 +269,9 @@ def test_no_ipopt_anywhere_is_one_clear_message_and_leaves_nothing(monkeypatch: 
 
 
 def test_an_unknown_route_is_refused() -> None:
-    with pytest.raises(ValueError, match="route = 'amplify'; choose 'in process', 'asl', 'casadi', 'executable'"):
+    with pytest.raises(
+        ValueError, match="route = 'amplify'; choose 'in process', 'asl', 'casadi', 'mapped', 'executable'"
+    ):
         rcp.solve(corner(), route="amplify")
 
 

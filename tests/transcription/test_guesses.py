@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import GuessError
 from pyrobocop_pyomo.numerics import Grid, Mesh, gauss_legendre, radau
-from pyrobocop_pyomo.transcription import element_guess, number_guess, stage_guess, state_guess
+from pyrobocop_pyomo.transcription import guess_at, number_guess, stage_guess, state_guess
+
+
+def element_guess(guess, grid: Grid, name: str):
+    """Values at the middles of the elements, as a held control takes them."""
+    middles = (np.array(grid.mesh.boundaries[1:]) + grid.mesh.boundaries[:-1]) / 2
+    return guess_at(guess, middles.tolist(), name, f"{grid.mesh.elements} elements")
+
 
 finite = st.floats(-1e6, 1e6)
 grids = st.builds(

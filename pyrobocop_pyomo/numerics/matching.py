@@ -1,0 +1,130 @@
+"""Which equation can determine which unknown: maximum matchings, and what is left over or short where none is perfect.
+
+Written out rather than taken from a graph library: the structure of a phase is looked at before every solve, and
+importing such a library would cost more than all the rest of the look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+Incidence = Sequence[Sequence[int]]
+
+
+@dataclass(frozen=True)
+class Matching:
+    """A maximum matching of rows and columns, and the parts into which it cuts them.
+
+    Attributes
+    ----------
+    incidence : sequence of sequences of int
+        The columns that each row holds.
+    column_of : tuple of int
+        Column matched to each row, -1 where there is none.
+    row_of : tuple of int
+        Row matched to each column, -1 where there is none.
+
+    References
+    ----------
+    Dulmage & Mendelsohn, Coverings of bipartite graphs, Canad. J. Math. 10 (1958), doi:10.4153/CJM-1958-052-0
+    """
+
+    incidence: Incidence
+    column_of: tuple[int, ...]
+    row_of: tuple[int, ...]
+
+    @property
+    def unmatched_rows(self) -> list[int]:
+        """Rows without a column of their own."""
+        return [row for row, column in enumerate(self.column_of) if column < 0]
+
+    @property
+    def unmatched_columns(self) -> list[int]:
+        """Columns without a row of their own."""
+        return [column for column, row in enumerate(self.row_of) if row < 0]
+
+    @cached_property
+    def overdetermined(self) -> tuple[list[int], list[int]]:
+        """Rows and columns of the part that has more rows than columns, whatever the matching; both empty if none."""
+        rows = set(self.unmatched_rows)
+        columns: set[int] = set()
+        waiting = list(rows)
+        while waiting:
+            for column in self.incidence[waiting.pop()]:
+                columns.add(column)
+                row = self.row_of[column]  # never -1: the matching would not be maximum
+                if row not in rows:
+                    rows.add(row)
+                    waiting.append(row)
+        return sorted(rows), sorted(columns)
+
+    @cached_property
+    def underdetermined(self) -> tuple[list[int], list[int]]:
+        """Rows and columns of the part that has more columns than rows, whatever the matching; both empty if none."""
+        columns = set(self.unmatched_columns)
+        rows: set[int] = set()
+        rows_with: dict[int, list[int]] = {}
+        for row, held in enumerate(self.incidence):
+            for column in held:
+                rows_with.setdefault(column, []).append(row)
+        waiting = list(columns)
+        while waiting:
+            for row in rows_with.get(waiting.pop(), ()):
+                rows.add(row)
+                column = self.column_of[row]
+                if column not in columns:
+                    columns.add(column)
+                    waiting.append(column)
+        return sorted(rows), sorted(columns)
+
+
+def maximum_matching(incidence: Incidence, columns: int) -> Matching:
+    """Match as many rows as possible with a column each that they hold.
+
+    Parameters
+    ----------
+    incidence : sequence of sequences of int
+        The columns that each row holds.
+    columns : int
+        Number of columns.
+
+    Notes
+    -----
+    Augmenting paths, shortest first, from each row that a greedy pass leaves over.
+    """
+    column_of = [-1] * len(incidence)
+    row_of = [-1] * columns
+    for row, held in enumerate(incidence):
+        free = next((column for column in held if row_of[column] < 0), -1)
+        if free >= 0:
+            column_of[row], row_of[free] = free, row
+    for row in [row for row, column in enumerate(column_of) if column < 0]:
+        _augment(row, incidence, column_of, row_of)
+    return Matching(incidence, tuple(column_of), tuple(row_of))
+
+
+def _augment(start: int, incidence: Incidence, column_of: list[int], row_of: list[int]) -> None:
+    came_from: dict[int, int] = {}  # column -> row that reached it
+    frontier = [start]
+    while frontier:
+        reached = []
+        for row in frontier:
+            for column in incidence[row]:
+                if column in came_from:
+                    continue
+                came_from[column] = row
+                if row_of[column] < 0:
+                    _flip(column, came_from, column_of, row_of)
+                    return
+                reached.append(row_of[column])
+        frontier = reached
+
+
+def _flip(column: int, came_from: dict[int, int], column_of: list[int], row_of: list[int]) -> None:
+    while column >= 0:
+        row = came_from[column]
+        before = column_of[row]
+        column_of[row], row_of[column] = column, row
+        column = before

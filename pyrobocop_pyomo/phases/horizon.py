@@ -1,0 +1,127 @@
+"""When a phase happens: start, duration and element boundaries, each a number or a variable.
+
+Time indices are real times as long as all three are numbers. As soon as one of them is to be found, the phase is
+stated in normalised time: indices run from 0 to 1, and `PhaseBlock.clock` gives the time that an index stands for.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.set import RangeSet
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.errors import DeclarationError, GuessError
+from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.transcription import number_guess
+
+from .declarations import Bounds, Duration, Start, check_bounds
+from .record import PhaseRecord
+
+
+def add_horizon(block: Any, record: PhaseRecord, start: Any, moving: Bounds | None) -> None:
+    """Add start, duration and, where elements may move, their boundaries to a phase block.
+
+    Raises
+    ------
+    DeclarationError, GuessError
+        When bounds or guesses do not fit.
+    """
+    what = f"phase '{block.name}'"
+    _add_duration(block, record.duration, f"{what}: duration")
+    if isinstance(start, Start):
+        bounds = check_bounds(start.bounds, f"{what}: start", "bounds")
+        block.start = Var(bounds=bounds, initialize=number_guess(start.guess, f"{what}: start"))
+    elif isinstance(start, float):
+        block.start = start
+    else:
+        block.start = Expression(expr=start)
+    if moving is not None:
+        _add_boundaries(block, record.grid.mesh, moving, what)
+
+
+def _add_duration(block: Any, duration: float | Duration, what: str) -> None:
+    if not isinstance(duration, Duration):
+        block.duration = float(duration)
+        return
+    lower, upper = check_bounds(duration.bounds, what, "bounds")
+    if duration.guess is None:
+        assert lower is not None  # the caller has refused a duration without positive lower bound
+        guess = lower if upper is None else math.sqrt(lower * upper)  # durations spread over magnitudes
+    else:
+        guess = number_guess(duration.guess, what)
+        if guess <= 0:
+            raise GuessError(f"{what}: the guess is {guess:g}; it must be positive.")
+    guess = max(guess, lower or 0.0) if upper is None else min(max(guess, lower or 0.0), upper)
+    block.duration = Var(bounds=(lower, upper), initialize=guess)
+
+
+def _add_boundaries(block: Any, mesh: Mesh, moving: Bounds, what: str) -> None:
+    lower, upper = check_bounds(moving, what, "moving bounds")
+    if lower is None or upper is None or not 0 < lower <= 1 <= upper:
+        raise DeclarationError(
+            f"{what}: moving = {moving!r}; expected (smallest, largest) factor of each element's width with "
+            "0 < smallest <= 1 <= largest, for example (0.2, 3)."
+        )
+    inner = range(1, mesh.elements)
+    block.boundary = Var(
+        RangeSet(0, mesh.elements), bounds=(0, 1), initialize=dict(enumerate(mesh.boundaries)),
+        doc="element boundaries in normalised time",
+    )  # fmt: skip
+    block.boundary[0].fix(0.0)
+    block.boundary[mesh.elements].fix(1.0)
+    if not inner:
+        return
+    rows = Constraint(RangeSet(0, mesh.elements - 1))
+    block.boundary_width = rows
+    for i, width in enumerate(mesh.widths.tolist()):
+        rows.add(i, (lower * width, block.boundary[i + 1] - block.boundary[i], upper * width))
+
+
+def element_widths(block: Any, record: PhaseRecord) -> list[Any]:
+    """Width of each element in real time: numbers, or expressions where something is to be found."""
+    if not record.normalised:
+        return list(record.grid.mesh.widths.tolist())
+    if record.moving:
+        return [block.duration * (block.boundary[i + 1] - block.boundary[i]) for i in range(record.grid.mesh.elements)]
+    return [block.duration * width for width in record.grid.mesh.widths.tolist()]
+
+
+def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float, Any]]:
+    """A common factor, and the weight of each collocation point, of an integral over real time."""
+    grid = record.grid
+    scale = block.duration if record.normalised else 1.0
+    if not record.moving:
+        return scale, grid.quadrature_weights
+    weights: dict[float, Any] = {}
+    for i, times in enumerate(grid.stage_times):
+        width = block.boundary[i + 1] - block.boundary[i]
+        for time, factor in zip(times, grid.scheme.b.tolist(), strict=True):
+            weights[time] = weights[time] + factor * width if time in weights else factor * width
+    return scale, weights
+
+
+def real_time(block: Any, record: PhaseRecord, t: float) -> Any:
+    """The time that an index stands for."""
+    if not record.normalised:
+        return t
+    if not record.moving:
+        return block.start + block.duration * t
+    boundaries = record.grid.mesh.boundaries
+    i = min(max(bisect_right(boundaries, t) - 1, 0), record.grid.mesh.elements - 1)
+    local = (t - boundaries[i]) / (boundaries[i + 1] - boundaries[i])
+    left, right = block.boundary[i], block.boundary[i + 1]
+    return block.start + block.duration * (left + local * (right - left))
+
+
+def real_grid(block: Any, record: PhaseRecord) -> Grid:
+    """The grid in real time, at the current values."""
+    if not record.normalised:
+        return record.grid
+    boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
+    return Grid(record.grid.scheme, Mesh(tuple(float(each) for each in boundaries)))

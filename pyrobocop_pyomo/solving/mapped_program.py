@@ -1,0 +1,158 @@
+"""The nonlinear program of a Pyomo model without a file: repeated terms are evaluated all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
+
+from .casadi_program import casadi_available
+from .expression_terms import Terms
+from .model_numbers import ModelNumbers
+from .model_terms import ModelTerms
+from .nonlinear_program import FloatArray, IndexArray
+from .term_functions import TermFunction, term_functions
+
+
+class MappedProgram:
+    """The nonlinear program of a Pyomo model, whose repeated terms are functions mapped by CasADi.
+
+    Parameters
+    ----------
+    terms : ModelTerms
+        From `collect_terms`. Fixed variables and mutable Params are numbers that `refresh` reads again.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When CasADi is missing.
+    InfeasibleConstraintException
+        When a row without free variables contradicts itself.
+    """
+
+    derivatives = "CasADi on mapped expressions"
+
+    def __init__(self, terms: ModelTerms) -> None:
+        if not casadi_available():
+            raise SolverNotFoundError(
+                "CasADi is not installed, so it cannot give derivatives. Run: pip install 'pyrobocop_pyomo[ipopt]'"
+            )
+        self._numbers = ModelNumbers(terms)
+        self.x_lower, self.x_upper = self._numbers.x_lower, self._numbers.x_upper
+        self.g_lower, self.g_upper = self._numbers.g_lower, self._numbers.g_upper
+        self.g_multipliers_start: FloatArray | None = None
+        self.n, self.m = len(terms.variables), len(terms.constraints)
+        self._cost = _Sums(terms.cost, 1, self.n)
+        self._rows = _Sums(terms.rows, self.m, self.n)
+        self.jacobian_structure = self._rows.structure
+        pairs = [(each.hessian_rows, each.hessian_columns) for each in (*self._cost.functions, *self._rows.functions)]
+        self.hessian_structure, self._hessian_places = _merged(pairs, self.n)
+        self._read_point()
+
+    def refresh(self) -> None:
+        """Read fixed variables, mutable Params, bounds and the first point again from the model.
+
+        Raises
+        ------
+        StructureChanged
+            When other variables are free or other rows active than before.
+        InfeasibleConstraintException
+            When a row without free variables contradicts itself.
+        """
+        self._numbers.refresh()
+        self._read_point()
+
+    def _read_point(self) -> None:
+        for sums in (self._cost, self._rows):
+            sums.set_parameters(self._numbers.parameters)
+        self.x_start = self._numbers.values_of_variables()
+
+    def objective(self, x: FloatArray) -> float:
+        """Value of f."""
+        return float(_finite(self._cost.values(x), "objective")[0])
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Gradient of f."""
+        gradient = np.zeros(self.n)
+        gradient[self._cost.structure[1]] = self._cost.jacobian(x)
+        return _finite(gradient, "gradient of the objective")
+
+    def constraints(self, x: FloatArray) -> FloatArray:
+        """Values of g."""
+        return _finite(self._rows.values(x), "constraints")
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Values of the Jacobian of g."""
+        return _finite(self._rows.jacobian(x), "Jacobian of the constraints")
+
+    def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
+        """Values of the Hessian of the Lagrangian."""
+        factor = np.array([objective_factor])
+        blocks = [each.hessian(x, factor) for each in self._cost.functions]
+        blocks += [each.hessian(x, multipliers) for each in self._rows.functions]
+        size = self.hessian_structure[0].size
+        return _finite(_summed(self._hessian_places, blocks, size), "Hessian of the Lagrangian")
+
+
+class _Sums:
+    """Rows that are each a constant, a linear function and terms of some groups."""
+
+    def __init__(self, terms: Terms, rows: int, n: int) -> None:
+        self.functions: list[TermFunction] = term_functions(list(terms.groups.values()))
+        self._constants = np.zeros(rows)
+        for row, constant in terms.constants.items():
+            self._constants[row] = constant
+        linear_rows = np.array(terms.linear_rows, dtype=np.intp)
+        columns = np.array(terms.linear_columns, dtype=np.intp)
+        coefficients = np.array(terms.linear_coefficients, dtype=float)
+        free = (columns >= 0) & (coefficients != 0.0)
+        given = columns < 0
+        self._given = linear_rows[given], -1 - columns[given], coefficients[given]
+        self._linear = linear_rows[free], columns[free], coefficients[free]
+        self._value_rows = np.concatenate([self._linear[0], *(each.rows for each in self.functions)])
+        pairs = [self._linear[:2], *((each.gradient_rows, each.gradient_columns) for each in self.functions)]
+        self.structure, places = _merged(pairs, n)
+        count = self._linear[0].size
+        self._size = self.structure[0].size
+        self._constant_jacobian = np.bincount(places[:count], self._linear[2], self._size)
+        self._places = places[count:]
+        self._offsets = self._constants
+
+    def set_parameters(self, values: FloatArray) -> None:
+        rows, parameters, coefficients = self._given
+        self._offsets = self._constants + np.bincount(rows, coefficients * values[parameters], self._constants.size)
+        for function in self.functions:
+            function.set_parameters(values)
+
+    def values(self, x: FloatArray) -> FloatArray:
+        _, columns, coefficients = self._linear
+        summands = [coefficients * x.take(columns), *(each.scales * each.value(x) for each in self.functions)]
+        return self._offsets + _summed(self._value_rows, summands, self._offsets.size)
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        blocks = [each.gradient_scales * each.gradient(x) for each in self.functions]
+        return self._constant_jacobian + _summed(self._places, blocks, self._size)
+
+
+def _summed(places: np.ndarray, blocks: Sequence[FloatArray], size: int) -> FloatArray:
+    if not blocks:
+        return np.zeros(size)
+    # bincount adds repeated places up in one pass, several times faster than add.at.
+    weights = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+    return np.bincount(places, weights, size).astype(float, copy=False)
+
+
+def _merged(pairs: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[tuple[IndexArray, IndexArray], np.ndarray]:
+    """Each pair of a row and a column once, and the place among them of every pair given."""
+    rows = np.concatenate([np.empty(0, dtype=np.intp), *(row for row, _ in pairs)])
+    columns = np.concatenate([np.empty(0, dtype=np.intp), *(column for _, column in pairs)])
+    keys, places = np.unique(rows * n + columns, return_inverse=True)
+    return ((keys // n).astype(np.int32), (keys % n).astype(np.int32)), places.ravel()
+
+
+def _finite(values: FloatArray, what: str) -> FloatArray:
+    if not np.isfinite(values).all():
+        raise EvaluationError(f"CasADi cannot evaluate the {what} at this point: a value is not finite.")
+    return values

@@ -1,0 +1,166 @@
+"""The numbers of a model that may change between solves, read again without another walk."""
+
+from __future__ import annotations
+
+import math
+from operator import attrgetter, is_not
+from typing import Any
+
+import numpy as np
+from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.common.numeric_types import native_numeric_types
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.errors import ModelError, StructureChanged
+
+from .model_terms import ModelTerms
+from .nonlinear_program import FloatArray
+
+# Attributes of Pyomo's data objects behind its properties: reading ten thousand properties takes ten milliseconds.
+_LOWER, _UPPER, _DOMAIN = attrgetter("_lb"), attrgetter("_ub"), attrgetter("_domain")
+_FIXED, _ACTIVE, _VALUE, _EXPRESSION = map(attrgetter, ("_fixed", "_active", "value", "_expr"))
+
+_TOLERANCE = 1e-8  # for rows without variables, as Pyomo's own writer has it
+
+
+class ModelNumbers:
+    """Bounds, values of parameters, and whether the model's structure is still the one that was walked over.
+
+    Parameters
+    ----------
+    terms : ModelTerms
+        What the walk found.
+
+    Attributes
+    ----------
+    x_lower, x_upper, g_lower, g_upper : float arrays
+        Bounds of variables and rows, infinite where there is none.
+    parameters : float array
+        Values of the parameters.
+    """
+
+    def __init__(self, terms: ModelTerms) -> None:
+        self._terms = terms
+        self._variables, self._constraints = terms.variables, terms.constraints
+        self._fixed_variables = [each for each in terms.columns.parameters if each.is_variable_type()]
+        self._expressions = list(map(_EXPRESSION, self._constraints))
+        self._counts = _counts_of_rows(terms.model)
+        self._domains = list(map(_DOMAIN, self._variables))
+        self._raw_bounds = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
+        self.x_lower, self.x_upper = np.empty(len(self._variables)), np.empty(len(self._variables))
+        self._moving_variables = {i for i in range(len(self._variables)) if self._read_bounds(i)}
+        self.g_lower, lower = _row_bounds([lower for lower, _ in terms.bounds], -math.inf)
+        self.g_upper, upper = _row_bounds([upper for _, upper in terms.bounds], math.inf)
+        self._moving_rows = [(self.g_lower, i, e, -math.inf) for i, e in lower]
+        self._moving_rows += [(self.g_upper, i, e, math.inf) for i, e in upper]
+        self.parameters = np.empty(len(terms.columns.parameters))
+        self._read_numbers()
+
+    def refresh(self) -> None:
+        """Read everything again.
+
+        Raises
+        ------
+        StructureChanged
+            When variables were fixed or unfixed, rows or named expressions got other expressions, rows were
+            deactivated, or constraints were added or deleted. Rows that were inactive and have become active
+            within an active component are not noticed.
+        InfeasibleConstraintException
+            When a row without free variables contradicts itself.
+        """
+        self._refuse_other_structure()
+        for raw, read in zip(self._raw_bounds, (_LOWER, _UPPER), strict=True):
+            new = list(map(read, self._variables))
+            if any(map(is_not, new, raw)):
+                changed = [i for i, (now, before) in enumerate(zip(new, raw, strict=True)) if now is not before]
+                raw[:] = new
+                for i in changed:
+                    self._moving_variables.discard(i)
+                    if self._read_bounds(i):
+                        self._moving_variables.add(i)
+        for i in self._moving_variables:
+            self._read_bounds(i)
+        self._read_numbers()
+
+    def values_of_variables(self) -> FloatArray:
+        """Current values of the variables, 0 where one has none."""
+        return np.array([0.0 if number is None else number for number in map(_VALUE, self._variables)], dtype=float)
+
+    def _read_bounds(self, i: int) -> bool:
+        """Read the bounds of a variable; true when they are expressions, which may change by themselves."""
+        variable = self._variables[i]
+        lower, upper = variable.bounds
+        self.x_lower[i] = -math.inf if lower is None else lower
+        self.x_upper[i] = math.inf if upper is None else upper
+        return any(
+            bound is not None and bound.__class__ not in native_numeric_types
+            for bound in (_LOWER(variable), _UPPER(variable))
+        )
+
+    def _read_numbers(self) -> None:
+        known: dict[int, float] = {}  # one parameter often bounds many rows
+        for bounds, i, expression, unbounded in self._moving_rows:
+            bound = known.get(id(expression))
+            if bound is None:
+                bound = known[id(expression)] = float(value(expression))
+            if math.isnan(bound) or bound == -unbounded:
+                raise ModelError(f"'{self._constraints[i].name}': a bound of it is {bound}; give it a number.")
+            bounds[i] = bound
+        values = list(map(_VALUE, self._terms.columns.parameters))
+        if None in values:
+            missing = self._terms.columns.parameters[values.index(None)]
+            raise ModelError(f"'{missing.name}' is fixed without a value. Give it one.")
+        self.parameters[:] = values
+        for constraint in self._terms.constant_constraints:
+            _check_constant(constraint)
+
+    def _refuse_other_structure(self) -> None:
+        terms = self._terms
+        change = None
+        if any(map(_FIXED, self._variables)) or not all(map(_FIXED, self._fixed_variables)):
+            change = "variables were fixed or unfixed"
+        elif not all(map(_ACTIVE, self._constraints)) or any(
+            map(is_not, map(_EXPRESSION, self._constraints), self._expressions)
+        ):
+            change = "constraints were deactivated or got other expressions"
+        elif _counts_of_rows(terms.model) != self._counts:
+            change = "constraints or objectives were added, deleted, activated or deactivated"
+        elif any(
+            named._args_[0] is not expression
+            for each in (terms.rows, terms.cost)
+            for named, expression in each.named_expressions.values()
+        ):
+            change = "named expressions got other contents"
+        elif any(map(is_not, map(_DOMAIN, self._variables), self._domains)):
+            change = "variables got other domains"
+        if change is not None:
+            raise StructureChanged(f"'{terms.model.name}': {change} since it was prepared. Prepare it again.")
+
+
+def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:
+    """Bounds as an array, and those that are expressions with their places."""
+    known = {*native_numeric_types, type(None)}
+    moving = [(i, each) for i, each in enumerate(bounds) if each.__class__ not in known]
+    numbers = [unbounded if each is None else each for each in bounds]
+    for i, _ in moving:
+        numbers[i] = 0.0
+    return np.array(numbers, dtype=float), moving
+
+
+def _counts_of_rows(model: Any) -> list[tuple[int, int]]:
+    return [
+        (id(component), len(component))
+        for component in model.component_objects((Constraint, Objective), active=True, descend_into=True)
+    ]
+
+
+def _check_constant(constraint: Any) -> None:
+    lower, body, upper = constraint.to_bounded_expression(True)
+    number = value(body)
+    if (lower is not None and lower - number > _TOLERANCE) or (upper is not None and number - upper > _TOLERANCE):
+        raise InfeasibleConstraintException(
+            f"model contains a trivially infeasible constraint '{constraint.name}' (fixed body value {number} "
+            f"outside bounds [{lower}, {upper}])."
+        )

@@ -1,0 +1,36 @@
+"""The reference shows every public name, and pages reach each other."""
+
+from __future__ import annotations
+
+import re
+
+import pyrobocop_pyomo
+
+from .code_blocks import ROOT
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    text = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "reference").glob("*.md"))
+    shown = {path.rpartition(".")[2] for path in re.findall(r"auto(?:class|function):: (\S+)", text)}
+    assert "automodule:: pyrobocop_pyomo.errors" in text  # all of them
+    assert set(pyrobocop_pyomo.__all__) - shown - set(vars(pyrobocop_pyomo.errors)) == {"__version__"}
+
+
+def test_every_error_is_drawn_in_the_tree() -> None:
+    errors = pyrobocop_pyomo.errors
+    defined = [name for name, value in vars(errors).items() if isinstance(value, type)]
+    assert [name for name in defined if name not in errors.__doc__] == []
+
+
+def test_every_page_is_in_the_table_of_contents() -> None:
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    pages = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert {page for page in pages if not page.startswith("_build")} - set(index.split()) == {"index"}
+
+
+def test_templates_named_for_extension_points_exist() -> None:
+    text = (ROOT / "docs" / "developer" / "index.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(\w+\.py)` \|$", text, re.MULTILINE)
+    assert len(named) >= 4
+    missing = [name for name in named if not (ROOT / "tests" / "extension_templates" / name).is_file()]
+    assert not missing

@@ -1,0 +1,135 @@
+"""Start, duration and element boundaries as variables."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import DeclarationError
+
+
+def rest_to_rest(elements: int, low: float, high: float, **options: Any) -> pyo.ConcreteModel:
+    """Move a mass by one in least time: full force, then full brake."""
+    m = pyo.ConcreteModel(name="rest to rest")
+    options = {"moving": (0.1, 3), "stages": 2, **options}
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), guess=1.5), elements=elements, **options)
+    b.x = rcp.State(initial=0, final=1)
+    b.v = rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(low, high), parametrization="piecewise_constant")
+    b.ode(double_integrator)
+    m.T = pyo.Objective(expr=b.duration)
+    return m
+
+
+def double_integrator(b: Any, t: float) -> dict[Any, Any]:
+    return {b.x: b.v[t], b.v: b.u[t]}
+
+
+@pytest.mark.parametrize("elements", [2, 3, 5])
+@pytest.mark.parametrize(("low", "high"), [(-1.0, 1.0), (-2.0, 1.0), (-0.5, 1.0)])
+def test_the_switch_of_a_minimum_time_plan_falls_on_an_element_end(elements: int, low: float, high: float) -> None:
+    m = rest_to_rest(elements, low, high)
+    result = rcp.solve(m)
+    least = math.sqrt(2 * (1 / high - 1 / low))
+    switch = least * -low / (high - low)
+    assert result.objective == pytest.approx(least, abs=1e-6)
+    boundaries = np.array(m.p.trajectory().grid.mesh.boundaries)
+    assert np.abs(boundaries - switch).min() < 1e-5
+    verdict = m.p.trajectory().verify()
+    assert verdict.largest_violation < 1e-6
+    assert verdict.horizon_error < 1e-6
+
+
+def test_on_a_mesh_that_stands_still_the_same_plan_is_worse() -> None:
+    least = math.sqrt(3.0)
+    still = rcp.solve(rest_to_rest(5, -2, 1, moving=None)).objective
+    assert still > least + 1e-3
+
+
+def test_elements_keep_within_their_factors() -> None:
+    m = rest_to_rest(4, -2, 1, moving=(0.7, 1.4))
+    assert rcp.solve(m).solved
+    fractions = np.diff([each.value for each in m.p.boundary.values()])
+    assert fractions.min() >= 0.25 * 0.7 - 1e-7
+    assert fractions.max() <= 0.25 * 1.4 + 1e-7
+
+
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "trapezoid", "hermite_simpson", "explicit"])
+def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
+    """With boundaries put anywhere, integrals and the clock are those of the moved mesh."""
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=3.0, start=1.0, elements=4, scheme=scheme, moving=(0.2, 3))
+    cost = b.integral(lambda b, t: b.clock(t))
+    for each, fraction in zip(b.boundary.values(), [0, 0.1, 0.35, 0.8, 1.0], strict=True):
+        each.set_value(fraction)
+    assert pyo.value(cost) == pytest.approx((4.0**2 - 1.0) / 2, rel=1e-12 if scheme != "explicit" else 0.2)
+    clocks = [pyo.value(b.clock(t)) for t in b.time]
+    assert clocks == sorted(clocks)
+    assert clocks[0] == 1.0
+    assert clocks[-1] == pytest.approx(4.0)
+    assert {round(t, 12) for t in (1.3, 2.05, 3.4)} <= {round(t, 12) for t in clocks}
+    b.x = rcp.State(guess=0)
+    np.testing.assert_allclose(b.trajectory().time, clocks)
+
+
+def test_a_free_start_waits_for_the_best_moment() -> None:
+    # The wind blows as (t - 4)^2: a ride of length 2 is cheapest around 4.
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=2.0, start=rcp.Start(bounds=(0, 10), guess=1), elements=5)
+    b.x = rcp.State(initial=0, final=1)
+    b.u = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + (b.clock(t) - 4) ** 2))
+    assert rcp.solve(m).solved
+    assert m.p.start.value == pytest.approx(3.0, abs=1e-6)
+    trajectory = b.trajectory()
+    assert (trajectory.time[0], trajectory.time[-1]) == pytest.approx((3.0, 5.0), abs=1e-6)
+    assert trajectory.verify().largest_violation < 1e-7
+
+
+def test_a_phase_can_start_where_another_ends() -> None:
+    m = pyo.ConcreteModel()
+    m.first = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 2), guess=1), elements=3)
+    m.second = rcp.PhaseBlock(duration=1.0, start=m.first.duration + 0.5, elements=3)
+    for b in (m.first, m.second):
+        b.x = rcp.State(initial=0)
+        b.ode(lambda b, t: {b.x: b.clock(t)})
+    m.first.duration.fix(1.5)
+    m.cost = pyo.Objective(expr=0.0 * m.first.x[1.0])
+    assert rcp.solve(m).solved
+    assert m.second.x[1.0].value == pytest.approx((3.0**2 - 2.0**2) / 2)
+    copy = m.clone()
+    copy.first.duration.fix(0.5)
+    assert pyo.value(copy.second.clock(0.0)) == 1.0
+    assert pyo.value(m.second.clock(0.0)) == 2.0
+
+
+def test_moving_phases_clone_and_pickle() -> None:
+    m = rest_to_rest(3, -2, 1)
+    for copy in (m.clone(), pickle.loads(pickle.dumps(m))):
+        assert rcp.solve(copy).objective == pytest.approx(math.sqrt(3), abs=1e-6)
+        assert m.p.duration.value == 1.5
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"moving": (0, 2)}, r"moving = \(0, 2\); expected \(smallest, largest\) factor"),
+        ({"moving": (1.5, 2)}, "0 < smallest <= 1 <= largest"),
+        ({"moving": 3}, "moving bounds = 3; expected a pair"),
+        ({"start": "noon"}, "start = 'noon'; expected a finite number, Start"),
+        ({"start": float("inf")}, "start = inf; expected a finite number"),
+        ({"start": rcp.Start(bounds=(2, 1))}, "start: the lower of its bounds, 2, exceeds the upper, 1"),
+    ],
+)
+def test_a_horizon_that_makes_no_sense_is_refused(options: dict, message: str) -> None:
+    m = pyo.ConcreteModel()
+    with pytest.raises(DeclarationError, match=rf"phase 'p'.*{message}"):
+        m.p = rcp.PhaseBlock(duration=1, elements=3, **options)
+    assert m.component("p") is None

@@ -1,0 +1,263 @@
+"""Mapped expressions against ASL and CasADi, against finite differences, and after changes of numbers."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from expression_zoo import ZOO, ZOO_NAMES, cart_pole, parameters_everywhere, trees
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyomo.common.errors import InfeasibleConstraintException
+from scipy.sparse import coo_matrix, csr_matrix, tril
+
+from pyrobocop_pyomo.errors import EvaluationError, StructureChanged
+from pyrobocop_pyomo.solving.written_model import WrittenModel
+
+pytestmark = pytest.mark.casadi
+other_derivatives = pytest.mark.parametrize("other", [pytest.param("asl", marks=pytest.mark.asl), "casadi"])
+NEAR = {"rel": 1e-9, "abs": 1e-9}
+UNKNOWN_TO_OTHERS = {
+    ("casadi", "choices"): "CasADi's reader of files does not know conditions",
+    ("casadi", "many_choices"): "CasADi's reader of files does not know conditions",
+    ("casadi", "unary_functions"): "CasADi's reader of files does not know inverse hyperbolic functions",
+    # Ipopt's own derivative test finds it as well, through the executable.
+    ("asl", "shared_expressions"): "ASL's Jacobian is wrong where rows and objective share nested named expressions",
+}
+
+
+class InModelOrder:
+    """A program's values by names of variables and constraints, so that two programs can be compared."""
+
+    def __init__(self, model: pyo.ConcreteModel, derivatives: str) -> None:
+        self.written = written = WrittenModel(model, derivatives)
+        self.nlp = written.nlp
+        self.columns = np.argsort([v.name for v in written.variables])
+        self.rows = np.argsort([c.name for c in written.constraints])
+        self.names = sorted(v.name for v in written.variables), sorted(c.name for c in written.constraints)
+
+    def own(self, x, multipliers):
+        """Values in model order, in the order of the program."""
+        inner, outer = np.empty(self.nlp.n), np.empty(self.nlp.m)
+        inner[self.columns], outer[self.rows] = x, multipliers
+        return inner, outer
+
+    def everything(self, x, factor, multipliers):
+        x, multipliers = self.own(x, multipliers)
+        nlp = self.nlp
+        values = nlp.constraints(x)
+        hessian = matrix(nlp.hessian(x, factor, multipliers), nlp.hessian_structure, (nlp.n, nlp.n))
+        hessian = hessian + tril(hessian, -1).T
+        return {
+            "objective": nlp.objective(x),
+            "gradient": nlp.gradient(x)[self.columns],
+            # A writer may move a row's constant into its bounds, so that only the distances are comparable.
+            "to lower": finite(values - nlp.g_lower)[self.rows],
+            "to upper": finite(nlp.g_upper - values)[self.rows],
+            "jacobian": matrix(nlp.jacobian(x), nlp.jacobian_structure, (nlp.m, nlp.n))[self.rows][:, self.columns],
+            "hessian": csr_matrix(hessian)[self.columns][:, self.columns],
+            "bounds": finite(np.array([nlp.x_lower, nlp.x_upper])[:, self.columns]),
+            "start": nlp.x_start[self.columns],
+        }
+
+
+def matrix(values, structure, shape):
+    return coo_matrix((values, structure), shape).tocsr()
+
+
+def finite(values):
+    return np.where(np.isfinite(values), values, 1e30)
+
+
+def assert_same(found: dict, expected: dict) -> None:
+    for name, value in expected.items():
+        if hasattr(value, "toarray"):
+            scale = max(1.0, abs(value).max() if value.nnz else 0.0)
+            assert abs(found[name] - value).max() <= 1e-9 * scale, name
+        else:
+            assert found[name] == pytest.approx(value, **NEAR), name
+
+
+def planar_pushing() -> pyo.ConcreteModel:
+    path = Path(__file__).parents[2] / "examples" / "planar_pushing.py"
+    spec = importlib.util.spec_from_file_location("planar_pushing", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault("planar_pushing", module)
+    spec.loader.exec_module(module)
+    model = module.build(elements=10)
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(model, delta=1e-2)
+    return model
+
+
+@other_derivatives
+@pytest.mark.parametrize("build", [*ZOO, planar_pushing], ids=[*ZOO_NAMES, "planar-pushing"])
+def test_every_number_is_that_of_the_other_sources(build, other):
+    if (other, build.__name__) in UNKNOWN_TO_OTHERS:
+        pytest.skip(UNKNOWN_TO_OTHERS[other, build.__name__])
+    ours, theirs = InModelOrder(build(), "mapped"), InModelOrder(build(), other)
+    assert ours.names == theirs.names
+    random = np.random.default_rng(7)
+    for _ in range(3):
+        x = random.uniform(0.02, 0.45, ours.nlp.n)
+        factor, multipliers = random.uniform(-2, 2), random.uniform(-2, 2, ours.nlp.m)
+        assert_same(ours.everything(x, factor, multipliers), theirs.everything(x, factor, multipliers))
+
+
+@pytest.mark.parametrize("build", [*ZOO, planar_pushing], ids=[*ZOO_NAMES, "planar-pushing"])
+def test_structures_hold_each_place_once_and_no_variable_is_unused(build):
+    nlp = WrittenModel(build(), "mapped").nlp
+    for rows, columns in (nlp.jacobian_structure, nlp.hessian_structure):
+        assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == rows.size
+    assert (nlp.hessian_structure[0] >= nlp.hessian_structure[1]).all()
+
+
+@pytest.mark.parametrize("build", [*ZOO, planar_pushing], ids=[*ZOO_NAMES, "planar-pushing"])
+def test_derivatives_agree_with_finite_differences(build):
+    nlp = WrittenModel(build(), "mapped").nlp
+    random = np.random.default_rng(11)
+    x, multipliers, factor = random.uniform(0.05, 0.45, nlp.n), random.uniform(-1, 1, nlp.m), 0.7
+    hessian = matrix(nlp.hessian(x, factor, multipliers), nlp.hessian_structure, (nlp.n, nlp.n))
+    hessian = hessian + tril(hessian, -1).T
+
+    def lagrangian_gradient(at):
+        jacobian = matrix(nlp.jacobian(at), nlp.jacobian_structure, (nlp.m, nlp.n))
+        return factor * nlp.gradient(at) + jacobian.T @ multipliers
+
+    for _ in range(3):
+        way = random.uniform(-1, 1, nlp.n)
+        slope, curvature = (
+            (function(x + 1e-6 * way) - function(x - 1e-6 * way)) / 2e-6
+            for function in (nlp.constraints, lagrangian_gradient)
+        )
+        jacobian = matrix(nlp.jacobian(x), nlp.jacobian_structure, (nlp.m, nlp.n))
+        assert jacobian @ way == pytest.approx(slope, rel=1e-5, abs=1e-5)
+        assert hessian @ way == pytest.approx(curvature, rel=1e-4, abs=1e-4)
+        change = (nlp.objective(x + 1e-6 * way) - nlp.objective(x - 1e-6 * way)) / 2e-6
+        assert nlp.gradient(x) @ way == pytest.approx(change, rel=1e-5, abs=1e-5)
+
+
+MODEL = pyo.ConcreteModel("random")
+MODEL.x = pyo.Var(range(4), initialize=0.5)
+MODEL.p = pyo.Param(initialize=-0.4, mutable=True)
+LEAVES = st.one_of(st.sampled_from([*MODEL.x.values(), *MODEL.x.values(), MODEL.p]), st.floats(-2, 2))
+
+
+@pytest.mark.asl
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(rows=st.lists(trees(LEAVES), min_size=1, max_size=3), seed=st.integers(0, 1000))
+def test_random_rows_have_the_derivatives_of_asl(rows, seed):
+    MODEL.del_component("rows")
+    MODEL.del_component("cost")
+    MODEL.rows = pyo.ConstraintList()
+    for row in rows:
+        MODEL.rows.add((-100, row + MODEL.x[0], 100))
+    MODEL.cost = pyo.Objective(expr=sum(v**2 for v in MODEL.x.values()) + rows[0])
+    ours, theirs = InModelOrder(MODEL, "mapped"), InModelOrder(MODEL, "asl")
+    random = np.random.default_rng(seed)
+    x, multipliers = random.uniform(-1, 1, ours.nlp.n), random.uniform(-2, 2, ours.nlp.m)
+    assert_same(ours.everything(x, 0.7, multipliers), theirs.everything(x, 0.7, multipliers))
+
+
+@pytest.mark.parametrize("build", [parameters_everywhere, lambda: cart_pole(4)], ids=["parameters", "cart-pole"])
+def test_refreshed_numbers_are_those_of_a_program_made_anew(build):
+    model = build()
+    kept = InModelOrder(model, "mapped")
+    random = np.random.default_rng(3)
+    for component in model.component_data_objects(pyo.Var):
+        if component.fixed:
+            component.fix(random.uniform(-0.5, 0.5))
+        else:
+            component.set_value(random.uniform(-0.5, 0.5), skip_validation=True)
+    for parameter in model.component_data_objects(pyo.Param):
+        parameter.set_value(parameter.value + 0.1)
+    free = [v for v in model.component_data_objects(pyo.Var) if not v.fixed]
+    free[0].setlb(-77)
+    free[1].setub(free[1].ub if free[1].ub is not None else 55)
+    free[2].setub(model.component("p")[1] if model.component("p") is not None else 44)
+    kept.nlp.refresh()
+    anew = InModelOrder(model, "mapped")
+    x, multipliers = random.uniform(0, 0.5, anew.nlp.n), random.uniform(-1, 1, anew.nlp.m)
+    assert_same(kept.everything(x, 0.3, multipliers), anew.everything(x, 0.3, multipliers))
+
+
+def test_rows_without_variables_are_checked_at_each_refresh():
+    model = parameters_everywhere()
+    nlp = WrittenModel(model, "mapped").nlp
+    model.p[0] = 9.0
+    with pytest.raises(InfeasibleConstraintException, match="'only_numbers'"):
+        nlp.refresh()
+    with pytest.raises(InfeasibleConstraintException, match="'only_numbers'"):
+        WrittenModel(model, "mapped")
+
+
+CHANGES = {
+    "fix": lambda m: m.x[0].fix(0.1),
+    "unfix": lambda m: m.x[5].unfix(),
+    "deactivate one": lambda m: m.terms[2].deactivate(),
+    "deactivate all": lambda m: m.terms.deactivate(),
+    "add": lambda m: m.add_component("extra", pyo.Constraint(expr=m.x[0] <= 7)),
+    "delete": lambda m: m.terms.__delitem__(1),
+    "set": lambda m: m.range.set_value(m.x[0] <= 3),
+    "objective": lambda m: m.cost.set_value(m.x[0] ** 2),
+    "domain": lambda m: setattr(m.x[0], "domain", pyo.NonNegativeReals),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+def test_changes_of_structure_are_noticed(change):
+    model = parameters_everywhere()
+    written = WrittenModel(model, "mapped")
+    before = written.nlp
+    change(model)
+    with pytest.raises(StructureChanged, match="'parameters': .* since it was prepared"):
+        written.nlp.refresh()
+    written.update()
+    assert written.nlp is not before
+    anew = InModelOrder(model, "mapped")
+    assert [v.name for v in written.variables] == [v.name for v in anew.written.variables]
+    assert written.row_of[written.constraints[-1]] == len(written.constraints) - 1
+
+
+def test_a_changed_named_expression_is_noticed():
+    model = pyo.ConcreteModel("named")
+    model.x = pyo.Var(initialize=0.5)
+    model.e = pyo.Expression(expr=model.x**2)
+    model.row = pyo.Constraint(expr=pyo.sin(model.e) <= 1)
+    nlp = WrittenModel(model, "mapped").nlp
+    model.e.set_value(model.x**3)
+    with pytest.raises(StructureChanged, match="named expressions"):
+        nlp.refresh()
+
+
+def test_a_point_outside_of_the_domain_is_an_evaluation_error():
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(initialize=1.0)
+    model.cost = pyo.Objective(expr=pyo.log(model.x))
+    model.row = pyo.Constraint(expr=pyo.sqrt(model.x) + model.x >= 0)
+    nlp = WrittenModel(model, "mapped").nlp
+    for evaluate in (nlp.objective, nlp.constraints, nlp.jacobian):
+        with pytest.raises(EvaluationError, match="CasADi cannot evaluate the"):
+            evaluate(np.array([-1.0]))
+    with pytest.raises(EvaluationError, match="gradient"):
+        nlp.gradient(np.array([0.0]))
+
+
+@pytest.mark.asl
+def test_a_transcribed_model_has_the_optimum_and_the_multipliers_of_asl():
+    found = {}
+    for derivatives in ("asl", "mapped"):
+        model = cart_pole(10)
+        model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+        model.ipopt_zL_out = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+        pyo.SolverFactory("pyrobocop.ipopt", derivatives=derivatives).solve(model)
+        found[derivatives] = {
+            "cost": pyo.value(model.cost),
+            **{v.name: v.value for v in model.component_data_objects(pyo.Var)},
+            **{f"dual {c.name}": dual for c, dual in model.dual.items()},
+            **{f"lower {v.name}": dual for v, dual in model.ipopt_zL_out.items()},
+        }
+    assert found["mapped"] == pytest.approx(found["asl"], rel=1e-6, abs=1e-6)
