@@ -316,11 +316,9 @@ def test_a_periodic_motion_closes() -> None:
 # ---------------------------------------------------------------- what cannot be joined
 
 
-def other_model() -> Any:
-    m = pyo.ConcreteModel(name="elsewhere")
-    m.p = rcp.PhaseBlock(elements=1)
-    m.p.x = rcp.State()
-    return m.p
+ELSEWHERE = pyo.ConcreteModel(name="elsewhere")
+ELSEWHERE.p = rcp.PhaseBlock(elements=1)
+ELSEWHERE.p.x = rcp.State()
 
 
 def lonely(m: pyo.ConcreteModel, states: tuple[str, ...]) -> Any:
@@ -338,7 +336,7 @@ def fixed_apart(m: pyo.ConcreteModel) -> Any:
 
 REFUSED = {
     "another model": (
-        lambda m: rcp.Link(m.a, other_model()),
+        lambda m: rcp.Link(m.a, ELSEWHERE.p),
         "'p' belongs to the model 'elsewhere', the link to 'two'",
     ),
     "no phase": (lambda m: rcp.Link(m.a, m), "'two' is no PhaseBlock"),
