@@ -13,6 +13,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
+from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
 from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
@@ -30,6 +31,7 @@ from pyrobocop_pyomo.phases import (
 from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
 from pyrobocop_pyomo.solving import (
     Quality,
+    RecedingHorizon,
     Route,
     SequenceRanking,
     SolveResult,
@@ -46,6 +48,7 @@ __all__ = [
     "Algebraic",
     "Complementarity",
     "Control",
+    "Diagnosis",
     "Duration",
     "Fixed",
     "FollowBarrier",
@@ -61,6 +64,7 @@ __all__ = [
     "PhaseBlock",
     "PyRobocopError",
     "Quality",
+    "RecedingHorizon",
     "Route",
     "Scheme",
     "Scholtes",
@@ -77,6 +81,7 @@ __all__ = [
     "active_pairs",
     "available_routes",
     "complements",
+    "diagnose",
     "draw_linkage",
     "draw_planar_pushing",
     "explicit",

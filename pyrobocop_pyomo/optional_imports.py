@@ -22,4 +22,4 @@ matplotlib, matplotlib_available = attempt_import(
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
 
 # Required, but deferred all the same: with Pyomo loaded, the first import of SciPy takes half a second.
-scipy, _ = attempt_import("scipy", deferred_submodules=["integrate", "special"])
+scipy, _ = attempt_import("scipy", deferred_submodules=["integrate", "sparse", "sparse.linalg", "special"])

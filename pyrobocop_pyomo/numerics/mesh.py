@@ -125,6 +125,16 @@ class Grid:
         return tuple(sorted({*self.mesh.boundaries, *(time for row in self.node_times for time in row)}))
 
     @cached_property
+    def node_positions(self) -> NDArray[np.int64]:
+        """Where the state's nodes of each element stand in `times`, shape ``(N, nodes)``."""
+        return _positions(self.times, self.node_times)
+
+    @cached_property
+    def stage_positions(self) -> NDArray[np.int64]:
+        """Where the stages of each element stand in `points`, shape ``(N, s)``."""
+        return _positions(self.points, self.stage_times)
+
+    @cached_property
     def element_of(self) -> dict[float, int]:
         """Element number of each point; a shared one belongs to the element that ends there."""
         elements: dict[float, int] = {}
@@ -141,3 +151,8 @@ class Grid:
             for weight, time in zip(self.scheme.b, row, strict=True):
                 weights[time] += float(width * weight)
         return weights
+
+
+def _positions(times: tuple[float, ...], per_element: tuple[tuple[float, ...], ...]) -> NDArray[np.int64]:
+    position = {time: i for i, time in enumerate(times)}
+    return np.array([[position[time] for time in row] for row in per_element])

@@ -31,14 +31,21 @@ def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, gue
     """Add a variable over times, with its bounds and its guess moved onto them."""
     if callable(declaration.bounds):
         each_bounds = [declaration.bounds_at(time, what) for time in index]
-        variable = Var(index, bounds=dict(zip(index, each_bounds, strict=True)))
+        variable = Var(index, bounds=dict(zip(index, each_bounds, strict=True)), units=declaration.units)
     else:
         each_bounds = [declaration.bounds_at(0.0, what)] * len(index)
-        variable = Var(index, bounds=each_bounds[0])
+        variable = Var(index, bounds=each_bounds[0], units=declaration.units)
     block.add_component(name, variable)
     # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
     for data, value, bounds in zip(variable.values(), guess.tolist(), each_bounds, strict=True):
         data.set_value(within(value, bounds), skip_validation=True)
+
+
+def rate_units(units: Any, time_units: Any) -> Any:
+    """Units of a derivative, None where there are none at all."""
+    if units is None:
+        return None if time_units is None else 1 / time_units
+    return units if time_units is None else units / time_units
 
 
 def within(value: float, bounds: Bounds | None) -> float:

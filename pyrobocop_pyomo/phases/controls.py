@@ -22,7 +22,7 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.transcription import guess_at, stage_guess
 
-from .building import add_generated, add_indexed, within
+from .building import add_generated, add_indexed, rate_units, within
 from .declarations import Bounds, Control, check_bounds
 from .horizon import real_time
 from .record import PhaseRecord
@@ -141,7 +141,7 @@ def _add_linear(block: Any, record: PhaseRecord, name: str, control: Control, wh
 def _add_values(block: Any, name: str, control: Control, times: Any, bounds: list[Bounds], what: str, kind: str) -> Any:
     guess = guess_at(control.guess, tuple(times), what, f"{len(bounds)} {kind}")
     values = {i: within(value, bounds[i]) for i, value in enumerate(guess.tolist())}
-    variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values)
+    variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values, units=control.units)
     add_generated(block, variables_name(name, control), variable)
     return variable
 
@@ -173,6 +173,9 @@ def _steps(block: Any, record: PhaseRecord, name: str, control: Control) -> Iter
 
 def _bound_rate(block: Any, record: PhaseRecord, name: str, control: Control, bounds: Bounds) -> None:
     rows: dict[Any, Any] = {}
+    unit = rate_units(control.units, record.time_units)
+    if unit is not None:
+        bounds = tuple(None if bound is None else bound * unit for bound in bounds)  # type: ignore[assignment]
     for i, (before, after, time) in enumerate(_steps(block, record, name, control)):
         change = after - before
         if time.__class__ in native_numeric_types:

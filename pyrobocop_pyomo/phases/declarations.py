@@ -51,12 +51,15 @@ class Declaration:
         None where there is no bound.
     guess : number, array, function of the time index, or None
         Where the solver starts; 0 by default.
+    units : Pyomo unit or None
+        Units of the variable, such as ``pyo.units.m``; numbers of this declaration are meant in them.
     declared_at : str
         File and line of the declaration, quoted in messages.
     """
 
     bounds: BoundsInTime = UNBOUNDED
     guess: Guess = None
+    units: Any = None
     declared_at: str = field(default_factory=_call_site, repr=False, compare=False)
 
     def bounds_at(self, time: float, name: str) -> Bounds:

@@ -15,7 +15,7 @@ from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import collocation_rows
 
 from .answers import labelled_rows
-from .building import add_generated
+from .building import add_generated, rate_units
 from .declarations import State, check_bounds
 from .horizon import element_widths
 from .record import PhaseRecord
@@ -77,7 +77,8 @@ def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
     assert isinstance(declaration, State)
     what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
     bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
-    derivative = Var(block.points, bounds=bounds, initialize=0.0)
+    units = rate_units(declaration.units, record.time_units)
+    derivative = Var(block.points, bounds=bounds, initialize=0.0, units=units)
     add_generated(block, f"{name}_derivative", derivative)
     record.kept_derivatives.add(name)
     _add_collocation(block, record, name, derivative)

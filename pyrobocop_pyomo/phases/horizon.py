@@ -33,21 +33,23 @@ def add_horizon(block: Any, record: PhaseRecord, start: Any, moving: Bounds | No
         When bounds or guesses do not fit.
     """
     what = f"phase '{block.name}'"
-    _add_duration(block, record.duration, f"{what}: duration")
+    _add_duration(block, record, f"{what}: duration")
     if isinstance(start, Start):
         bounds = check_bounds(start.bounds, f"{what}: start", "bounds")
-        block.start = Var(bounds=bounds, initialize=number_guess(start.guess, f"{what}: start"))
+        guess = number_guess(start.guess, f"{what}: start")
+        block.start = Var(bounds=bounds, initialize=guess, units=record.time_units)
     elif isinstance(start, float):
-        block.start = start
+        block.start = with_units(record, start)
     else:
         block.start = Expression(expr=start)
     if moving is not None:
         _add_boundaries(block, record.grid.mesh, moving, what)
 
 
-def _add_duration(block: Any, duration: float | Duration, what: str) -> None:
+def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
+    duration = record.duration
     if not isinstance(duration, Duration):
-        block.duration = float(duration)
+        block.duration = with_units(record, float(duration))
         return
     lower, upper = check_bounds(duration.bounds, what, "bounds")
     if duration.guess is None:
@@ -58,7 +60,7 @@ def _add_duration(block: Any, duration: float | Duration, what: str) -> None:
         if guess <= 0:
             raise GuessError(f"{what}: the guess is {guess:g}; it must be positive.")
     guess = max(guess, lower or 0.0) if upper is None else min(max(guess, lower or 0.0), upper)
-    block.duration = Var(bounds=(lower, upper), initialize=guess)
+    block.duration = Var(bounds=(lower, upper), initialize=guess, units=record.time_units)
 
 
 def _add_boundaries(block: Any, mesh: Mesh, moving: Bounds, what: str) -> None:
@@ -83,10 +85,15 @@ def _add_boundaries(block: Any, mesh: Mesh, moving: Bounds, what: str) -> None:
         rows.add(i, (lower * width, block.boundary[i + 1] - block.boundary[i], upper * width))
 
 
+def with_units(record: PhaseRecord, time: float) -> Any:
+    """A time in the units of the phase; the bare number where there are none, which keeps rows cheap."""
+    return time if record.time_units is None else time * record.time_units
+
+
 def element_widths(block: Any, record: PhaseRecord) -> list[Any]:
     """Width of each element in real time: numbers, or expressions where something is to be found."""
     if not record.normalised:
-        return list(record.grid.mesh.widths.tolist())
+        return [with_units(record, width) for width in record.grid.mesh.widths.tolist()]
     if record.moving:
         return [block.duration * (block.boundary[i + 1] - block.boundary[i]) for i in range(record.grid.mesh.elements)]
     return [block.duration * width for width in record.grid.mesh.widths.tolist()]
@@ -95,7 +102,7 @@ def element_widths(block: Any, record: PhaseRecord) -> list[Any]:
 def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float, Any]]:
     """A common factor, and the weight of each collocation point, of an integral over real time."""
     grid = record.grid
-    scale = block.duration if record.normalised else 1.0
+    scale = block.duration if record.normalised else with_units(record, 1.0)
     if not record.moving:
         return scale, grid.quadrature_weights
     weights: dict[float, Any] = {}
@@ -109,7 +116,7 @@ def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float
 def real_time(block: Any, record: PhaseRecord, t: float) -> Any:
     """The time that an index stands for."""
     if not record.normalised:
-        return t
+        return with_units(record, t)
     if not record.moving:
         return block.start + block.duration * t
     boundaries = record.grid.mesh.boundaries

@@ -174,7 +174,8 @@ class PhaseBlockData(BlockData):
         with PauseGC():
             scale, weights = quadrature_weights(self, self.record)
             total = quadrature(lambda time: integrand(self, time), weights)
-            return scale * total if self.has_normalised_time else total
+            plain = isinstance(scale, float) and scale == 1.0
+            return total if plain else scale * total
 
     def clock(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
@@ -308,6 +309,7 @@ class PhaseBlockData(BlockData):
         start: Any,
         moving: Bounds | None,
         allow_higher_index: bool,
+        time_units: Any,
     ) -> None:
         """Set up grid, index sets and horizon; every argument is checked before anything is added."""
         if isinstance(start, PhaseBlockData):
@@ -320,7 +322,12 @@ class PhaseBlockData(BlockData):
         except ModelError as error:
             raise type(error)(f"{self._what}: {error}") from None
         self._record = PhaseRecord(
-            grid, duration, normalised, moving=moving is not None, allow_higher_index=bool(allow_higher_index)
+            grid,
+            duration,
+            normalised,
+            moving=moving is not None,
+            allow_higher_index=bool(allow_higher_index),
+            time_units=time_units,
         )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
@@ -412,6 +419,9 @@ class PhaseBlock(Block):
     allow_higher_index : bool
         Let equations through that determine derivatives and algebraics only after differentiation. They are
         transcribed as they stand; `check` refuses them otherwise.
+    time_units : Pyomo unit, optional
+        Units of time, such as ``pyo.units.s``. With them, and with `units` in the declarations, Pyomo's
+        ``assert_units_consistent`` judges the transcribed rows.
     rule : callable, optional
         ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
 
@@ -466,6 +476,7 @@ class PhaseBlock(Block):
         start: Any = 0.0,
         moving: Bounds | None = None,
         allow_higher_index: bool = False,
+        time_units: Any = None,
         rule: Rule | None = None,
         **kwds: Any,
     ) -> None:
@@ -478,6 +489,7 @@ class PhaseBlock(Block):
             "start": start,
             "moving": moving,
             "allow_higher_index": allow_higher_index,
+            "time_units": time_units,
         }
         super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
 

@@ -61,6 +61,8 @@ class PhaseRecord:
         Number of residual equations stated so far, per collocation point.
     allow_higher_index : bool
         True when equations may leave algebraics to hidden constraints.
+    time_units : Pyomo unit or None
+        Units of time; rows and integrals carry them where they are given.
     """
 
     grid: Grid
@@ -76,6 +78,7 @@ class PhaseRecord:
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
     allow_higher_index: bool = False
+    time_units: Any = None
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""

@@ -36,7 +36,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
     elif isinstance(declaration, Parameter):
         bounds = declaration.bounds_at(record.grid.times[0], what)
         guess = number_guess(declaration.guess, what)
-        block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds)))
+        block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
     else:
         raise DeclarationError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
 

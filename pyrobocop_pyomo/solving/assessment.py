@@ -21,11 +21,8 @@ class PointJudge:
     """
 
     def __init__(self, model: Any) -> None:
-        self._rows = [
-            (row.body, row.lb, row.ub)
-            for row in model.component_data_objects(Constraint, active=True)
-            if row.has_lb() or row.has_ub()
-        ]
+        rows = (row.to_bounded_expression(True) for row in model.component_data_objects(Constraint, active=True))
+        self._rows = [(body, lower, upper) for lower, body, upper in rows if lower is not None or upper is not None]
         self._bounded = [
             variable
             for variable in model.component_data_objects(Var, active=True)

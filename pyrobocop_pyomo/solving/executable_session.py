@@ -26,6 +26,7 @@ from .ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from .ipopt_outcome import IpoptStatus
 from .routes import NO_IPOPT
 from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
+from .written_model import WRITER_OPTIONS
 
 _SUFFIXES = {
     "dual": Suffix.IMPORT_EXPORT,
@@ -132,7 +133,7 @@ class ExecutableSession:
                 load_solutions=False,
                 raise_exception_on_nonoptimal_result=False,
                 solver_options=dict(options),
-                writer_config={"linear_presolve": False, "scale_model": False},
+                writer_config=dict(WRITER_OPTIONS),
             )
         except KeyboardInterrupt:
             # The process is gone with its iterate; what the last run left is on the model still.

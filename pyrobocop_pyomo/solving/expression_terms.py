@@ -6,72 +6,13 @@ from typing import Any, NamedTuple
 
 from pyomo.core.expr.numeric_expr import MonomialTermExpression
 
-from .expression_codes import CHOICE, DIVISION, FACTORS, NEGATION, NUMBER, POWER, PRODUCT, SCALED_SUM, SUM, Code
-from .expression_kinds import CONSTANT, FUNCTION, LEAF, NAMED, SUMMATION, NodeKinds, comparison_name, function_name
+from .expression_codes import DIVISION, FACTORS, NEGATION, PRODUCT, SCALED_SUM
+from .expression_kinds import CONSTANT, LEAF, NAMED, SUMMATION, NodeKinds
+from .term_groups import Columns, NonlinearTerm, TermGroups
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
 # an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
 LONGEST_TERM = 16
-
-
-class TermGroup:
-    """Nonlinear terms of one shape: ``scales[i] * term(variables[i], numbers[i])`` is added to row ``rows[i]``.
-
-    Attributes
-    ----------
-    code : tuple
-        The shape; see `expression_codes`.
-    size, numbers_per_term : int
-        Counts of variables and of numbers in one term.
-    rows : list of int
-    scales : list of float
-    columns : list of int
-        Variables, `size` for each term.
-    numbers : list of float
-        Numbers, `numbers_per_term` for each term; 0 where a parameter stands.
-    parameters : list of pairs of int
-        Places in `numbers` and the parameters that stand there.
-    """
-
-    __slots__ = ("code", "columns", "numbers", "numbers_per_term", "parameters", "rows", "scales", "size")
-
-    def __init__(self, code: Code, size: int, numbers_per_term: int) -> None:
-        self.code, self.size, self.numbers_per_term = code, size, numbers_per_term
-        self.rows: list[int] = []
-        self.scales: list[float] = []
-        self.columns: list[int] = []
-        self.numbers: list[float] = []
-        self.parameters: list[tuple[int, int]] = []
-
-
-class Columns:
-    """Variables and parameters in the order in which a walk meets them.
-
-    Attributes
-    ----------
-    variables : list of VarData
-        Free variables.
-    parameters : list
-        Fixed variables and mutable Params: numbers that may change without a new walk.
-    column_of : dict of id to int
-        Place of a variable, or ``-1 - place`` of a parameter.
-    """
-
-    def __init__(self) -> None:
-        self.variables: list[Any] = []
-        self.parameters: list[Any] = []
-        self.column_of: dict[int, int] = {}
-
-    def add(self, leaf: Any) -> int:
-        """Column of a variable or parameter that is met for the first time."""
-        if leaf.is_variable_type() and not leaf.fixed:
-            column = len(self.variables)
-            self.variables.append(leaf)
-        else:
-            column = -1 - len(self.parameters)
-            self.parameters.append(leaf)
-        self.column_of[id(leaf)] = column
-        return column
 
 
 class _Part(NamedTuple):
@@ -82,18 +23,10 @@ class _Part(NamedTuple):
     factors: tuple[Any, ...]
 
 
-class _Encoded(NamedTuple):
-    """A term on its way into its group."""
-
-    code: Code
-    scale: float
-    columns: dict[int, int]
-    numbers: list[float]
-    parameters: list[tuple[int, int]]
-
-
 class Terms:
     """What is known of a set of rows: ``constants + linear part + sum of the groups``.
+
+    Add all rows first, then `group` the nonlinear terms.
 
     Parameters
     ----------
@@ -105,7 +38,7 @@ class Terms:
     linear_rows, linear_columns, linear_coefficients : list
         Triplets; a column ``-1 - i`` is the parameter i.
     constants : dict of row to float
-    groups : dict of code to TermGroup
+    groups : TermGroups
     named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
     """
 
@@ -115,9 +48,10 @@ class Terms:
         self.linear_columns: list[int] = []
         self.linear_coefficients: list[float] = []
         self.constants: dict[int, float] = {}
-        self.groups: dict[Code, TermGroup] = {}
         self.named_expressions: dict[int, tuple[Any, Any]] = {}
         self._kinds = NodeKinds()
+        self.groups = TermGroups(columns, self._kinds, self._content)
+        self._terms: list[NonlinearTerm] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
         """Add ``scale * expression`` to a row, in linear terms as far as possible.
@@ -130,8 +64,7 @@ class Terms:
         columns: list[int] = []
         coefficients: list[float] = []
         constant, parts = self._split(expression, scale, columns, coefficients)
-        terms = self._encode(parts) if parts else []
-        variable = any(column >= 0 for column in columns) or any(term.columns for term in terms)
+        variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
         if not (variable or keep_constant):
             return False
         if constant:
@@ -139,9 +72,26 @@ class Terms:
         self.linear_rows += [row] * len(columns)
         self.linear_columns += columns
         self.linear_coefficients += coefficients
-        for term in terms:
-            self._put_into_group(row, term)
+        if parts:
+            self._terms += _terms(row, parts)
         return variable
+
+    def group(self) -> None:
+        """Put the terms of all rows that were added into groups of one shape."""
+        self.groups.put(self._terms)
+        self._terms.clear()
+
+    def _has_variable(self, part: _Part) -> bool:
+        pending = [part.node, *part.factors]
+        while pending:
+            node = pending.pop()
+            kind = self._kinds[node.__class__]
+            if kind == LEAF:
+                if self.columns.of([node])[0] >= 0:
+                    return True
+            elif kind != CONSTANT:
+                pending += reversed(node._args_[: node._nargs] if kind == SUMMATION else node._args_)
+        return False
 
     def _split(
         self, expression: Any, scale: float, columns: list[int], coefficients: list[float]
@@ -212,85 +162,19 @@ class Terms:
         self.named_expressions[id(named)] = (named, expression)
         return expression
 
-    def _encode(self, parts: list[_Part]) -> list[_Encoded]:
-        if len(parts) == 1 and not parts[0].factors:
-            return [self._encode_term(parts[0].scale, [parts[0].node], [], [])]
-        if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
-            # What the scales have in common stays outside, so that elements of other widths have the same numbers.
-            common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
-            scales = [part.scale / common for part in parts] if common else [0.0] * len(parts)
-            return [
-                self._encode_term(common, [part.node for part in reversed(parts)], [SCALED_SUM + len(parts)], scales)
-            ]
-        return [
-            self._encode_term(
-                part.scale, [part.node, *part.factors], [FACTORS + 1 + len(part.factors)] if part.factors else [], []
-            )
-            for part in parts
-        ]
 
-    def _encode_term(self, scale: float, nodes: list[Any], code: list[Any], numbers: list[float]) -> _Encoded:
-        """Walk over the nodes of a term, the last of them first; consumes `nodes`, continues `code` and `numbers`."""
-        kinds, column_of = self._kinds, self.columns.column_of
-        columns: dict[int, int] = {}  # to the numbers of the variables within this term
-        parameters: list[tuple[int, int]] = []
-        places: dict[int, int] = {}
-        pop, put = nodes.pop, code.append
-        while nodes:
-            node = pop()
-            kind = kinds[node.__class__]
-            if kind == LEAF:
-                column = column_of.get(id(node))
-                if column is None:
-                    column = self.columns.add(node)
-                if column >= 0:
-                    number = columns.get(column)
-                    if number is None:
-                        number = columns[column] = -1 - len(columns)
-                    put(number)
-                else:
-                    put(NUMBER)
-                    parameters.append((len(numbers), -1 - column))
-                    numbers.append(0.0)
-                continue
-            if kind == CONSTANT:
-                put(NUMBER)
-                numbers.append(node)
-                continue
-            if kind == NAMED:
-                nodes.append(self._content(node))
-                continue
-            identity = id(node)
-            place = places.get(identity)
-            if place is not None:
-                # The same node again: a common subexpression, evaluated once, however often it is nested.
-                put(("same", place))
-                continue
-            places[identity] = len(code)
-            if kind == POWER and kinds[node._args_[1].__class__] == CONSTANT:
-                put(("**", node._args_[1]))
-                nodes.append(node._args_[0])
-            elif kind <= CHOICE:
-                put(kind)
-                nodes += reversed(node._args_)
-            elif kind == SUMMATION:
-                put(SUM + node._nargs)
-                nodes += reversed(node._args_[: node._nargs])
-            elif kind == FUNCTION:
-                put(function_name(node))
-                nodes.append(node._args_[0])
-            else:
-                put(comparison_name(node))
-                nodes += reversed(node._args_)
-        return _Encoded(tuple(code), scale, columns, numbers, parameters)
-
-    def _put_into_group(self, row: int, term: _Encoded) -> None:
-        group = self.groups.get(term.code)
-        if group is None:
-            group = self.groups[term.code] = TermGroup(term.code, len(term.columns), len(term.numbers))
-        start = len(group.numbers)
-        group.rows.append(row)
-        group.scales.append(term.scale)
-        group.columns += term.columns
-        group.numbers += term.numbers
-        group.parameters += [(start + place, parameter) for place, parameter in term.parameters]
+def _terms(row: int, parts: list[_Part]) -> list[NonlinearTerm]:
+    """A short sum as one term, a long one as several."""
+    if len(parts) == 1 and not parts[0].factors:
+        return [NonlinearTerm(row, parts[0].scale, (parts[0].node,), None, ())]
+    if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
+        # What the scales have in common stays outside, so that elements of other widths have the same numbers.
+        common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
+        scales = tuple(part.scale / common if common else 0.0 for part in parts)
+        return [NonlinearTerm(row, common, tuple(part.node for part in parts), SCALED_SUM + len(parts), scales)]
+    return [
+        NonlinearTerm(
+            row, part.scale, (*part.factors, part.node), FACTORS + 1 + len(part.factors) if part.factors else None, ()
+        )
+        for part in parts
+    ]

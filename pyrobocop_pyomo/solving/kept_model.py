@@ -72,7 +72,6 @@ class KeptModel:
     def prepare(self) -> None:
         """Walk over the model again, whatever has changed on it; the next solve starts without multipliers."""
         self._written = WrittenModel(self.model, "mapped")
-        self._up_to_date = True
         self.outcome = None
         self.preparations += 1
 
@@ -115,13 +114,11 @@ class KeptModel:
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
-        if not self._up_to_date:
-            before = self._written.nlp
-            self._written.update()
-            if self._written.nlp is not before:
-                self.outcome = None
-                self.preparations += 1
-        self._up_to_date = False
+        before = self._written.nlp
+        self._written.update()  # also before the first solve: numbers may have changed since the model was prepared
+        if self._written.nlp is not before:
+            self.outcome = None
+            self.preparations += 1
         last = self.outcome if warm and self.outcome is not None and self.outcome.status.solved else None
         chosen: dict[str, Any] = {} if last is None else {**WARM_START_OPTIONS, "mu_init": mu}
         chosen |= {**self._options, **(options or {})}

@@ -20,8 +20,9 @@ from pyomo.repn.util import categorize_valid_components
 
 from pyrobocop_pyomo.errors import ModelError
 
-from .expression_terms import Columns, Terms
+from .expression_terms import Terms
 from .model_checks import refuse_discrete, single_objective
+from .term_groups import Columns
 
 # An ExternalFunction or a Port does nothing by itself.
 _SEEN = {Block, Objective, Constraint, Var, Param, Expression, Set, RangeSet, Suffix, ExternalFunction, Port}
@@ -105,6 +106,8 @@ def collect_terms(model: BlockData) -> ModelTerms:
         if objective is not None:
             found.cost.add(0, objective.expr, found.sign, keep_constant=True)
             found.cost.named_expressions[id(objective)] = (objective, objective._args_[0])
+        found.rows.group()
+        found.cost.group()
     refuse_discrete(model, found.variables)
     return found
 

@@ -156,6 +156,7 @@ def solve(
         best_step=attempt.best,
         solver=session.solver,
         derivatives=session.derivatives,
+        judging_seconds=attempt.judging_seconds,
         seconds=time.perf_counter() - started,
     )
 
@@ -182,6 +183,7 @@ class _Attempt:
         self._best_values: list[float | None] = self._start
         self.stop_reason = StopReason.FINISHED
         self.stationarity: float | None = None
+        self.judging_seconds = 0.0
 
     def go(self, schedule: Schedule | None, shiftable: bool, started: float, time_limit: float | None) -> None:
         def left() -> float | None:
@@ -224,6 +226,7 @@ class _Attempt:
                 return
 
     def _take(self, run: Run) -> Step:
+        started = time.perf_counter()
         residuals = self.residuals()
         step = Step(
             label=run.label,
@@ -238,6 +241,7 @@ class _Attempt:
             largest_natural_residual=max((abs(each.natural) for each in residuals), default=0.0),
             path=run.path,
         )
+        self.judging_seconds += time.perf_counter() - started
         self.steps.append(step)
         self._bar.line(str(step))
         logger.info("%s", step)

@@ -107,8 +107,10 @@ class SolveResult:
         Which Ipopt was used.
     derivatives : str
         Where its derivatives came from.
+    judging_seconds : float
+        Elapsed in recomputing residuals after each step.
     seconds : float
-        Elapsed time, writing included.
+        Elapsed time in all, writing included.
     """
 
     name: str
@@ -122,6 +124,7 @@ class SolveResult:
     best_step: int
     solver: str
     derivatives: str
+    judging_seconds: float
     seconds: float
 
     @property

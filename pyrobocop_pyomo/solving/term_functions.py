@@ -10,8 +10,8 @@ import numpy as np
 from pyrobocop_pyomo.optional_imports import casadi
 
 from .expression_codes import comparisons, decoded
-from .expression_terms import TermGroup
 from .nonlinear_program import FloatArray
+from .term_groups import TermGroup
 from .vectorised_function import InterpretedFunction, VectorisedFunction
 
 # Shapes with fewer terms than this share one function: one of its own would do little at each of its steps.

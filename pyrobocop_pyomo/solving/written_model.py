@@ -33,6 +33,11 @@ from .nonlinear_program import FloatArray, NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
+# How a model is written wherever this package writes one. Named expressions are written out: where nested ones are
+# shared by rows and objective, ASL's Jacobian comes out wrong (Ipopt's derivative test finds it too). Presolving and
+# scaling in the writer would alter the multipliers of a warm start.
+WRITER_OPTIONS = {"linear_presolve": False, "scale_model": False, "export_defined_variables": False}
+
 # Suffixes stand between the header and the first expression. CasADi refuses them, and nothing here needs them:
 # multipliers are read from the model itself.
 _SUFFIX_SEGMENT = re.compile(r"^S\d+ (\d+) .*\n", re.MULTILINE)
@@ -117,7 +122,7 @@ class WrittenModel:
     def _write(self, build: Callable[[Path, list[str]], NonlinearProgram]) -> None:
         started = time.perf_counter()
         text = io.StringIO()
-        info = NLWriter().write(self.model, text, linear_presolve=False, scale_model=False)
+        info = NLWriter().write(self.model, text, **WRITER_OPTIONS)
         self.variables, self.constraints = info.variables, info.constraints
         refuse_discrete(self.model, self.variables)
         self.seconds_writing = time.perf_counter() - started

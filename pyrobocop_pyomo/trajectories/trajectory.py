@@ -150,7 +150,7 @@ class Trajectory:
 
     def element_states(self, name: str) -> Array:
         """A state per element at its nodes, the element start first, shape ``(N, nodes)``."""
-        return self.states[name][self._positions(self.grid.times, self.grid.node_times)]
+        return self.states[name][self.grid.node_positions]
 
     def element_signals(self, name: str) -> Array:
         """An algebraic or control per element at the stages, shape ``(N, s)``."""
@@ -161,12 +161,7 @@ class Trajectory:
         return self._per_stage(self.rates[name])
 
     def _per_stage(self, values: Array) -> Array:
-        return values[self._positions(self.grid.points, self.grid.stage_times)]
-
-    @staticmethod
-    def _positions(times: tuple[float, ...], per_element: tuple[tuple[float, ...], ...]) -> NDArray[np.int64]:
-        position = {time: i for i, time in enumerate(times)}
-        return np.array([[position[time] for time in row] for row in per_element])
+        return values[self.grid.stage_positions]
 
     def verify(self, phase: Any = None) -> Any:
         """Judge these values by the equations of a phase, recomputed independently of the solver.

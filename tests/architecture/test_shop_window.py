@@ -12,10 +12,10 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    Algebraic Complementarity Control Duration Fixed FollowBarrier Geometric Grid JoinedTrajectory Link Mesh
-    Parameter Penalty PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SequenceRanking
+    Algebraic Complementarity Control Diagnosis Duration Fixed FollowBarrier Geometric Grid JoinedTrajectory Link
+    Mesh Parameter Penalty PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SequenceRanking
     SolveFailed SolveResult SquareSlider Start State StopReason Trajectory Verification __version__ active_pairs
-    available_routes complements draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre
+    available_routes complements diagnose draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre
     join_trajectories lobatto mode_sequences radau solve solve_sequences
 """
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.solving.expression_codes import decoded
-from pyrobocop_pyomo.solving.expression_terms import Columns, Terms
+from pyrobocop_pyomo.solving.expression_terms import Terms
 from pyrobocop_pyomo.solving.model_terms import collect_terms
+from pyrobocop_pyomo.solving.term_groups import Columns
 
 
 def values_of_rows(terms: Terms, columns: Columns, count: int) -> np.ndarray:
@@ -62,6 +63,7 @@ def test_random_expressions_keep_their_values(rows, scale):
     terms = Terms(columns)
     for i, row in enumerate(rows):
         terms.add(i, row, scale, keep_constant=True)
+    terms.group()
     expected = [scale * pyo.value(row) for row in rows]
     assert values_of_rows(terms, columns, len(rows)) == pytest.approx(expected, rel=1e-10, abs=1e-10)
 
@@ -91,6 +93,7 @@ def test_common_subexpressions_are_visited_once():
     columns = Columns()
     terms = Terms(columns)
     assert terms.add(0, node)
+    terms.group()
     assert len(next(iter(terms.groups))) < 200
     assert values_of_rows(terms, columns, 1)[0] == pytest.approx(plain)
 
@@ -104,6 +107,7 @@ def test_deep_expressions_need_no_recursion():
     columns = Columns()
     terms = Terms(columns)
     assert terms.add(0, node)
+    terms.group()
     plain = 0.5
     for _ in range(5000):
         plain = np.sin(plain)

@@ -1,0 +1,56 @@
+"""Counts: how many variables, rows, pairs, and what they leave to choose."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.mpec import Complementarity as PyomoComplementarity
+
+from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.phases import Control, PhaseBlockData
+from pyrobocop_pyomo.phases.controls import variables_name
+
+from .findings import DegreesOfFreedom
+
+
+def phases_of(block: Any) -> list[Any]:
+    """The active phases of a model, or a phase itself."""
+    return [
+        each for each in block.block_data_objects(active=True, descend_into=Block) if isinstance(each, PhaseBlockData)
+    ]
+
+
+def degrees_of_freedom(block: Any) -> DegreesOfFreedom:
+    """Count a block with all its active blocks."""
+    # By identity: a control that is held is the same variable under two names.
+    variables = {id(data): data for data in block.component_data_objects(Var, descend_into=Block)}
+    rows = list(block.component_data_objects(Constraint, active=True, descend_into=Block))
+    equalities = sum(row.equality for row in rows)
+    pairs = sum(
+        len(component)
+        for ctype in (Complementarity, PyomoComplementarity)
+        for component in block.component_objects(ctype, descend_into=Block)
+    )
+    return DegreesOfFreedom(
+        name=block.name,
+        variables=len(variables),
+        fixed=sum(data.fixed for data in variables.values()),
+        equalities=equalities,
+        inequalities=len(rows) - equalities,
+        pairs=pairs,
+        controls=len(_controls(block)),
+    )
+
+
+def _controls(block: Any) -> set[int]:
+    return {
+        id(data)
+        for phase in phases_of(block)
+        for name, declaration in phase.record.declarations.items()
+        if isinstance(declaration, Control)
+        for data in phase.component(variables_name(name, declaration)).values()
+        if not data.fixed
+    }

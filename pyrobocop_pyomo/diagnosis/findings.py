@@ -1,0 +1,186 @@
+"""What a diagnosis says: findings with a severity, names and a remedy, for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from pyomo.core.base.suffix import Suffix
+
+from pyrobocop_pyomo.errors import ModelError
+
+
+class Severity(Enum):
+    """How much a finding matters; the values are what a report shows."""
+
+    ERROR = "error"
+    WARNING = "warning"
+    ADVICE = "advice"
+
+
+class Subject(Enum):
+    """What a finding is about."""
+
+    STATEMENT = "what was stated"
+    INDEX = "structural index"
+    UNDETERMINED = "undetermined variables"
+    DEPENDENT = "dependent equations"
+    CONTRADICTION = "contradicting equations"
+    START = "start and end values"
+    DATA = "numbers"
+    UNITS = "units"
+    SCALING = "scaling"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong, or could be better.
+
+    Attributes
+    ----------
+    severity : Severity
+    subject : Subject
+    message : str
+        What was found, with names and numbers.
+    components : tuple of str
+        Names of the components and equations concerned, as in the model.
+    remedy : str
+        What to do about it.
+    time : float or None
+        The time index at which it shows, where there is one.
+    """
+
+    severity: Severity
+    subject: Subject
+    message: str
+    components: tuple[str, ...]
+    remedy: str
+    time: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.severity.value}, {self.subject.value}: {self.message} {self.remedy}"
+
+
+@dataclass(frozen=True)
+class DegreesOfFreedom:
+    """Counts of a phase or of a whole model.
+
+    Attributes
+    ----------
+    name : str
+    variables, fixed : int
+        All variables, and those among them that are fixed.
+    equalities, inequalities : int
+        Active constraints.
+    pairs : int
+        Complementarity pairs, relaxed or not.
+    controls : int
+        Variables of declared controls that are not fixed.
+    """
+
+    name: str
+    variables: int
+    fixed: int
+    equalities: int
+    inequalities: int
+    pairs: int
+    controls: int
+
+    @property
+    def degrees(self) -> int:
+        """Variables that may move, less equalities."""
+        return self.variables - self.fixed - self.equalities
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: {self.variables} variables ({self.fixed} fixed), {self.equalities} equalities, "
+            f"{self.inequalities} inequalities, {self.pairs} pairs: {self.degrees} degrees of freedom "
+            f"({self.controls} in controls)"
+        )
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found in a model; printing it shows everything.
+
+    Attributes
+    ----------
+    name : str
+        Of the model or the phase.
+    findings : tuple of Finding
+        The worst first.
+    degrees_of_freedom : tuple of DegreesOfFreedom
+        One per phase, and the last of everything together.
+    scaling_factors : mapping of component name to float
+        Powers of ten by which variables and rows could be multiplied to be of size one; only components that need it.
+    remarks : tuple of str
+        What could not be judged, and why.
+    """
+
+    name: str
+    findings: tuple[Finding, ...]
+    degrees_of_freedom: tuple[DegreesOfFreedom, ...]
+    scaling_factors: Mapping[str, float] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    def about(self, subject: Subject) -> list[Finding]:
+        """The findings on one subject."""
+        return [finding for finding in self.findings if finding.subject is subject]
+
+    @property
+    def errors(self) -> list[Finding]:
+        """What has to be changed before a solve can succeed."""
+        return [finding for finding in self.findings if finding.severity is Severity.ERROR]
+
+    def raise_for_errors(self) -> None:
+        """Raise a `ModelError` with all errors, if there are any.
+
+        Raises
+        ------
+        ModelError
+            When `errors` is not empty.
+        """
+        if self.errors:
+            raise ModelError(f"'{self.name}': " + "\n".join(map(str, self.errors)))
+
+    def write_scaling(self, model: Any) -> Any:
+        """Write `scaling_factors` into the suffix ``scaling_factor`` of a model, which is made if need be.
+
+        Factors that the suffix holds already are kept. Ipopt reads the suffix with the option
+        ``nlp_scaling_method="user-scaling"``; Pyomo's transformation ``core.scale_model`` reads it too.
+
+        Returns
+        -------
+        Suffix
+
+        Raises
+        ------
+        ModelError
+            When the model has a component ``scaling_factor`` that is no suffix, or lacks a component of this diagnosis.
+        """
+        suffix = model.component("scaling_factor")
+        if suffix is None:
+            suffix = Suffix(direction=Suffix.EXPORT, datatype=Suffix.FLOAT)
+            model.add_component("scaling_factor", suffix)
+        elif suffix.ctype is not Suffix:
+            raise ModelError(f"'{model.name}': its component 'scaling_factor' is no suffix. Rename it.")
+        for name, factor in self.scaling_factors.items():
+            component = model.find_component(name)
+            if component is None:
+                raise ModelError(f"'{model.name}' has no component '{name}'. Diagnose this model, and write it there.")
+            # Per row and variable: what reads the suffix does not always look at the component as a whole.
+            for data in component.values():
+                suffix.setdefault(data, factor)
+        return suffix
+
+    def __str__(self) -> str:
+        worst = f"{len(self.errors)} errors, {len(self.findings) - len(self.errors)} other findings"
+        lines = [f"Diagnosis of '{self.name}': {worst}", *(f"  {each}" for each in self.degrees_of_freedom)]
+        for finding in self.findings:
+            lines += [
+                f"- {finding.severity.value}, {finding.subject.value}: {finding.message}",
+                f"    {finding.remedy}",
+            ]
+        return "\n".join([*lines, *(f"  not judged: {remark}" for remark in self.remarks)])

@@ -1,0 +1,53 @@
+"""Advice on scaling: which rows and variables are of another size than the rest, and by which factors."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .findings import Finding, Severity, Subject
+from .linearisation import Linearisation, equilibrate
+
+# Ipopt scales gradients above 100 down by itself: what is off by less than three orders of magnitude hardly matters.
+ORDERS = 3
+
+
+def scaling_advice(linearisation: Linearisation) -> tuple[list[Finding], dict[str, float]]:
+    """Findings, and powers of ten by which components could be multiplied."""
+    rows = [row for row in linearisation.rows if row.gradient and row.is_finite]
+    if not rows:
+        return [], {}
+    jacobian = linearisation.jacobian(rows)
+    row_factors, column_factors = equilibrate(jacobian)
+    used = np.flatnonzero(np.diff(jacobian.tocsc().indptr))
+    by_component = _by_component((row.data for row in rows), row_factors)
+    # A variable of typical size 1000 is multiplied by 0.001: the inverse of its column's factor.
+    by_component |= _by_component((linearisation.variables[j] for j in used), 1.0 / column_factors[used])
+    factors = {name: 10.0**order for name, order in by_component.items() if abs(order) >= ORDERS}
+    if not factors:
+        return [], {}
+    largest = abs(jacobian).max(axis=1).toarray().ravel()
+    worst, least = rows[int(largest.argmax())], rows[int(largest.argmin())]
+    named = sorted(factors, key=lambda name: -abs(math.log10(factors[name])))
+    shown = ", ".join(f"'{name}' by {factors[name]:.0e}" for name in named[:6])
+    shown += f" and {len(named) - 6} more" if len(named) > 6 else ""
+    finding = Finding(
+        Severity.ADVICE,
+        Subject.SCALING,
+        f"the largest derivative in a row ranges from {largest.min():.1e} in '{least.data.name}' to "
+        f"{largest.max():.1e} in '{worst.data.name}'. Multiply {shown}.",
+        tuple(named),
+        "Choose units in which values are of size one, or call write_scaling(model) and set Ipopt's "
+        "nlp_scaling_method to 'user-scaling'.",
+    )
+    return [finding], factors
+
+
+def _by_component(data: Any, factors: np.ndarray) -> dict[str, int]:
+    """Mean order of magnitude per component."""
+    collected: dict[str, list[float]] = {}
+    for each, factor in zip(data, factors.tolist(), strict=True):
+        collected.setdefault(each.parent_component().name, []).append(math.log10(factor))
+    return {name: round(sum(orders) / len(orders)) for name, orders in collected.items()}

@@ -1,0 +1,1 @@
+"""Problems with known answers, and models that are wrong in a known way."""

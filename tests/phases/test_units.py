@@ -1,0 +1,94 @@
+"""Units: where they are given, the transcribed rows are consistent, and a wrong one shows."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.core.base.units_container import UnitsError
+from pyomo.util.check_units import assert_units_consistent, assert_units_equivalent
+
+import pyrobocop_pyomo as rcp
+
+U = pyo.units
+
+HORIZONS = {
+    "fixed": {"duration": 2},
+    "free": {"duration": rcp.Duration(bounds=(1, 3))},
+    "later": {"duration": 2, "start": rcp.Start(bounds=(0, 1))},
+    "moving": {"duration": 2, "moving": (0.5, 2)},
+}
+
+
+def cart(**options: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel("cart")
+    m.p = b = rcp.PhaseBlock(**{"elements": 4, "time_units": U.s, **options})
+    b.x = rcp.State(initial=0, final=1, units=U.m)
+    b.v = rcp.State(initial=0, units=U.m / U.s, derivative_bounds=(-3, 3))
+    b.f = rcp.Control(units=U.N, parametrization="piecewise_linear", rate_bounds=(-50, 50))
+    b.drag = rcp.Algebraic(units=U.N)
+    b.mass = rcp.Parameter(units=U.kg, bounds=(1, 2), guess=1)
+    b.ode(newton)
+    b.residual(air)
+    m.work = pyo.Objective(expr=b.integral(power))
+    return m
+
+
+def newton(b: Any, t: float) -> Any:
+    return {b.x: b.v[t], b.v: (b.f[t] - b.drag[t]) / b.mass}
+
+
+def air(b: Any, t: float) -> Any:
+    return b.drag[t] == 0.1 * U.N * U.s**2 / U.m**2 * b.v[t] ** 2 * (1 + b.clock(t) / U.s)
+
+
+def power(b: Any, t: float) -> Any:
+    return b.f[t] * b.v[t]
+
+
+@pytest.mark.parametrize("horizon", HORIZONS)
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
+def test_transcribed_rows_and_integrals_are_consistent(horizon: str, scheme: str) -> None:
+    m = cart(scheme=scheme, **HORIZONS[horizon])
+    assert_units_consistent(m)
+    assert_units_equivalent(m.work.expr, U.J)
+    assert_units_equivalent(m.p.clock(0.5), U.s)
+    assert rcp.diagnose(m).errors == []
+
+
+@pytest.mark.parametrize("horizon", HORIZONS)
+def test_units_survive_clone_and_pickle(horizon: str) -> None:
+    m = cart(**HORIZONS[horizon])
+    for copy in (m.clone(), pickle.loads(pickle.dumps(m))):
+        assert_units_consistent(copy)
+        assert copy.p.record.time_units is not None
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("horizon", HORIZONS)
+def test_units_change_no_number(horizon: str) -> None:
+    with_units = cart(**HORIZONS[horizon])
+    rcp.solve(with_units).raise_for_status()
+    assert with_units.p.trajectory().verify().largest_violation < 1e-6
+    assert pyo.value(with_units.p.x[with_units.p.final_time]) == pytest.approx(1.0)
+
+
+def test_a_wrong_unit_shows_in_the_row_that_has_it() -> None:
+    m = cart(duration=2)
+
+    def fast(b, t):
+        return b.v[t] <= 3 * U.N
+
+    m.p.constraint(fast)
+    with pytest.raises(UnitsError):
+        assert_units_consistent(m)
+    (finding,) = rcp.diagnose(m).errors
+    assert finding.components == ("p.fast",)
+
+
+def test_without_time_units_a_rate_in_metres_per_second_is_refused_by_pyomo() -> None:
+    m = cart(duration=2, time_units=None)
+    with pytest.raises(UnitsError):
+        assert_units_consistent(m.p.x_collocation)
