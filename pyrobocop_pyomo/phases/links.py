@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,9 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import LinkError, TranscriptionError
+from pyrobocop_pyomo.errors import LinkError
 
-from .declarations import Parameter
+from .continuing import listed, omitted_states, shared_parameter, states_given, states_of_both
 from .jumps import sort_jump
 from .phase_block import IndexedPhaseBlock, PhaseBlock, PhaseBlockData
 from .phase_end import PhaseEnd
@@ -90,17 +90,18 @@ class LinkData(BlockData):
     def _what(self) -> str:
         return f"link '{self.name}' from '{self.first.name}' to '{self.second.name}'"
 
-    def _build(
-        self, phases: Any, *, states: Any, omit: Iterable[Any], jump: Rule | None, parameters: Iterable[Any]
-    ) -> None:
+    def _build(self, phases: Any, *, states: Any, omit: list[Any], jump: Rule | None, parameters: list[Any]) -> None:
         self._ends = _Ends(*_two_phases(self, phases))
         pre, post = self.pre, self.post
         jumped, relations = sort_jump(self._what, self.second, pre, post, jump)
         determined = {*jumped, *relations.determined}
+        joined = (self._what, self.first, self.second)
         if states is None:
-            continued = self._states_of_both(determined, self._names_to_omit(omit), pre._read)
+            continued = states_of_both(*joined, determined, omitted_states(*joined, omit), pre._read)
+        elif omit:
+            raise LinkError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
         else:
-            continued = self._states_given(states, determined, omit)
+            continued = states_given(*joined, states, determined)
         self.continuity = Constraint(list(continued))
         for name, source in continued.items():
             self._add(self.continuity, name, getattr(pre, source), getattr(post, name))
@@ -109,7 +110,7 @@ class LinkData(BlockData):
             self._add(self.jump, name, expression, getattr(post, name))
         for label, relation in relations.rows.items():
             self.jump.add(label, relation)
-        names = [self._parameter_name(each) for each in parameters]
+        names = [shared_parameter(*joined, each) for each in parameters]
         self.shared = Constraint(names)
         for name in names:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))
@@ -122,66 +123,6 @@ class LinkData(BlockData):
                 f"{self._what}: '{before}' has the fixed value {value(before):g}, but '{after.name}' is fixed at "
                 f"{after.value:g}. Leave one of them free, or state how '{name}' jumps."
             )
-
-    def _states_of_both(self, determined: set[str], omitted: set[str], read: set[str]) -> dict[str, str]:
-        before, after = self.first.record.names_of_states, self.second.record.names_of_states
-        continued = {name: name for name in after if name in before and name not in determined | omitted}
-        for name in after:
-            start = self.second.component(name)[self.second.initial_time]
-            if name not in continued and name not in determined | omitted and not start.fixed:
-                raise LinkError(
-                    f"{self._what}: nothing gives the start of state '{name}'; '{self.first.name}' has the states "
-                    f"{', '.join(before) or 'none'}. Give '{name}' in jump=, or leave it alone by omit=['{name}']."
-                )
-        for name in before:
-            if name not in continued.values() and name not in read | omitted | determined:
-                raise LinkError(
-                    f"{self._what}: state '{name}' of '{self.first.name}' goes nowhere; '{self.second.name}' has the "
-                    f"states {', '.join(after) or 'none'}. Use it in jump=, or leave it alone by omit=['{name}']."
-                )
-        return continued
-
-    def _states_given(self, states: Any, determined: set[str], omit: Iterable[Any]) -> dict[str, str]:
-        if list(omit):
-            raise LinkError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
-        given = states.items() if isinstance(states, Mapping) else [(each, each) for each in _listed(states)]
-        continued: dict[str, str] = {}
-        for source, target in given:
-            before, after = self._state_name(self.first, source), self._state_name(self.second, target)
-            if after in determined | set(continued):
-                raise LinkError(f"{self._what}: the start of state '{after}' is given twice. Take it out of states=.")
-            continued[after] = before
-        return continued
-
-    def _state_name(self, phase: Any, state: Any) -> str:
-        # A list of states may name them by the variables of either phase.
-        name = state if isinstance(state, str) else getattr(state, "local_name", state)
-        try:
-            return phase.state_name(name)
-        except TranscriptionError as error:
-            raise LinkError(f"{self._what}: {error}") from None
-
-    def _names_to_omit(self, omit: Iterable[Any]) -> set[str]:
-        names = {each if isinstance(each, str) else each.local_name for each in _listed(omit)}
-        for name in names:
-            if name not in self.first.record.names_of_states and name not in self.second.record.names_of_states:
-                raise LinkError(f"{self._what}: omit= names '{name}', which is a state of neither phase.")
-        return names
-
-    def _parameter_name(self, parameter: Any) -> str:
-        name = parameter if isinstance(parameter, str) else parameter.local_name
-        for phase in (self.first, self.second):
-            known = phase.record.names(Parameter)
-            if name not in known:
-                raise LinkError(
-                    f"{self._what}: '{name}' is no parameter of '{phase.name}'; its parameters are "
-                    f"{', '.join(known) or 'none'}."
-                )
-        return name
-
-
-def _listed(names: Any) -> list[Any]:
-    return [names] if isinstance(names, str) else list(names)
 
 
 def _two_phases(link: LinkData, given: Any) -> tuple[PhaseBlockData, PhaseBlockData]:
@@ -301,7 +242,7 @@ class Link(Block):
         **kwds: Any,
     ) -> None:
         sets, joined = _sort_arguments(args, phases)
-        options = {"states": states, "omit": _listed(omit), "jump": jump, "parameters": _listed(parameters)}
+        options = {"states": states, "omit": listed(omit), "jump": jump, "parameters": listed(parameters)}
         super().__init__(*sets, rule=_BuildLink(joined, options, rule), **kwds)
 
     def construct(self, data: Any = None) -> None:

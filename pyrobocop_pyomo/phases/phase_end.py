@@ -6,6 +6,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import LinkError
 
+from .controls import variables_name
 from .declarations import Algebraic, Control, State
 
 
@@ -13,7 +14,8 @@ class PhaseEnd:
     """What a phase declares, at its start or at its end, as attributes.
 
     A state is its variable there, a parameter its variable. An algebraic or control is the value of its polynomial,
-    which a scheme without a point at that end extrapolates from its first or last element. Other components of the
+    which a scheme without a point at that end extrapolates from its first or last element; a linear one has a knot
+    there. Other components of the
     phase are handed over too, those indexed by time at that time. `duration` is that of the phase.
 
     Parameters
@@ -56,6 +58,9 @@ class PhaseEnd:
         declaration = declared.get(name)
         if isinstance(declaration, State):
             return component[self._index]
+        if isinstance(declaration, Control) and declaration.parametrization == "piecewise_linear":
+            knots = self._phase.component(variables_name(name, declaration))
+            return knots[len(knots) - 1 if self._last else 0]
         if isinstance(declaration, (Algebraic, Control)):
             return self._polynomial(component)
         return component[self._index] if component.is_indexed() and self._index in component else component

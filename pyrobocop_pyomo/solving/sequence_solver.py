@@ -79,7 +79,8 @@ def solve_sequences(
         done[outcome.number] = outcome
         found = f"objective {outcome.objective:.7g}" if outcome.feasible else outcome.reason
         bar.line(f"{len(done)}/{len(tasks)} {' - '.join(outcome.sequence)}: {outcome.standing}, {found}")
-        bar.live(f"{len(tasks) - len(done)} sequences left")
+        if len(done) < len(tasks):
+            bar.live(f"{len(tasks) - len(done)} left")
         return True
 
     if workers == 1:

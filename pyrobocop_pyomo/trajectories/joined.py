@@ -201,4 +201,7 @@ def _moved(part: Trajectory, start: float) -> Trajectory:
     if boundaries[0] == start:
         return part
     mesh = Mesh(tuple(start + (boundary - boundaries[0]) for boundary in boundaries))
-    return replace(part, grid=Grid(part.grid.scheme, mesh))
+    linear = {
+        name: np.array([start + (times - boundaries[0]), values]) for name, (times, values) in part.linear.items()
+    }
+    return replace(part, grid=Grid(part.grid.scheme, mesh), linear=linear)

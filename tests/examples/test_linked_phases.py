@@ -1,0 +1,113 @@
+"""Examples with linked phases, held to what is known about them in closed form."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+pytestmark = pytest.mark.casadi
+
+
+def example(name: str) -> Any:
+    return type(name, (), {key: staticmethod(value) if callable(value) else value for key, value in _run(name).items()})
+
+
+def _run(name: str) -> dict[str, Any]:
+    return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name=name)
+
+
+@pytest.mark.parametrize("elements", [1, 3])
+def test_a_dropped_ball_meets_the_floor_when_it_must(elements: int) -> None:
+    ball = example("bouncing_ball")
+    m = ball.build("drop", bounces=4, elements=elements)
+    rcp.solve(m).raise_for_status()
+    joined = rcp.join_trajectories(m.flights.values())
+    assert joined.boundaries[1:] == pytest.approx(ball.impact_times(4), abs=1e-8)
+    assert max(link.violation for link in m.impacts.values()) < 1e-8
+    assert joined.x[-1] == pytest.approx(0.5 * joined.duration, abs=1e-8)
+    for part in joined.parts:
+        assert part.verify().largest_violation < 1e-8
+        assert part.verify().horizon_error < 1e-8
+
+
+@pytest.mark.parametrize("bounces", [1, 2, 5])
+def test_the_slowest_throw_is_that_of_the_formula(bounces: int) -> None:
+    ball = example("bouncing_ball")
+    m = ball.build("throw", bounces=bounces)
+    rcp.solve(m).raise_for_status()
+    assert pyo.value(m.squared_speed) == pytest.approx(ball.smallest_squared_speed(bounces), abs=1e-8)
+    assert m.flights[0].v_x[0].value == pytest.approx(m.flights[0].v_y[0].value, rel=1e-5)
+
+
+def energy(m: pyo.ConcreteModel) -> tuple[float, float]:
+    """Of the body, at the end of stance and at the start of flight."""
+    pre, post = m.lift_off.pre, m.lift_off.post
+    leg = 0.5 * (pre.leg_rate.value**2 + (pre.leg.value * pre.angle_rate.value) ** 2)
+    leg += 9.81 * pre.leg.value * np.cos(pre.angle.value)
+    return leg, 0.5 * (post.v_x.value**2 + post.v_y.value**2) + 9.81 * post.y.value
+
+
+@pytest.mark.parametrize("case", ["leap", "gait"])
+def test_the_hopper_loses_no_energy_at_lift_off_and_verifies(case: str) -> None:
+    m = example("hopper").build(case)
+    rcp.solve(m).raise_for_status()
+    assert m.lift_off.violation < 1e-8
+    before, after = energy(m)
+    assert after == pytest.approx(before, abs=1e-7)
+    for phase in (m.stance, m.flight):
+        assert phase.trajectory().verify().largest_violation < 1e-7
+        assert phase.trajectory().verify().horizon_error < 1e-6
+
+
+def test_the_gait_closes_in_all_but_the_distance() -> None:
+    m = example("hopper").build("gait")
+    rcp.solve(m).raise_for_status()
+    stance, flight = m.stance.trajectory(), m.flight.trajectory()
+    angle, leg = stance.angle[-1], stance.leg[-1]
+    assert leg * np.cos(angle) == pytest.approx(flight.y[0], abs=1e-8)
+    assert stance.leg_rate[-1] * np.sin(angle) + leg * stance.angle_rate[-1] * np.cos(angle) == pytest.approx(
+        flight.v_x[0], abs=1e-8
+    )
+    stride = stance.foot + leg * np.sin(angle)
+    assert stride == pytest.approx(3.0 * (stance.duration + flight.duration), abs=1e-7)
+    assert m.touch_down.violation < 1e-8
+
+
+def test_a_leap_reaches_the_ledge_and_its_flight_is_a_parabola() -> None:
+    m = example("hopper").build("leap")
+    rcp.solve(m).raise_for_status()
+    flight = m.flight.trajectory()
+    assert (flight.x[-1], flight.y[-1]) == pytest.approx((0.6, 1.5), abs=1e-9)
+    assert flight.duration == pytest.approx(flight.v_y[0] / 9.81, abs=1e-9)
+    assert flight.y[-1] - flight.y[0] == pytest.approx(flight.v_y[0] ** 2 / (2 * 9.81), abs=1e-9)
+
+
+def test_without_damping_the_run_costs_nothing() -> None:
+    """A spring-loaded pendulum runs by itself: the motor of the periodic gait rests."""
+    hopper = _run("hopper")
+    hopper["ground_force"].__globals__["DAMPING"] = 0.0
+    m = hopper["build"]("gait")
+    rcp.solve(m).raise_for_status()
+    assert pyo.value(m.effort_per_distance) == pytest.approx(0.0, abs=1e-6)
+    assert np.abs(m.stance.trajectory().motor).max() < 1e-2
+
+
+def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
+    pushing = example("mode_enumeration")
+    sequences = rcp.mode_sequences(["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after)
+    times = {each: rcp.solve(pushing.build(each, elements=6)) for each in sequences}
+    ranking = rcp.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
+    best = min((each for each in sequences if times[each].solved), key=lambda each: times[each].objective)
+    assert ranking[0].sequence == best
+    assert pyo.value(ranking.best.total_time) == pytest.approx(times[best].objective, rel=1e-9)
+    for phase in ranking.best.pushes.values():
+        assert phase.trajectory().verify().largest_violation < 1e-6

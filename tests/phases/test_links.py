@@ -1,0 +1,474 @@
+"""Joined phases are one motion: what is cut and linked, jumps or closes does so exactly."""
+
+from __future__ import annotations
+
+import io
+import math
+import pickle
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.phases import contents, solve
+from pyomo.core.expr.visitor import identify_variables
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import LinkError
+
+SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(2), rcp.lobatto(3)]
+each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+
+
+# ---------------------------------------------------------------- a phase cut in two
+
+
+def state_driven(b: Any, initial: float | None = None, final: float | None = None) -> None:
+    """A forced, unstable motion whose right-hand side and cost depend on time."""
+    b.x = rcp.State(initial=initial, final=final, guess=1)
+    b.v = rcp.State(initial=initial, guess=1)
+    b.u = rcp.Control()
+    b.ode(driven)
+
+
+def driven(b: Any, t: float) -> dict[Any, Any]:
+    return {b.x: b.v[t], b.v: pyo.sin(b.x[t]) * pyo.cos(2 * b.clock(t)) + b.u[t]}
+
+
+def running_cost(b: Any) -> Any:
+    return b.integral(lambda b, t: b.u[t] ** 2 + pyo.exp(-b.clock(t)) * b.x[t] ** 2)
+
+
+def uncut(scheme: rcp.Scheme, mesh: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.whole = rcp.PhaseBlock(duration=2, mesh=mesh, scheme=scheme)
+    state_driven(m.whole, initial=1, final=0.5)
+    m.cost = pyo.Objective(expr=running_cost(m.whole))
+    solve(m, 1e-11)
+    return m
+
+
+def same_control(pre: Any, post: Any) -> Any:
+    return post.u == pre.u
+
+
+@pytest.mark.casadi
+@each_scheme
+@pytest.mark.parametrize("kind", ["known start", "start of a phase", "free duration"])
+def test_a_phase_cut_in_two_and_linked_gives_the_uncut_cost_and_trajectory(scheme: rcp.Scheme, kind: str) -> None:
+    mesh = [0, 0.3, 0.8, 1.3, 2.0]
+    whole = uncut(scheme, mesh)
+    m = pyo.ConcreteModel()
+    if kind == "free duration":
+        normalised = [0, 0.375, 1.0]
+        m.a = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 1)), mesh=normalised, scheme=scheme)
+        m.a.duration.fix(0.8)
+        m.b = rcp.PhaseBlock(duration=1.2, start=m.a, mesh=[0, 0.5 / 1.2, 1.0], scheme=scheme)
+    else:
+        m.a = rcp.PhaseBlock(duration=0.8, mesh=mesh[:3], scheme=scheme)
+        m.b = rcp.PhaseBlock(duration=1.2, start=m.a if kind != "known start" else 0.8, mesh=mesh[2:], scheme=scheme)
+    state_driven(m.a, initial=1)
+    state_driven(m.b, final=0.5)
+    # Where neighbouring elements share a point, the uncut control has one value at the cut.
+    m.cut = rcp.Link(m.a, m.b, jump=same_control if m.a.grid.elements_share_points else None)
+    m.cost = pyo.Objective(expr=running_cost(m.a) + running_cost(m.b))
+    m.a.check()
+    m.b.check()
+    solve(m, 1e-11)
+    assert pyo.value(m.cost) == pytest.approx(pyo.value(whole.cost), abs=1e-8)
+    joined, reference = rcp.join_trajectories([m.a, m.b]), whole.whole.trajectory()
+    assert joined.boundaries == pytest.approx([0, 0.8, 2.0], abs=1e-14)
+    inner = np.linspace(0, 2, 37)  # none of them an element end, where a control may have two values
+    for name in ("x", "v", "u"):
+        assert joined(inner)[name] == pytest.approx(reference(inner)[name], abs=1e-7)
+    assert m.cut.violation < 1e-9
+    assert m.a.trajectory().verify().largest_violation < 1e-8
+    assert m.b.trajectory().verify().largest_violation < 1e-8
+    assert m.b.trajectory().time[0] == pytest.approx(0.8, abs=1e-14)
+
+
+@pytest.mark.casadi
+def test_free_durations_in_a_chain_pass_their_clock_on() -> None:
+    """x' = 2 clock over three phases of unknown length ends at the square of the whole time."""
+    m = pyo.ConcreteModel()
+    for name, before in (("one", 0.5), ("two", "one"), ("three", "two")):
+        start = m.component(before) if isinstance(before, str) else before
+        m.add_component(name, rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 3)), start=start, elements=1))
+        phase = m.component(name)
+        phase.x = rcp.State(initial=0.25 if name == "one" else None)
+        phase.ode(lambda b, t: {b.x: 2 * b.clock(t)})
+    m.joints = rcp.Link([1, 2], phases=lambda m, k: ((m.one, m.two), (m.two, m.three))[k - 1])
+    m.ends = pyo.ConstraintList()
+    for phase, end in ((m.one, 1.0), (m.two, 4.0), (m.three, 9.0)):
+        m.ends.add(phase.x[1] == end)
+    m.nothing = pyo.Objective(expr=0)
+    solve(m, 1e-12)
+    assert [p.duration.value for p in (m.one, m.two, m.three)] == pytest.approx([0.5, 1.0, 1.0], abs=1e-9)
+    assert pyo.value(m.three.clock(1)) == pytest.approx(3.0, abs=1e-9)
+    assert m.three.trajectory().time[[0, -1]] == pytest.approx([2.0, 3.0], abs=1e-9)
+    assert m.three.trajectory().verify().horizon_error < 1e-9
+    for copy in (m.clone(), pickle.loads(pickle.dumps(m.clone()))):
+        used = {id(v) for v in identify_variables(copy.three.clock(1))}
+        assert used == {id(p.duration) for p in (copy.one, copy.two, copy.three)}
+
+
+def test_a_start_that_is_no_number_is_refused() -> None:
+    m = pyo.ConcreteModel()
+    for start in ("later", float("nan"), None, [0.0]):
+        with pytest.raises(rcp.PyRobocopError, match="expected a finite number, .* or the phase before"):
+            m.p = rcp.PhaseBlock(start=start)
+        assert m.component("p") is None
+
+
+# ---------------------------------------------------------------- jumps
+
+
+def state_fall(b: Any, *index: Any) -> None:
+    b.height = rcp.State(final=0)
+    b.speed = rcp.State()
+    b.ode(fall)
+
+
+def fall(b: Any, t: float) -> dict[Any, Any]:
+    return {b.height: b.speed[t], b.speed: -9.81}
+
+
+def bounce(pre: Any, post: Any) -> dict[str, Any]:
+    return {"speed": -0.8 * pre.speed}
+
+
+def bounce_as_relation(pre: Any, post: Any) -> Any:
+    return post.speed == -0.8 * pre.speed
+
+
+def bouncing(jump: Any = bounce) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.falls = rcp.PhaseBlock([0, 1, 2], duration=rcp.Duration(bounds=(0.1, 2)), elements=1, rule=state_fall)
+    m.falls[0].height[0].fix(1)
+    m.falls[0].speed[0].fix(0)
+    m.impacts = rcp.Link(m.falls, jump=jump)
+    m.nothing = pyo.Objective(expr=0)
+    return m
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("jump", [bounce, bounce_as_relation, lambda pre, post: [bounce_as_relation(pre, post)]])
+def test_a_jump_holds_exactly_and_the_rest_continues(jump: Any) -> None:
+    m = bouncing(jump)
+    assert list(m.impacts) == [1, 2]
+    assert list(m.impacts[1].continuity) == ["height"]
+    solve(m, 1e-12)
+    first = math.sqrt(2 / 9.81)
+    exact = [first, 2 * first * 0.8, 2 * first * 0.64]
+    assert [b.duration.value for b in m.falls.values()] == pytest.approx(exact, abs=1e-10)
+    for link in m.impacts.values():
+        assert link.post.speed.value == pytest.approx(-0.8 * link.pre.speed.value, abs=1e-12)
+        assert link.post.height.value == pytest.approx(link.pre.height.value, abs=1e-12)
+        assert link.violation < 1e-10
+
+
+@pytest.mark.casadi
+def test_links_live_in_clones_and_pickles() -> None:
+    m = bouncing()
+    clone = m.clone()
+    back = pickle.loads(pickle.dumps(m))
+    for copy in (clone, back):
+        assert contents(copy) == contents(m)
+        assert copy.impacts[2].first is copy.falls[1]
+        assert copy.impacts[2].second is copy.falls[2]
+        rows = list(copy.impacts[1].component_data_objects(pyo.Constraint))
+        assert all(v.model() is copy for row in rows for v in identify_variables(row.body))
+        solve(copy, 1e-12)
+        assert copy.impacts[2].violation < 1e-10
+    assert m.falls[2].duration.value != clone.falls[2].duration.value
+
+
+def test_a_violation_is_measured_and_unknown_where_a_value_is_missing() -> None:
+    m = bouncing()
+    m.falls[0].height[1].unfix()
+    m.falls[0].height[1].set_value(0.25)
+    assert m.impacts[1].violation == 0.25
+    m.falls[0].height[1].set_value(None)
+    assert math.isnan(m.impacts[1].violation)
+
+
+def test_links_live_in_sub_blocks_abstract_models_and_prints() -> None:
+    a = pyo.AbstractModel()
+    a.first = rcp.PhaseBlock(rule=state_fall)
+    a.second = rcp.PhaseBlock(rule=state_fall)
+    a.link = rcp.Link(a.first, a.second, jump=bounce)
+    m = a.create_instance()
+    assert m.link.first is m.first
+    assert m.link.ctype is pyo.Block
+    m.house = pyo.Block()
+    m.house.link = rcp.Link(m.first, m.second)
+    assert len(m.house.link.continuity) == 2
+    text = io.StringIO()
+    m.pprint(ostream=text)
+    m.link.display(ostream=text)
+    assert "first.speed[1.0]" in text.getvalue()
+    with pytest.raises(LinkError, match="is not constructed yet"):
+        _ = a.link.first
+
+
+def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_own_components() -> None:
+    m = pyo.ConcreteModel()
+    for name, scheme in (("a", rcp.gauss_legendre(2)), ("b", rcp.radau(2))):
+        m.add_component(name, rcp.PhaseBlock(elements=2, scheme=scheme, duration=rcp.Duration(bounds=(1, 2), guess=2)))
+        p = m.component(name)
+        p.x, p.u, p.k = rcp.State(), rcp.Control(), rcp.Parameter(guess=3)
+        p.g = pyo.Param(initialize=10)
+        p.twice = pyo.Expression(p.time, rule=lambda b, t: 2 * b.x[t])
+        for t in p.points:
+            p.u[t].set_value(1 + 4 * t)
+        for t in p.time:
+            p.x[t].set_value(t)
+    link = m.link = rcp.Link(m.a, m.b)
+    assert pyo.value(link.pre.u) == pytest.approx(5.0)
+    assert pyo.value(link.post.u) == pytest.approx(1.0)
+    m.back = rcp.Link(m.b, m.a)
+    assert m.back.pre.u is m.b.u[1.0]
+    assert m.back.pre.k is m.b.k
+    assert m.back.pre.g is m.b.g
+    assert pyo.value(m.back.pre.twice) == 2.0
+    assert m.back.pre.duration is m.b.duration
+    assert pyo.value(m.back.pre.time) == 2.0
+    assert pyo.value(m.back.post.time) == 0.0
+
+
+@each_scheme
+def test_the_end_of_a_linear_control_is_its_knot(scheme: rcp.Scheme) -> None:
+    m = pyo.ConcreteModel()
+    m.a = rcp.PhaseBlock(elements=3, scheme=scheme)
+    m.a.x = rcp.State()
+    m.a.u = rcp.Control(parametrization="piecewise_linear", guess=lambda t: 1 + t**2)
+    m.link = rcp.Link(m.a, m.a, jump=same_control)
+    assert m.link.pre.u is m.a.u_at_knots[3]
+    assert m.link.post.u is m.a.u_at_knots[0]
+    assert list(m.link.continuity) == ["x"]
+    joined = rcp.join_trajectories([m.a, m.a])
+    assert joined([1.0, 2.0])["u"] == pytest.approx([2.0, 2.0])
+    assert joined([0.0, 1.0], after=True)["u"] == pytest.approx([1.0, 1.0])
+
+
+# ---------------------------------------------------------------- selections, maps, parameters, periodic motions
+
+
+def two(**options: Any) -> tuple[pyo.ConcreteModel, Any, Any]:
+    m = pyo.ConcreteModel(name="two")
+    m.a = rcp.PhaseBlock(elements=2)
+    m.b = rcp.PhaseBlock(elements=2)
+    for b in (m.a, m.b):
+        b.x, b.y = rcp.State(), rcp.State()
+        b.k = rcp.Parameter()
+    return m, m.a, m.b
+
+
+def test_states_are_selected_omitted_and_mapped() -> None:
+    m, a, b = two()
+    m.chosen = rcp.Link(a, b, states=["x"])
+    m.by_variable = rcp.Link(a, b, states=[a.y])
+    m.but = rcp.Link(a, b, omit="x")
+    m.mirror = rcp.Link(a, b, states={"x": "y", a.y: b.x})
+    m.none = rcp.Link(a, b, states=[], parameters=["k"])
+    assert list(m.chosen.continuity) == ["x"]
+    assert list(m.by_variable.continuity) == list(m.but.continuity) == ["y"]
+    assert {v.name for v in identify_variables(m.mirror.continuity["y"].body)} == {"a.x[1.0]", "b.y[0.0]"}
+    assert len(m.mirror.continuity) == 2
+    assert len(m.none.continuity) == 0
+    assert {v.name for v in identify_variables(m.none.shared["k"].body)} == {"a.k", "b.k"}
+
+
+@pytest.mark.casadi
+def test_a_shared_parameter_is_one_number() -> None:
+    """Two decays with the same unknown rate from 1 to 1/e in the whole time 2."""
+    m = pyo.ConcreteModel()
+    for name in ("a", "b"):
+        m.add_component(name, rcp.PhaseBlock(elements=4, stages=3))
+        b = m.component(name)
+        b.x = rcp.State(initial=1 if name == "a" else None, final=None if name == "a" else math.exp(-1), guess=1)
+        b.rate = rcp.Parameter(guess=1)
+        b.ode(lambda b, t: {b.x: -b.rate * b.x[t]})
+    m.link = rcp.Link(m.a, m.b, parameters=["rate"])
+    m.nothing = pyo.Objective(expr=0)
+    solve(m)
+    assert [m.a.rate.value, m.b.rate.value] == pytest.approx([0.5, 0.5], abs=1e-8)
+
+
+@pytest.mark.casadi
+def test_a_periodic_motion_closes() -> None:
+    """Of all periodic motions of a driven oscillator there is one; its amplitude is known."""
+    m = pyo.ConcreteModel()
+    m.swing = b = rcp.PhaseBlock(duration=2 * math.pi / 3, elements=12, stages=4)
+    b.x, b.v, b.travelled = rcp.State(), rcp.State(), rcp.State(initial=0)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: -b.x[t] - 0.1 * b.v[t] + pyo.cos(3 * t), b.travelled: b.v[t] ** 2})
+    m.closed = rcp.Link(b, b, omit=["travelled"])
+    m.nothing = pyo.Objective(expr=0)
+    solve(m)
+    exact = 1 / (1 - 9 + 0.3j)
+    assert b.x[0].value == pytest.approx(exact.real, abs=1e-9)
+    assert b.x[b.final_time].value == pytest.approx(exact.real, abs=1e-9)
+    assert b.v[0].value == pytest.approx((3j * exact).real, abs=1e-9)
+    assert b.travelled[b.final_time].value > 0.01
+
+
+# ---------------------------------------------------------------- what cannot be joined
+
+
+ELSEWHERE = pyo.ConcreteModel(name="elsewhere")
+ELSEWHERE.p = rcp.PhaseBlock(elements=1)
+ELSEWHERE.p.x = rcp.State()
+
+
+def lonely(m: pyo.ConcreteModel, states: tuple[str, ...]) -> Any:
+    m.c = rcp.PhaseBlock(elements=1)
+    for name in states:
+        m.c.declare(name, rcp.State())
+    return m.c
+
+
+def fixed_apart(m: pyo.ConcreteModel) -> Any:
+    m.a.x[1].fix(1)
+    m.b.x[0].fix(2)
+    return rcp.Link(m.a, m.b)
+
+
+REFUSED = {
+    "another model": (
+        lambda m: rcp.Link(m.a, ELSEWHERE.p),
+        "'p' belongs to the model 'elsewhere', the link to 'two'",
+    ),
+    "no phase": (lambda m: rcp.Link(m.a, m), "'two' is no PhaseBlock"),
+    "three phases": (lambda m: rcp.Link(m.a, m.b, m.a), r"expected two phases \(first, second\)"),
+    "one phase": (lambda m: rcp.Link(m.a), "expected two phases"),
+    "indexed phase": (
+        lambda m: rcp.Link(m.a, rcp.PhaseBlock([1, 2], rule=state_fall)),
+        r"is indexed; give one of its phases",
+    ),
+    "rule of no phases": (lambda m: rcp.Link([1], phases=lambda m, k: None), "expected two phases .*, found None"),
+    "missing in first": (
+        lambda m: rcp.Link(lonely(m, ("x",)), m.a),
+        "nothing gives the start of state 'y'; 'c' has the states x. Give 'y' in jump=, or leave it alone by omit",
+    ),
+    "missing in second": (
+        lambda m: rcp.Link(m.a, lonely(m, ("x",))),
+        "state 'y' of 'a' goes nowhere; 'c' has the states x. Use it in jump=, or leave it alone by omit",
+    ),
+    "unknown state": (lambda m: rcp.Link(m.a, m.b, states=["z"]), "'z' is no state; its states are x, y"),
+    "unknown target": (lambda m: rcp.Link(m.a, m.b, states={"x": "z"}), "phase 'b': 'z' is no state"),
+    "given twice": (lambda m: rcp.Link(m.a, m.b, states={"x": "x", "y": "x"}), "start of state 'x' is given twice"),
+    "continues and jumps": (
+        lambda m: rcp.Link(m.a, m.b, states=["x", "y"], jump=lambda pre, post: {"x": 0}),
+        "start of state 'x' is given twice. Take it out of states=",
+    ),
+    "states and omit": (lambda m: rcp.Link(m.a, m.b, states=["x"], omit=["y"]), "Give one of them"),
+    "omit unknown": (lambda m: rcp.Link(m.a, m.b, omit=["z"]), "omit= names 'z', which is a state of neither phase"),
+    "jump to no state": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"z": 0}),
+        "gives a start to 'z', which is no state of 'b'; its states are x, y",
+    ),
+    "jump to a state of the first": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {m.a.x: 0}),
+        "gives a start to 'x', which is no state of 'b'",
+    ),
+    "jump with a variable as key": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {post.x: 0}),
+        "a variable cannot be the key of a dict. Write {'speed': ...}",
+    ),
+    "jump twice": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": 0, m.b.x: 1}), "start of 'x' twice"),
+    "jump answers None": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: None),
+        "Is the return statement missing?",
+    ),
+    "jump answers a number": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: [1.0]), r"the jump answered 1\.0"),
+    "jump answers text": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": "up"}),
+        "the jump gives 'up' as the start of 'x'; expected an expression",
+    ),
+    "jump answers a relation as value": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": post.x == pre.x}),
+        "as the start of 'x'; expected an expression",
+    ),
+    "jump reads what is not there": (
+        lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": pre.mass}),
+        "phase 'a' has no 'mass', which a link asks for at its end; declared are x, y, k",
+    ),
+    "unknown parameter": (lambda m: rcp.Link(m.a, m.b, parameters=["x"]), "'x' is no parameter of 'a'; .* are k"),
+    "fixed apart": (fixed_apart, r"'a.x\[1.0\]' has the fixed value 1, but 'b.x\[0.0\]' is fixed at 2. Leave one"),
+    "jump between fixed": (
+        lambda m: (m.b.x[0].fix(2), rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": 3.0}))[1],
+        r"'3.0' has the fixed value 3, but 'b.x\[0.0\]' is fixed at 2",
+    ),
+    "rule raises": (lambda m: rcp.Link(m.a, m.b, rule=lambda link: link.pre.nothing), "has no 'nothing'"),
+    "indexed, a later one wrong": (
+        lambda m: rcp.Link([1, 2], phases=lambda m, k: (m.a, m.b) if k == 1 else (m.a, m)),
+        "is no PhaseBlock",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_joined_is_named_and_nothing_stays(case: str) -> None:
+    make, message = REFUSED[case]
+    m, _, _ = two()
+    link = None
+    before: list[str] = []
+
+    def add() -> None:
+        nonlocal link, before
+        link = make(m)
+        before = contents(m)
+        m.link = link
+
+    with pytest.raises(LinkError, match=message) as caught:
+        add()
+    assert m.component("link") is None
+    assert contents(m) == before
+    assert "link" in str(caught.value)
+    m.link = rcp.Link(m.a, m.b, omit=["x"])
+    assert len(m.link.continuity) == 1
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda m: rcp.Link(), "a Link takes two phases: Link"),
+        (lambda m: rcp.Link([1, 2]), "An indexed one takes index sets and phases=rule"),
+        (lambda m: rcp.Link(m.a, m.b, phases=max), "it was given both"),
+        (lambda m: rcp.Link(rcp.PhaseBlock([1])), "takes two or more"),
+    ],
+)
+def test_arguments_that_make_no_link_are_refused_at_once(make: Any, message: str) -> None:
+    with pytest.raises(LinkError, match=message):
+        make(two()[0])
+
+
+@pytest.mark.casadi
+def test_ends_that_are_fixed_to_the_same_value_may_be_linked() -> None:
+    m, a, b = two()
+    for p in (a, b):
+        p.ode(lambda b, t: {b.x: b.k, b.y: 0})
+    a.x[0].fix(0)
+    a.x[1].fix(1)
+    b.x[0].fix(1)
+    b.k.fix(2)
+    a.y[0].fix(0)
+    m.link = rcp.Link(a, b)
+    m.nothing = pyo.Objective(expr=0)
+    solve(m)
+    assert b.x[1].value == pytest.approx(3)
+
+
+def test_a_users_rule_adds_equations_of_its_own() -> None:
+    m, a, b = two()
+
+    def touch(link: Any) -> None:
+        link.on_the_ground = pyo.Constraint(expr=link.pre.y == 0)
+
+    m.landing = rcp.Link(a, b, rule=touch)
+    assert m.landing.on_the_ground.body is a.y[1]
+    many = partial(lambda m, k: (m.a, m.b) if k == "there" else (m.b, m.a))
+    m.ways = rcp.Link(["there", "back"], phases=many, rule=lambda link, k: setattr(link, "word", k))
+    assert m.ways["back"].first is b
+    assert m.ways["back"].word == "back"

@@ -1,0 +1,138 @@
+"""Several trajectories, read as one."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TrajectoryError
+
+
+def phases() -> pyo.ConcreteModel:
+    """x is the time in the first phase, 10 plus the time in the second; u and y are in one of them only."""
+    m = pyo.ConcreteModel()
+    m.a = rcp.PhaseBlock(duration=2, start=1, elements=2, stages=2)
+    m.a.x = rcp.State(guess=lambda t: t)
+    m.a.u = rcp.Control(guess=lambda t: -t)
+    m.b = rcp.PhaseBlock(duration=1, elements=2, stages=3)
+    m.b.x, m.b.y = rcp.State(guess=lambda t: 13 + t), rcp.State(guess=7)
+    m.b.w = rcp.Control(guess=lambda t: t, parametrization="piecewise_constant")
+    m.b.k = rcp.Parameter(guess=4)
+    return m
+
+
+def test_the_second_starts_where_the_first_ends_and_jumps_stay() -> None:
+    m = phases()
+    joined = rcp.join_trajectories([m.a, m.b.trajectory()])
+    assert joined.boundaries.tolist() == [1, 3, 4]
+    assert joined.duration == 3
+    assert joined.names == ["x", "y", "u", "w"]
+    assert joined.time[joined.time == 3].size == 2
+    assert joined.x[joined.time == 3].tolist() == [3, 13]
+    assert np.isnan(joined.y[: len(m.a.time)]).all()
+    assert (joined.y[len(m.a.time) :] == 7).all()
+    assert joined.u.shape == joined.points.shape
+    assert np.isnan(joined.u[-1])
+    assert joined.parts[1].k == 4
+    assert m.b.trajectory().time[0] == 0
+
+
+def test_it_interpolates_on_either_side_of_a_boundary() -> None:
+    joined = rcp.join_trajectories(phases().component_objects(pyo.Block))
+    assert joined(3.0)["x"] == 3
+    assert joined(3.0, after=True)["x"] == 13
+    values = joined([1, 2.5, 3.25, 4])
+    assert values["x"] == pytest.approx([1, 2.5, 13.25, 14])
+    assert values["u"][:2] == pytest.approx([-1, -2.5])
+    assert np.isnan(values["u"][2:]).all()
+    assert joined(4.0, after=True)["x"] == pytest.approx(14)
+
+
+@pytest.mark.parametrize("t", [0.5, 4.5, float("nan")])
+def test_a_time_outside_is_refused(t: float) -> None:
+    with pytest.raises(TrajectoryError, match="runs from"):
+        rcp.join_trajectories([phases().a, phases().b])(t)
+
+
+def test_what_is_unknown_is_named() -> None:
+    joined = rcp.join_trajectories([phases().a, phases().b])
+    with pytest.raises(AttributeError, match="a joined trajectory of 'a', 'b' has no 'z'"):
+        _ = joined.z
+    with pytest.raises(TrajectoryError, match="has no 'z'; it has x, y, u, w"):
+        joined.plot(["z"])
+    with pytest.raises(TrajectoryError, match="was given nothing to draw"):
+        joined.plot([])
+    with pytest.raises(TrajectoryError, match="no trajectories to join"):
+        rcp.join_trajectories([])
+
+
+def test_one_phase_may_stand_several_times() -> None:
+    m = phases()
+    joined = rcp.join_trajectories([m.a, m.a, m.a])
+    assert joined.boundaries.tolist() == [1, 3, 5, 7]
+    assert joined.x.tolist() == 3 * m.a.trajectory().x.tolist()
+
+
+def test_a_name_that_is_a_state_in_one_phase_and_a_control_in_another() -> None:
+    m = phases()
+    m.c = rcp.PhaseBlock(duration=1, elements=1)
+    m.c.u = rcp.State(guess=5)
+    joined = rcp.join_trajectories([m.a, m.c])
+    assert joined.u.shape == joined.time.shape
+    assert joined.u[-1] == 5
+    assert joined.u[0] == pytest.approx(-1)
+
+
+def test_a_data_frame_names_the_phases() -> None:
+    pytest.importorskip("pandas")
+    joined = rcp.join_trajectories([phases().a, phases().b])
+    frame = joined.to_pandas()
+    assert frame["phase"].tolist() == ["a"] * 5 + ["b"] * 7
+    assert frame["x"].tolist() == joined.x.tolist()
+    assert frame["u"].iloc[0] == pytest.approx(-1)
+    assert np.isnan(frame["u"].iloc[-1])
+
+
+def test_a_plot_breaks_lines_and_marks_the_phases() -> None:
+    pytest.importorskip("matplotlib")
+    joined = rcp.join_trajectories([phases().a, phases().b])
+    figure = joined.plot({"x": "position", "u": "force", "w": "push"})
+    axes = [axis for axis in figure.axes if axis.get_visible()]
+    assert [axis.get_ylabel() for axis in axes] == ["position", "force", "push"]
+    line = axes[0].lines[0].get_ydata()
+    assert np.isnan(line).any()
+    assert np.nanmin(line) == pytest.approx(1)
+    assert np.nanmax(line) == pytest.approx(14)
+    assert [text.get_text() for text in axes[0].texts] == ["a", "b"]
+    assert all(not axis.texts for axis in axes[1:])
+    figure.savefig(io.BytesIO())
+
+
+@pytest.mark.parametrize(
+    ("names", "shown"), [(("wide", "narrow"), ["wide", "narrow"]), (("p[1]", "p[2]"), ["p[1]", "p[2]"])]
+)
+def test_names_that_fit_are_written(names: Any, shown: list[str]) -> None:
+    pytest.importorskip("matplotlib")
+    assert _texts(names, [0, 1, 2]) == shown
+
+
+def test_indexed_names_are_shortened_and_what_is_still_too_wide_left_out() -> None:
+    pytest.importorskip("matplotlib")
+    assert _texts([f"phases[{i}]" for i in range(10)], list(range(11))) == [str(i) for i in range(10)]
+    assert _texts(["long", "short"], [0, 0.001, 1]) == ["", "short"]
+
+
+def _texts(names: Any, boundaries: list[float]) -> list[str]:
+    from matplotlib.figure import Figure
+
+    from pyrobocop_pyomo.plotting import mark_phases
+
+    figure = Figure(figsize=(4, 2))
+    figure.subplots(1, 1)
+    mark_phases(figure, np.array(boundaries, dtype=float), names)
+    return [text.get_text() for text in figure.axes[0].texts]
