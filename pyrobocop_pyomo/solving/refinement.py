@@ -58,9 +58,9 @@ def solve_refined(
         their names to meshes.
     tolerance : float
         Largest error of a state at the end of an element, in the model's own units.
-    elements : int, or mapping of phase name to int, optional
+    elements : int or dict of str to int, optional
         Elements of a uniform first mesh.
-    mesh : Mesh, sequence of float, or mapping of phase name to such, optional
+    mesh : Mesh, sequence of float, or dict of str to such, optional
         The first mesh; in normalised time with a free duration.
     phases : sequence of str, optional
         Names of the phases to refine, where the model has several.
