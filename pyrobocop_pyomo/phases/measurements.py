@@ -41,7 +41,8 @@ def label_measurements(
     phase : PhaseBlock
         With a fixed duration.
     data : DataFrame or dict of str to array
-        A frame has the times as its index, a dict under the key ``"time"``. Several outputs share the times, as parmest expects.
+        A frame has the times as its index, a dict under the key ``"time"``. Several outputs share the times, as parmest
+        expects.
     outputs : sequence of str, optional
         States, algebraics and controls that were measured; everything in the data by default.
     error : number or dict of str to number, optional

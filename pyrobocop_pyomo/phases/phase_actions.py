@@ -35,10 +35,10 @@ class PhaseActions:
         Parameters
         ----------
         guess : Trajectory or dict
-            By name, or by variable. A trajectory of any mesh, scheme and duration is evaluated by its own polynomials, its horizon stretched
-            onto that of the phase, and a free duration gets its; names in common are set. A guess by name is a number,
-            a function of the time index, or an array as in a declaration. ``"duration"``, parameters and
-            ``"<state>_derivative"`` are names as well.
+            A trajectory of any mesh, scheme and duration is evaluated by its own polynomials, its horizon stretched
+            onto that of the phase, and a free duration gets its; names in common are set. A dict has names or variables
+            as keys; a guess is a number, a function of the time index, or an array as in a declaration. ``"duration"``,
+            parameters and ``"<state>_derivative"`` are names as well.
         **by_name : number, array or function
             The same, as in ``set_guess(theta=0.5)``; these win.
 
@@ -84,7 +84,8 @@ class PhaseActions:
         Parameters
         ----------
         controls : dict of str to number, array or function
-            A function is called with the time index. Controls, and algebraics that are to be taken as given; the others are as the phase holds them.
+            Controls, and algebraics that are to be taken as given; the others are as the phase holds them. A function
+            is called with the time index.
         initial : dict of str to number
             Where states start; as the phase holds them by default.
         method : str
@@ -135,8 +136,9 @@ class PhaseActions:
         variable : Var or str
             A state, algebraic or control of this phase.
         reference : number, function, Trajectory or pair of lists
-            A function of time, or times and values. Samples are interpolated linearly, a trajectory by its polynomials. With a free duration a function gets
-            an expression for the time, so that it has to be made of Pyomo's functions.
+            A function of time, or times and values, which are joined by lines; a trajectory is evaluated by its
+            polynomials. With a free duration a function gets an expression for the time, so that it has to be made of
+            Pyomo's functions.
         weight : number or function
             Constant, or a function of time.
 
