@@ -80,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the regulator at one loose tolerance only")
     arguments = parser.parse_args()
-    cases = [(regulator, 1e-4, 10)]
+    cases = [(regulator, 1e-4, 250)]
     if not arguments.quick:
         cases += [(regulator, 1e-6, 400), (cart_pole, 1e-6, 10), (cart_pole, 1e-9, 20)]
     table = Table(
