@@ -58,8 +58,8 @@ def cart_pole(mesh: Any = None) -> Any:
     return m
 
 
-def best_uniform(build: Callable[[Any], Any], tolerance: float, first: int) -> tuple[int, float, int, float]:
-    """Elements, error, iterations and seconds of the first uniform mesh that meets a tolerance."""
+def best_uniform(build: Callable[[Any], Any], tolerance: float, first: int) -> tuple[int, float, float, int, float]:
+    """Elements, error, objective, iterations and seconds of the first uniform mesh that meets a tolerance."""
     elements = first
     while True:
         show_progress(f"{elements} uniform elements")
@@ -71,7 +71,7 @@ def best_uniform(build: Callable[[Any], Any], tolerance: float, first: int) -> t
         error = m.phase.trajectory().verify().element_error
         if error <= tolerance:
             show_progress("")
-            return elements, error, result.iterations, seconds
+            return elements, error, result.objective, result.iterations, seconds
         elements = max(elements + 1, round(1.1 * elements))
 
 
@@ -80,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the regulator at one loose tolerance only")
     arguments = parser.parse_args()
-    cases = [(regulator, 1e-4, 10)]
+    cases = [(regulator, 1e-4, 250)]
     if not arguments.quick:
         cases += [(regulator, 1e-6, 400), (cart_pole, 1e-6, 10), (cart_pole, 1e-9, 20)]
     table = Table(
@@ -100,8 +100,8 @@ def main() -> None:
             refined.model.name, tolerance, "refined", len(refined.steps), last.elements, last.error, verified,
             last.objective, refined.iterations, refined.seconds,
         )  # fmt: skip
-        elements, error, iterations, seconds = best_uniform(build, tolerance, first)
-        table.add(refined.model.name, tolerance, "uniform", 1, elements, error, error, None, iterations, seconds)
+        elements, error, *rest = best_uniform(build, tolerance, first)
+        table.add(refined.model.name, tolerance, "uniform", 1, elements, error, error, *rest)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import native_numeric_types
 
-from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import guess_at, stage_guess
 
 from .building import add_generated, add_indexed, rate_units, within
@@ -55,7 +55,7 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
 
     Raises
     ------
-    DeclarationError
+    TranscriptionError
         Naming the control and the stage.
     """
     scheme = record.grid.scheme
@@ -65,7 +65,7 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
         control = record.declarations[name]
         assert isinstance(control, Control)
         if control.parametrization == "collocated" and not all(data.fixed for data in block.component(name).values()):
-            raise DeclarationError(
+            raise TranscriptionError(
                 f"phase '{block.name}': control '{name}' (declared at {control.declared_at}): with the scheme "
                 f"{scheme.name} the stage at c = {scheme.c[abs(scheme.b).argmin()]:g} has weight 0 in every integral, "
                 "so a control of its own there would cost nothing. Choose 'piecewise_constant'."

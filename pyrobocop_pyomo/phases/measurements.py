@@ -40,11 +40,12 @@ def label_measurements(
         Where parmest looks for the suffixes.
     phase : PhaseBlock
         With a fixed duration.
-    data : DataFrame with times as index, or mapping of name to values with the key ``"time"``
-        Several outputs share the times, as parmest expects.
+    data : DataFrame or dict of str to array
+        A frame has the times as its index, a dict under the key ``"time"``. Several outputs share the times, as parmest
+        expects.
     outputs : sequence of str, optional
         States, algebraics and controls that were measured; everything in the data by default.
-    error : number, or mapping of output to number, optional
+    error : number or dict of str to number, optional
         Standard deviation of the measurements; unknown to parmest by default.
     unknown : sequence of str, optional
         Parameters of the phase to estimate; all of them by default.

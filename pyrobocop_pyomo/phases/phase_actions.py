@@ -34,12 +34,12 @@ class PhaseActions:
 
         Parameters
         ----------
-        guess : Trajectory, or mapping of name (or variable) to guess
+        guess : Trajectory or dict
             A trajectory of any mesh, scheme and duration is evaluated by its own polynomials, its horizon stretched
-            onto that of the phase, and a free duration gets its; names in common are set. A guess by name is a number,
-            a function of the time index, or an array as in a declaration. ``"duration"``, parameters and
-            ``"<state>_derivative"`` are names as well.
-        **by_name : guess
+            onto that of the phase, and a free duration gets its; names in common are set. A dict has names or variables
+            as keys; a guess is a number, a function of the time index, or an array as in a declaration. ``"duration"``,
+            parameters and ``"<state>_derivative"`` are names as well.
+        **by_name : number, array or function
             The same, as in ``set_guess(theta=0.5)``; these win.
 
         Raises
@@ -83,9 +83,10 @@ class PhaseActions:
 
         Parameters
         ----------
-        controls : mapping of name to number, array or function of the time index
-            Controls, and algebraics that are to be taken as given; the others are as the phase holds them.
-        initial : mapping of state to number
+        controls : dict of str to number, array or function
+            Controls, and algebraics that are to be taken as given; the others are as the phase holds them. A function
+            is called with the time index.
+        initial : dict of str to number
             Where states start; as the phase holds them by default.
         method : str
             A method of `solve_ivp` (``"Radau"`` for stiff equations), or ``"scheme"``.
@@ -134,10 +135,12 @@ class PhaseActions:
         ----------
         variable : Var or str
             A state, algebraic or control of this phase.
-        reference : number, function of time, Trajectory, or (times, values)
-            Samples are interpolated linearly, a trajectory by its polynomials. With a free duration a function gets
-            an expression for the time, so that it has to be made of Pyomo's functions.
-        weight : number or function of time
+        reference : number, function, Trajectory or pair of lists
+            A function of time, or times and values, which are joined by lines; a trajectory is evaluated by its
+            polynomials. With a free duration a function gets an expression for the time, so that it has to be made of
+            Pyomo's functions.
+        weight : number or function
+            Constant, or a function of time.
 
         Raises
         ------

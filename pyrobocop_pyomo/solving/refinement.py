@@ -8,26 +8,21 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Mesh, remesh
-from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .phase_builder import PhaseBuilder
 from .procedure import solve
 from .progress import Progress
 from .refined_result import REFINEMENT_HEADER, RefinedResult, RefinementEnd, RefinementStep
 from .solve_result import Quality, SolveResult
 
 logger = logging.getLogger(__name__)
-
-Array = NDArray[np.float64]
-Meshes = dict[str, Mesh | None]
 
 
 def solve_refined(
@@ -58,9 +53,9 @@ def solve_refined(
         their names to meshes.
     tolerance : float
         Largest error of a state at the end of an element, in the model's own units.
-    elements : int, or mapping of phase name to int, optional
+    elements : int or dict of str to int, optional
         Elements of a uniform first mesh.
-    mesh : Mesh, sequence of float, or mapping of phase name to such, optional
+    mesh : Mesh, sequence of float, or dict of str to such, optional
         The first mesh; in normalised time with a free duration.
     phases : sequence of str, optional
         Names of the phases to refine, where the model has several.
@@ -96,7 +91,7 @@ def solve_refined(
         raise ModelError(f"tolerance = {tolerance!r}; expected a positive number.")
     if most_meshes < 1 or most_parts < 2:
         raise ModelError(f"most_meshes = {most_meshes!r} and most_parts = {most_parts!r}; at least 1 and 2 are needed.")
-    builder = _Builder(build, phases)
+    builder = PhaseBuilder(build, phases)
     meshes = builder.first_meshes(elements, mesh)
     kept = {name: frozenset(each.boundaries) for name, each in meshes.items()}
     bar = Progress(progress)
@@ -146,7 +141,7 @@ def solve_refined(
 
 
 def _solve_from(
-    builder: _Builder, meshes: dict[str, Mesh], last: Any, options: Mapping[str, Any]
+    builder: PhaseBuilder, meshes: dict[str, Mesh], last: Any, options: Mapping[str, Any]
 ) -> tuple[Any, SolveResult]:
     """Build on the meshes and solve from the last answer, and from the model's own guess where that leads nowhere."""
     model = builder.model(meshes)
@@ -160,7 +155,7 @@ def _solve_from(
     return model, result
 
 
-def _take_over(model: Any, builder: _Builder, before: Any, trajectories: Mapping[str, Trajectory]) -> None:
+def _take_over(model: Any, builder: PhaseBuilder, before: Any, trajectories: Mapping[str, Trajectory]) -> None:
     """Start from an answer: phases by interpolation, variables elsewhere by their names."""
     refined = {id(builder.phase(before, name)) for name in builder.names}
     for block in before.block_data_objects(active=True, descend_into=Block):
@@ -180,80 +175,3 @@ def _within(block: Any, blocks: set[int]) -> bool:
             return True
         block = block.parent_block()
     return False
-
-
-class _Builder:
-    """The user's function, and the phases of what it returns."""
-
-    def __init__(self, build: Callable[[Any], Any], phases: Sequence[str] | None) -> None:
-        if isinstance(phases, str):
-            raise ModelError(f"phases = {phases!r}; expected a list of names, such as [{phases!r}].")
-        self._build = build
-        self._named = None if phases is None else list(phases)
-        self.names: list[str] = [] if phases is None else list(phases)
-
-    def first_meshes(self, elements: Any, mesh: Any) -> dict[str, Mesh]:
-        """Call the user's function once to learn what the phases are and when they happen."""
-        if elements is not None and mesh is not None:
-            raise ModelError("elements and mesh are given; one of them says what the first mesh is.")
-        model = self._call(None if self._named is None else dict.fromkeys(self._named))
-        if self._named is None:
-            found = [
-                block.name
-                for block in model.block_data_objects(active=True, descend_into=Block)
-                if isinstance(block, PhaseBlockData)
-            ]
-            if len(found) != 1:
-                raise ModelError(
-                    f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "
-                    "phases=[...], and build will be called with a mapping of their names to meshes."
-                )
-            self.names = found
-        meshes = {name: self.phase(model, name).grid.mesh for name in self.names}
-        for given, make in ((elements, _uniform), (mesh, _given)):
-            if given is not None:
-                wanted = given if isinstance(given, Mapping) else dict.fromkeys(self.names, given)
-                unknown = [name for name in wanted if name not in meshes]
-                if unknown:
-                    raise ModelError(f"a first mesh for '{unknown[0]}'; refined are {', '.join(self.names)}.")
-                meshes |= {name: make(meshes[name], each) for name, each in wanted.items()}
-        return meshes
-
-    def model(self, meshes: dict[str, Mesh]) -> Any:
-        """The user's model on given meshes."""
-        model = self._call(meshes[self.names[0]] if self._named is None else dict(meshes))
-        for name, mesh in meshes.items():
-            made = self.phase(model, name).grid.mesh
-            if made != mesh:
-                raise ModelError(
-                    f"build(mesh) made phase '{name}' with {made.elements} elements; the mesh it was called with has "
-                    f"{mesh.elements}. Pass it on: PhaseBlock(..., mesh=mesh)."
-                )
-        return model
-
-    def phase(self, model: Any, name: str) -> Any:
-        """A phase by its name.
-
-        Raises
-        ------
-        ModelError
-            When the model has none of this name.
-        """
-        phase = model.find_component(name)
-        if not isinstance(phase, PhaseBlockData):
-            raise ModelError(f"build(...) returned the model '{model.name}', which has no phase '{name}'.")
-        return phase
-
-    def _call(self, meshes: Any) -> Any:
-        model = self._build(meshes)
-        if not hasattr(model, "block_data_objects"):
-            raise ModelError(f"build(mesh) returned a {type(model).__name__}; expected a model. Is 'return m' missing?")
-        return model
-
-
-def _uniform(mesh: Mesh, elements: int) -> Mesh:
-    return Mesh.uniform(mesh.boundaries[0], mesh.boundaries[-1], elements)
-
-
-def _given(mesh: Mesh, boundaries: Any) -> Mesh:
-    return boundaries if isinstance(boundaries, Mesh) else Mesh.given(boundaries)

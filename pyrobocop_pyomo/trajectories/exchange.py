@@ -12,6 +12,7 @@ from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import Grid, Mesh, lobatto
 from pyrobocop_pyomo.optional_imports import pandas, xarray
 
 Array = NDArray[np.float64]
@@ -35,7 +36,39 @@ def as_data_set(times: Array, values: Mapping[str, Array], facts: Mapping[str, A
     return xarray.Dataset(variables, coords={"time": times}, attrs=dict(facts))
 
 
-def read_time_series(series: Any) -> tuple[str, Array, dict[str, Array]]:
+def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
+    """What a trajectory of a time series consists of; ``like`` is a trajectory whose grid and kinds it has.
+
+    Raises
+    ------
+    TrajectoryError
+        When it is no time series of one phase, or does not have the names and times of the other trajectory.
+    """
+    owner, times, values = _read(series)
+    facts: dict[str, Any] = {"name": owner, "pairs": {}}
+    if like is None:
+        grid = Grid(lobatto(2), Mesh(tuple(times.tolist())))
+        return {**facts, "grid": grid, "states": values, "signals": {}, "parameters": {}}
+    same = len(times) == len(like.time) and np.allclose(times, like.time, rtol=0, atol=1e-9 * like.duration)
+    if not same or set(values) != set(like.names):
+        raise TrajectoryError(
+            f"the time series has {', '.join(values)} at {len(times)} times, trajectory '{like.name}' has "
+            f"{', '.join(like.names)} at {len(like.time)}; they must agree. Leave 'like' out to join the samples "
+            "by straight lines."
+        )
+    positions = np.searchsorted(like.time, like.points)
+    return {
+        **facts,
+        "grid": like.grid,
+        "states": {name: values[name] for name in like.states},
+        "signals": {name: values[name][positions] for name in like.signals},
+        "parameters": like.parameters,
+        "held": like.held,
+        "phase": like.phase,
+    }
+
+
+def _read(series: Any) -> tuple[str, Array, dict[str, Array]]:
     """Owner, times and values by name of a time series whose keys look like ``push.theta[*]``.
 
     Raises

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, lobatto
+from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
 
-from .exchange import as_data_frame, as_data_set, as_time_series, read_time_series
+from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series
 from .storage import read_archive, write_archive
 
 Array = NDArray[np.float64]
@@ -256,28 +256,7 @@ class Trajectory:
         TrajectoryError
             When the series is no such thing, or does not have the names and times of the other trajectory.
         """
-        owner, times, values = read_time_series(series)
-        if like is None:
-            grid = Grid(lobatto(2), Mesh(tuple(times.tolist())))
-            return cls(name=owner, grid=grid, states=values, signals={}, parameters={}, pairs={})
-        same = len(times) == len(like.time) and np.allclose(times, like.time, rtol=0, atol=1e-9 * like.duration)
-        if not same or set(values) != set(like.names):
-            raise TrajectoryError(
-                f"the time series has {', '.join(values)} at {len(times)} times, trajectory '{like.name}' has "
-                f"{', '.join(like.names)} at {len(like.time)}; they must agree. Leave 'like' out to join the samples "
-                "by straight lines."
-            )
-        positions = np.searchsorted(like.time, like.points)
-        return cls(
-            name=owner,
-            grid=like.grid,
-            states={name: values[name] for name in like.states},
-            signals={name: values[name][positions] for name in like.signals},
-            parameters=like.parameters,
-            pairs={},
-            held=like.held,
-            phase=like.phase,
-        )
+        return cls(**facts_of_time_series(series, like))
 
     def save(self, path: str | Path) -> Path:
         """Write a ``.npz`` file of arrays and JSON (no pickle); returns the file written."""

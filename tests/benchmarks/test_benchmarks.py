@@ -49,3 +49,10 @@ def test_measured_orders_are_the_computed_ones() -> None:
     for row in rows:
         order, state, _, dae_state, _, _, optimal_cost = map(float, row[1:8])
         assert [state, dae_state, optimal_cost] == pytest.approx([order] * 3, abs=0.15)
+
+
+def test_refined_meshes_take_less_than_half_of_the_elements() -> None:
+    rows = [line.split() for line in run_quick("mesh_refinement").splitlines() if line.startswith("regulator")]
+    (refined, uniform) = ([int(row[4]), float(row[6])] for row in rows)
+    assert max(refined[1], uniform[1]) <= 1e-4
+    assert 2 * refined[0] <= uniform[0]

@@ -71,12 +71,12 @@ def _enter(found_by: str, expected: Any, words: str, component: str | None = Non
     return enter
 
 
-def pushed(m: Any, **options: Any) -> Any:
+def pushed(m: Any, controlled: str = "collocated", **options: Any) -> Any:
     """A complete phase 'p': a mass 'x', 'v' with a force 'u'."""
     m.p = b = rcp.PhaseBlock(**{"duration": 1, "elements": 4, "stages": 2, **options})
     b.x = rcp.State(initial=0, guess=0.1)
     b.v = rcp.State(initial=0, guess=0.1)
-    b.u = rcp.Control(bounds=(-1, 1), guess=0.1)
+    b.u = rcp.Control(bounds=(-1, 1), guess=0.1, parametrization=controlled)
     b.ode(newton)
     m.cost = pyo.Objective(expr=b.integral(effort))
     return b

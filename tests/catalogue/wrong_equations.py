@@ -38,6 +38,13 @@ def too_many_equations(m: Any) -> Mistake:
     b.residual(springs)
 
 
+@refused_by_check("control 'w' .* with the scheme .* has weight 0")
+def control_at_a_stage_without_weight(m: Any) -> Mistake:
+    b = pushed(m, scheme="explicit", stages=2, controlled="piecewise_constant")
+    yield
+    b.w = rcp.Control()
+
+
 @refused_by_check("control 'w' .* appears in no equation, constraint or objective")
 def control_nowhere(m: Any) -> Mistake:
     b = pushed(m)

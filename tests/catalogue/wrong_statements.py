@@ -68,13 +68,6 @@ def held_control_with_shared_points(m: Any) -> Mistake:
     b.w = rcp.Control(parametrization="piecewise_constant")
 
 
-@refused_at_once(DeclarationError, "control 'w' .* with the scheme .* has weight 0")
-def control_at_a_stage_without_weight(m: Any) -> Mistake:
-    m.p = rcp.PhaseBlock(scheme=rcp.explicit(2))
-    yield
-    m.p.w = rcp.Control()
-
-
 # -------------------------------------------------------------------- declarations
 
 

@@ -14,6 +14,7 @@ from scipy.special import eval_jacobi, eval_legendre
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.residuals import PairResidual
+from pyrobocop_pyomo.numerics import remesh
 from pyrobocop_pyomo.solving.nonlinear_program import ShiftedRows
 
 SCHEMES = [
@@ -306,6 +307,45 @@ def test_defect_is_the_difference_of_slopes():
     b.ode(lambda b, t: {b.x: b.x[t]})
     # Slopes of t^2 over the two elements are 0.5 and 1.5; the right-hand sides at their ends are 0.25 and 1.
     assert b.trajectory().verify().defect == pytest.approx(0.5)
+
+
+# -------------------------------------------------------------------- mesh refinement
+
+
+def decaying(elements, scheme):
+    m = pyo.ConcreteModel()
+    m.phase = b = rcp.PhaseBlock(duration=1.0, elements=elements, scheme=scheme)
+    b.x = rcp.State(initial=1)
+    b.ode(lambda b, t: {b.x: -3 * b.x[t] + t})
+    return b
+
+
+@pytest.mark.parametrize("scheme", SCHEMES[:2] + SCHEMES[3:5], ids=str)
+def test_error_of_an_element_is_the_distance_from_its_own_motion_and_falls_with_the_order(scheme):
+    largest = []
+    for elements in (8, 16):
+        b = decaying(elements, scheme)
+        trajectory = b.simulate(method="scheme")
+        errors = b.element_errors(trajectory)
+        starts = trajectory.x[np.isin(trajectory.time, trajectory.grid.mesh.boundaries)]
+        for i, (start, end) in enumerate(pairwise(trajectory.grid.mesh.boundaries)):
+            # z' = -3 z + t from the element's start, by hand
+            reached = (starts[i] - start / 3 + 1 / 9) * math.exp(-3 * (end - start)) + end / 3 - 1 / 9
+            assert errors[i] == pytest.approx(abs(reached - starts[i + 1]), rel=1e-4, abs=1e-11)
+        largest.append(errors.max())
+    if largest[1] > 1e-9:  # below, what SciPy's tolerances leave
+        assert math.log2(largest[0] / largest[1]) == pytest.approx(scheme.order + 1, abs=0.4)
+
+
+def test_parts_and_joins_of_the_next_mesh():
+    mesh, tolerance, order = rcp.Mesh.given([0.0, 1.0, 3.0, 4.0]), 1e-6, 3
+    assert math.ceil((2e-5 / (tolerance / 2)) ** (1 / (order + 1))) == 3
+    assert remesh(mesh, [2e-5, 1.01e-6, 1.0], tolerance, order).boundaries == pytest.approx(
+        (0, 1 / 3, 2 / 3, 1, 2, 3, 3.25, 3.5, 3.75, 4)
+    )
+    largest = tolerance / 20 / (3 / 1) ** (order + 1)  # of an element of width 1 beside one of width 2
+    assert remesh(mesh, [0.99 * largest, largest, tolerance], tolerance, order, keep=()).elements == 2
+    assert remesh(mesh, [1.01 * largest, largest, tolerance], tolerance, order, keep=()).elements == 3
 
 
 # -------------------------------------------------------------------- planar pushing

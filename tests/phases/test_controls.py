@@ -190,7 +190,7 @@ def test_what_does_not_go_together_is_refused() -> None:
     m.r.u = rcp.Control()
     m.r.x = rcp.State(initial=0)
     m.r.ode(lambda b, t: {b.x: b.u[t]})
-    with pytest.raises(DeclarationError, match="phase 'r': control 'u' .*the stage at c = 0 has weight 0 .* Choose"):
+    with pytest.raises(TranscriptionError, match="phase 'r': control 'u' .*the stage at c = 0 has weight 0 .* Choose"):
         m.r.check()
     m.q = rcp.PhaseBlock(duration=2, elements=4, moving=(0.5, 2))
     with pytest.raises(DeclarationError, match="knots of its own do not go with moving elements"):
