@@ -13,6 +13,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
+from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
@@ -68,6 +69,7 @@ __all__ = [
     "active_pairs",
     "available_routes",
     "complements",
+    "dae_trajectory",
     "draw_linkage",
     "draw_planar_pushing",
     "explicit",

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2] / "pyrobocop_pyomo"
 
 ORDER = [
     "_version", "errors", "optional_imports", "numerics", "geometry", "plotting", "complementarity",
-    "trajectories", "transcription", "phases", "obstacles", "mechanics", "solving", "distributed",
+    "trajectories", "transcription", "continuous", "phases", "obstacles", "mechanics", "solving", "distributed",
 ]  # fmt: skip
 
 PACKAGE_FILES = list(ROOT.glob("*/**/*.py"))

@@ -15,7 +15,7 @@ PUBLIC = """
     Algebraic Complementarity Control Duration Fixed FollowBarrier Geometric Grid Mesh Parameter Penalty
     PerElement PerPair PhaseBlock PyRobocopError Quality Route Scheme Scholtes SolveFailed SolveResult
     SquareSlider State StopReason Trajectory Verification __version__ active_pairs available_routes complements
-    draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre lobatto radau solve
+    dae_trajectory draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre lobatto radau solve
 """
 
 EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "dask", "mpi4py")

@@ -1,0 +1,226 @@
+"""Discretising one continuous set of a model, and taking that back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.var import Var
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+
+from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.numerics import Grid
+
+from .absent import Absence
+from .derivatives import add_collocation, derivatives_along, remove_collocation, state_ids
+from .expansion import expand, refuse_what_cannot_grow
+from .expressions import variables_in
+from .inheritance import Family, declaration_of, set_guess
+from .integrals import become_expression, integrals_along, integrate, remember_integrands
+from .reading import families, interpolate, values_of
+from .record import Discretisation, discretisations_of, record_of
+from .structure import Spot, axes_of, axis_on, spots
+from .sums import find_suspects
+
+DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
+
+
+class Guess:
+    """The values that a discretised set has, for another mesh."""
+
+    def __init__(self, found: list[Spot], done: Discretisation) -> None:
+        self._done = Discretisation(done.domain, done.grid, done.points)
+        self._values = values_of(found, done)
+
+    def give_to(self, found: list[Spot], done: Discretisation) -> None:
+        """Interpolate onto the new mesh; what is fixed keeps its value."""
+        for family, _, data in families(found, done):
+            if family in self._values:
+                free = {time: each for time, each in data.items() if not each.fixed}
+                is_state, values = self._values[family]
+                guess = interpolate(self._done, is_state, values, np.array(list(free), dtype=float))
+                for each, number in zip(free.values(), guess.tolist(), strict=True):
+                    set_guess(each, number)
+
+
+def transcribe(domain: Any, points: tuple[float, ...], grid: Grid, guess: Guess | None = None) -> Discretisation:
+    """Discretise one continuous set; on failure the model is as it was.
+
+    Parameters
+    ----------
+    domain : ContinuousSet
+    points : tuple of float
+        The points that the set has.
+    grid : Grid
+        On a mesh with all of these points.
+    guess : Guess, optional
+        Values to start from.
+    """
+    root, record = domain.model(), record_of(domain)
+    found = list(spots(root))
+    refuse_what_cannot_grow(found, domain)
+    derivatives_along(found, domain)
+    suspects = find_suspects(found, domain)
+    remember_integrands(found, record)
+    done = Discretisation(domain, grid, points)
+    integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
+    done.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
+    try:
+        domain.update(sorted({*grid.times, *grid.points}.difference(points)))
+        expand(found, domain)
+        found = list(spots(root))
+        _inherit(found, done)
+        record.discretisations[domain] = done
+        everything = list(discretisations_of(_domains(found)))
+        for each in everything:
+            remove_collocation(each)
+        if guess is not None:
+            guess.give_to(found, done)
+        for each in everything:
+            add_collocation(each, found)
+        if guess is not None:
+            guess.give_to(list(spots(root)), done)
+        for each in everything:
+            for integral in integrals_along(found, each.domain):
+                integrate(integral, each, record_of(each.domain))
+        for suspect in suspects:
+            suspect.check(domain)
+        absence = Absence(list(spots(root)), everything)
+        absence.silence(done.silenced)
+        done.voided = absence.void()
+        _mark_pairs(found, done)
+    except BaseException:
+        take_back(done)
+        raise
+    return done
+
+
+def take_back(done: Discretisation) -> None:
+    """Remove all that was added for a set, and revive what was put aside."""
+    domain = done.domain
+    remove_collocation(done)
+    for data in done.silenced:
+        data.activate()
+    for data, number in done.voided:
+        data.unfix()
+        data.set_value(number, skip_validation=True)
+    for data, formula in done.formulas:
+        data.set_value(formula)
+    kept = set(done.points)
+    for spot in spots(domain.model()):
+        axis = axis_on(spot.component, domain)
+        if axis is not None and not spot.component.is_reference():
+            for index in [index for index in spot.component._data if axis.time(index) not in kept]:
+                del spot.component._data[index]
+    for time in [time for time in domain if time not in kept]:
+        domain.discard(time)
+    record_of(domain).discretisations.pop(domain, None)
+
+
+def refuse_newcomers(done: Discretisation) -> None:
+    """Raise a `TranscriptionError` when something holds variables at points that go away with the mesh."""
+    found = list(spots(done.domain.model()))
+    kept = set(done.points)
+    leaving = {id(each) for _, _, data in families(found, done) for time, each in data.items() if time not in kept}
+    own = {id(block) for each in discretisations_of(_domains(found)) for block in each.generated}
+    for spot in found:
+        component = spot.component
+        if not hasattr(component, "_rule") or isinstance(component, Integral) or id(component.parent_block()) in own:
+            continue
+        axes = axes_of(component)
+        for index, data in component.items():
+            if any(each is done.domain and time not in kept for each, time in spot.points(index, axes)):
+                continue
+            expression = getattr(data, "expr", None)
+            integrals = {id(each) for s in found if isinstance(s.component, Integral) for each in s.component.values()}
+            if any(id(each) in leaving for each in variables_in(expression, integrals)):
+                raise TranscriptionError(
+                    f"'{data.name}': was built on the mesh that '{done.domain.name}' has now. Delete it (revert a "
+                    "relaxation), apply the transformation again, and build it again."
+                )
+
+
+def _states_of(found: list[Spot], domain: Any) -> list[Any]:
+    return [
+        each
+        for variable, by_order in derivatives_along(found, domain)
+        for each in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
+    ]
+
+
+def _domains(found: list[Spot]) -> list[Any]:
+    return [spot.component for spot in found if spot.component.ctype is ContinuousSet]
+
+
+def _inherit(found: list[Spot], done: Discretisation) -> None:
+    old = set(done.points)
+    done.states = _states_of(found, done.domain)
+    states = state_ids(done)
+    along: dict[Any, Family] = {}
+    for spot in found:
+        component = spot.component
+        if component.ctype not in (Var, DerivativeVar) or component.is_reference():
+            continue
+        axes = axes_of(component)
+        declared = None if axis_on(component, done.domain) is None else declaration_of(component)
+        for index, data in component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is done.domain:
+                    key = spot.family(index, axes, domain)
+                    family = along.get(key)
+                    if family is None:
+                        family = along[key] = Family(id(data) in states, declared)
+                    (family.old if time in old else family.new).append((time, data))
+    for family in along.values():
+        family.inherit(done.domain)
+
+
+def _mark_pairs(found: list[Spot], done: Discretisation) -> None:
+    """Tell pairs their element and their quadrature weight, where the user has not."""
+    elements, weights = done.grid.element_of, done.grid.quadrature_weights
+    for spot in found:
+        if spot.component.ctype is not Complementarity:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is done.domain and time in elements:
+                    if spot.component._group_rule is None:
+                        data.set_group(elements[time])
+                    if spot.component._weight_rule is None:
+                        data.set_weight(weights[time])
+
+
+class _Strong:
+    """What a variable knows its derivative by: a reference that a pickle can hold and a clone follows."""
+
+    def __init__(self, component: Any) -> None:
+        self.component = component
+
+    def __call__(self) -> Any:
+        return self.component
+
+
+def finish(done: Discretisation) -> None:
+    """Leave the set, derivatives and integrals as pyomo.dae leaves them, so that its tools read them."""
+    domain, scheme = done.domain, done.grid.scheme
+    found = list(spots(domain.model()))
+    family = scheme.name.split("(")[0]
+    domain.set_changed(True)
+    domain._fe = [time for time in domain if time in set(done.grid.mesh.boundaries)]
+    domain.get_discretization_info().update(
+        scheme=DAE_NAMES.get(family, scheme.name),
+        nfe=done.grid.mesh.elements,
+        ncp=scheme.stages,
+        tau_points=scheme.state_nodes.tolist(),
+    )
+    for spot in found:
+        component = spot.component
+        if isinstance(component, DerivativeVar):
+            known = component.get_state_var()._derivative
+            known[tuple(sorted(str(each) for each in component.get_continuousset_list()))] = _Strong(component)
+            if component.ctype is DerivativeVar and component.is_fully_discretized():
+                component.parent_block().reclassify_component_type(component, Var)
+    for integral in integrals_along(found, domain):
+        become_expression(integral)
