@@ -97,7 +97,7 @@ class Absence:
                 if not data.active:
                     continue
                 outside = self._outside(spot.points(index, axes))
-                variables = [] if generated and outside is None and len(self._done) == 1 else list(_variables_of(data))
+                variables = [] if generated and outside is None and len(self._done) == 1 else list(variables_of(data))
                 absent = next((each for each in variables if id(each) in self._absent), None)
                 if generated:
                     if absent is not None:
@@ -182,7 +182,8 @@ class Absence:
         return voided
 
 
-def _variables_of(data: Any) -> Iterable[Any]:
+def variables_of(data: Any) -> Iterable[Any]:
+    """Every variable of a row, an objective, an expression or a pair."""
     if data.ctype is MpecComplementarity:
         sides = data._args or ()
     elif data.ctype is Complementarity:

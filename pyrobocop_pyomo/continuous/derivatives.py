@@ -8,10 +8,11 @@ derivative of one polynomial would let ``v`` jump.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
@@ -57,7 +58,7 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
 def add_collocation(done: Discretisation, spots: list[Spot]) -> None:
     """Add the rows of every derivative along a set, beside the derivative."""
     homes: dict[int, Any] = {}
-    done.states, done.derivatives = [], []
+    done.states, done.derivatives, done.rows = [], [], ComponentMap()
     for variable, by_order in derivatives_along(spots, done.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
@@ -98,22 +99,38 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
 def _tie(home: Any, state: Any, rate: Any, done: Discretisation) -> None:
     grid, axis = done.grid, axis_on(rate, done.domain)
     assert axis is not None
-    widths = _widths(state, rate, grid)
     rows = Constraint(rate.index_set())
     home.add_component(unique_component_name(home, rate.local_name), rows)
+    done.rows[rate] = rows
     joints = None
     if not grid.scheme.end_is_a_node:
         joints = Constraint(rate.index_set())
         home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
-    start = grid.times[0]
-    for others in [axis.others(index) for index in rate if axis.time(index) == start]:
+    for others in _others(rate, axis, grid.times[0]):
         states, rates = _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points)
-        for time, row in collocation_rows(states, rates, grid, widths):
+        for time, row in collocation_rows(states, rates, grid, _widths(state, rate, grid)):
             rows.add(axis.join(others, time), row)
         if joints is not None:
             for time, row in continuity_rows(states, grid):
                 joints.add(axis.join(others, time), row)
         _guess_rates(states, rates, grid)
+
+
+def retie(done: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
+    """Write the rows of a derivative anew with the right-hand sides in its place; returns the block of the rows."""
+    grid, axis, rows = done.grid, axis_on(rate, done.domain), done.rows[rate]
+    assert axis is not None
+    rows.clear()
+    for others in {axis.others(index) for index in sides}:
+        states = _along(state, axis, others, grid.times)
+        rates = {time: sides[axis.join(others, time)] for time in grid.points}
+        for time, row in collocation_rows(states, rates, grid, _widths(state, rate, grid)):
+            rows.add(axis.join(others, time), row)
+    return rows.parent_block()
+
+
+def _others(component: Any, axis: Axis, time: float) -> list[Any]:
+    return [axis.others(index) for index in component if axis.time(index) == time]
 
 
 def _along(component: Any, axis: Axis, others: Any, times: tuple[float, ...]) -> dict[float, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet, DerivativeVar
@@ -17,7 +18,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .absent import PAIRS
 from .derivatives import state_ids
-from .record import Discretisation, discretisation_of
+from .record import Discretisation, discretisation_of, discretisations_of
 from .structure import Spot, axes_of, axis_on, label, spots
 
 Array = NDArray[np.float64]
@@ -61,17 +62,10 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
             raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it a guess.")
         if all(time in data for time in times):
             (states if is_state else signals)[label(family)] = np.array([data[time].value for time in times])
-    names = {id(next(iter(data.values()))): label(family) for family, _, data in families(found, done)}
-    rates = {}
-    for state, derivative in done.derivatives:
-        axis = axis_on(derivative, wrt)
-        assert axis is not None
-        for others in {axis.others(index) for index in derivative}:
-            # Named after the state, as everywhere in a trajectory.
-            name = names.get(id(state[axis.join(others, wrt.first())]))
-            values = [derivative[axis.join(others, time)].value for time in done.grid.points]
-            if name is not None and None not in values:
-                rates[name] = np.array(values, dtype=float)
+    rates: dict[str, Array] = {}
+    for name, derivative, values in _rates(found, done):
+        rates[name] = values
+        signals.setdefault(derivative, values)
     return Trajectory(
         name=model.name,
         grid=done.grid,
@@ -86,8 +80,10 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
 def families(found: list[Spot], done: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
     """Each variable along the set: what identifies it, whether it is a state, and the variable at each time."""
     along: dict[Any, dict[float, Any]] = {}
+    domains = [spot.component for spot in found if spot.component.ctype is ContinuousSet]
+    put_aside = {id(s.derivative) for each in (done, *discretisations_of(domains)) for s in each.substitutions}
     for spot in found:
-        if spot.component.ctype not in (Var, DerivativeVar):
+        if spot.component.ctype not in (Var, DerivativeVar) or id(spot.component) in put_aside:
             continue
         axes = axes_of(spot.component)
         for index, data in spot.component.items():
@@ -117,6 +113,30 @@ def interpolate(done: Discretisation, is_state: bool, values: Array, times: Arra
     local = np.clip((times - boundaries[element]) / done.grid.mesh.widths[element], 0.0, 1.0)
     weights = scheme.state_at(local) if is_state else scheme.stage_polynomial_at(local)
     return np.asarray(np.einsum("tk,tk->t", weights, values[element]), dtype=np.float64)
+
+
+def _rates(found: list[Spot], done: Discretisation) -> Iterator[tuple[str, str, Array]]:
+    """Name of the state, name of the derivative, and its values at the collocation points."""
+    shown = {id(each.derivative): each.expression for each in done.substitutions}
+    names = {
+        id(data): label(spot.family(index, axes, done.domain))
+        for spot in found
+        if spot.component.ctype in (Var, DerivativeVar, Expression)
+        for axes in [axes_of(spot.component)]
+        if axes or spot.outer
+        for index, data in spot.component.items()
+    }
+    last = done.grid.points[-1]
+    for state, derivative in done.derivatives:
+        axis = axis_on(derivative, done.domain)
+        assert axis is not None
+        seen = shown.get(id(derivative), derivative)
+        for others in {axis.others(index) for index in derivative}:
+            at = [seen[axis.join(others, time)] for time in done.grid.points if axis.join(others, time) in seen]
+            name = names.get(id(state[axis.join(others, last)]))
+            values = [value(each, exception=False) for each in at]
+            if name is not None and len(values) == len(done.grid.points) and None not in values:
+                yield name, names[id(seen[axis.join(others, last)])], np.array(values, dtype=float)
 
 
 def _parameters(found: list[Spot]) -> Iterator[tuple[str, float]]:

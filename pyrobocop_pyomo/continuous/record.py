@@ -14,6 +14,18 @@ from pyrobocop_pyomo.numerics import Grid
 
 
 @dataclass(eq=False)
+class Substitution:
+    """A derivative that an expression stands in for, where it belongs, its rows and its values."""
+
+    parent: Any
+    name: str
+    derivative: Any
+    expression: Any
+    rows: list[Any]
+    values: list[tuple[Any, float | None]]
+
+
+@dataclass(eq=False)
 class Discretisation:
     """What was done for one continuous set, and what is needed to do it afresh.
 
@@ -23,6 +35,8 @@ class Discretisation:
     grid : Grid
     points : tuple of float
         The points that the set had before.
+    substitutes : bool
+        Whether right-hand sides take the place of derivatives.
     generated : list of Block
         Blocks with the collocation rows, one beside each group of derivatives.
     silenced : list of component data
@@ -31,21 +45,27 @@ class Discretisation:
         Variables of the user's that were taken out because they stand at no collocation point.
     formulas : list of (integral, expression)
         What integrals were before.
+    substitutions : list of Substitution
     states : list of Var
         The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
         Each state with the variable that is its derivative.
+    rows : ComponentMap
+        From each derivative to its collocation rows.
     """
 
     domain: Any
     grid: Grid
     points: tuple[float, ...]
+    substitutes: bool = True
     generated: list[Any] = field(default_factory=list)
     silenced: list[Any] = field(default_factory=list)
     voided: list[tuple[Any, float | None]] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
+    substitutions: list[Substitution] = field(default_factory=list)
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
+    rows: Any = field(default_factory=ComponentMap)
 
 
 class Record(AutoSlots.Mixin):

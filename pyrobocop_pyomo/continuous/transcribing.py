@@ -21,6 +21,7 @@ from .integrals import become_expression, integrals_along, integrate, remember_i
 from .reading import families, interpolate, values_of
 from .record import Discretisation, discretisations_of, record_of
 from .structure import Spot, axes_of, axis_on, spots
+from .substitution import bring_back, substitute_derivatives
 from .sums import find_suspects
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
@@ -44,7 +45,9 @@ class Guess:
                     set_guess(each, number)
 
 
-def transcribe(domain: Any, points: tuple[float, ...], grid: Grid, guess: Guess | None = None) -> Discretisation:
+def transcribe(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, guess: Guess | None = None
+) -> Discretisation:
     """Discretise one continuous set; on failure the model is as it was.
 
     Parameters
@@ -54,16 +57,48 @@ def transcribe(domain: Any, points: tuple[float, ...], grid: Grid, guess: Guess 
         The points that the set has.
     grid : Grid
         On a mesh with all of these points.
+    substitutes : bool
+        Whether right-hand sides take the place of derivatives.
     guess : Guess, optional
         Values to start from.
     """
+    others = [each for each in discretisations_on(domain.model()) if each.domain is not domain]
+    for each in others:
+        bring_back(each)
+    try:
+        return _transcribe(domain, points, grid, substitutes, guess)
+    except BaseException:
+        settle(others)
+        raise
+
+
+def settle(others: list[Discretisation]) -> None:
+    """Build the rows of discretised sets for the points that the model has now."""
+    for each in others:
+        bring_back(each)
+        remove_collocation(each)
+    for each in others:
+        add_collocation(each, list(spots(each.domain.model())))
+    for each in others:
+        if each.substitutes:
+            substitute_derivatives(each, list(spots(each.domain.model())))
+
+
+def discretisations_on(root: Any) -> list[Discretisation]:
+    """What was done for each set of a model."""
+    return list(discretisations_of(_domains(list(spots(root)))))
+
+
+def _transcribe(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, guess: Guess | None
+) -> Discretisation:
     root, record = domain.model(), record_of(domain)
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
     derivatives_along(found, domain)
     suspects = find_suspects(found, domain)
     remember_integrands(found, record)
-    done = Discretisation(domain, grid, points)
+    done = Discretisation(domain, grid, points, substitutes)
     integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
     done.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     try:
@@ -72,7 +107,7 @@ def transcribe(domain: Any, points: tuple[float, ...], grid: Grid, guess: Guess 
         found = list(spots(root))
         _inherit(found, done)
         record.discretisations[domain] = done
-        everything = list(discretisations_of(_domains(found)))
+        everything = discretisations_on(root)
         for each in everything:
             remove_collocation(each)
         if guess is not None:
@@ -89,6 +124,9 @@ def transcribe(domain: Any, points: tuple[float, ...], grid: Grid, guess: Guess 
         absence = Absence(list(spots(root)), everything)
         absence.silence(done.silenced)
         done.voided = absence.void()
+        for each in everything:
+            if each.substitutes:
+                substitute_derivatives(each, list(spots(root)))
         _mark_pairs(found, done)
     except BaseException:
         take_back(done)
@@ -99,6 +137,7 @@ def transcribe(domain: Any, points: tuple[float, ...], grid: Grid, guess: Guess 
 def take_back(done: Discretisation) -> None:
     """Remove all that was added for a set, and revive what was put aside."""
     domain = done.domain
+    bring_back(done)
     remove_collocation(done)
     for data in done.silenced:
         data.activate()

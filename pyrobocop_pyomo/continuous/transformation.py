@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from pyomo.common.config import ConfigDict, ConfigValue, PositiveInt
+from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base import Transformation, TransformationFactory
 from pyomo.dae import ContinuousSet
@@ -16,7 +16,7 @@ from pyrobocop_pyomo.numerics import Scheme, find_scheme
 from .meshing import make_grid
 from .record import discretisation_of
 from .structure import axes_of, spots
-from .transcribing import Guess, finish, refuse_newcomers, take_back, transcribe
+from .transcribing import Guess, discretisations_on, finish, refuse_newcomers, settle, take_back, transcribe
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +38,9 @@ class Collocation(Transformation):
 
     Options of ``apply_to`` and ``create_using``: ``wrt`` (a ContinuousSet or several; all that are not yet discretised
     by default), ``nfe`` (elements, 10), ``ncp`` (stages per element, 3), ``scheme`` ("radau", "gauss", any name that
-    `find_scheme` knows, "LAGRANGE-RADAU", "LAGRANGE-LEGENDRE" or a Scheme) and ``mesh`` (element boundaries).
+    `find_scheme` knows, "LAGRANGE-RADAU", "LAGRANGE-LEGENDRE" or a Scheme), ``mesh`` (element boundaries) and
+    ``derivatives`` ("substitute", or "keep": where an equation says ``dx[t] == f``, ``f`` goes into the collocation
+    rows and ``m.dx`` becomes an expression; keep the variable to give it bounds afterwards).
 
     Equations hold at the collocation points. At other points only states have a value: what else was indexed there is
     fixed to None, and rows that hold it are deactivated. Applied to a set that it has discretised before, the
@@ -51,6 +53,14 @@ class Collocation(Transformation):
     CONFIG.declare("nfe", ConfigValue(default=10, domain=PositiveInt, description="Number of elements."))
     CONFIG.declare("ncp", ConfigValue(default=None, domain=PositiveInt, description="Stages per element; default 3."))
     CONFIG.declare("scheme", ConfigValue(default="radau", domain=_scheme, description="Which collocation scheme."))
+    CONFIG.declare(
+        "derivatives",
+        ConfigValue(
+            default="substitute",
+            domain=In(["substitute", "keep"]),
+            description="Whether explicit right-hand sides take the place of derivatives.",
+        ),
+    )
     CONFIG.declare("mesh", ConfigValue(default=None, description="Element boundaries, used exactly as given."))
 
     def _apply_to(self, model: Any, **options: Any) -> None:
@@ -70,7 +80,7 @@ class Collocation(Transformation):
                     points = tuple(domain) if done is None else done.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
                     finished.append((domain, done))
-                    _discretise(domain, done, points, grid)
+                    _discretise(domain, done, points, grid, config.derivatives == "substitute")
             except BaseException:
                 # Those before the one that failed, which is as it was already.
                 for domain, done in reversed(finished[:-1]):
@@ -83,17 +93,17 @@ class Collocation(Transformation):
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
 
 
-def _discretise(domain: Any, done: Any, points: tuple[float, ...], grid: Any) -> None:
+def _discretise(domain: Any, done: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
     if done is None:
-        transcribe(domain, points, grid)
+        transcribe(domain, points, grid, substitutes)
         return
     refuse_newcomers(done)
     guess = Guess(list(spots(domain.model())), done)
     take_back(done)
     try:
-        transcribe(domain, points, grid, guess)
+        transcribe(domain, points, grid, substitutes, guess)
     except BaseException:
-        finish(transcribe(domain, points, done.grid, guess))
+        finish(transcribe(domain, points, done.grid, done.substitutes, guess))
         raise
 
 
@@ -102,8 +112,9 @@ def _undo(domain: Any, done: Any) -> None:
     if current is not None:
         guess = Guess(list(spots(domain.model())), current)
         take_back(current)
+        settle(discretisations_on(domain.model()))
         if done is not None:
-            finish(transcribe(domain, done.points, done.grid, guess))
+            finish(transcribe(domain, done.points, done.grid, done.substitutes, guess))
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
