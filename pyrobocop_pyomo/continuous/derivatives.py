@@ -113,7 +113,7 @@ def _tie(home: Any, state: Any, rate: Any, done: Discretisation) -> None:
         if joints is not None:
             for time, row in continuity_rows(states, grid):
                 joints.add(axis.join(others, time), row)
-        _guess_rates(states, rates, grid)
+        _guess_rates(states, rates, done)
 
 
 def retie(done: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
@@ -150,11 +150,14 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
     return [width * unit for width in widths]
 
 
-def _guess_rates(states: dict[float, Any], rates: dict[float, Any], grid: Grid) -> None:
+def _guess_rates(states: dict[float, Any], rates: dict[float, Any], done: Discretisation) -> None:
     """Derivatives without a guess start from the slopes of what their states start from."""
-    if any(each.value is not None for each in rates.values()) or any(each.value is None for each in states.values()):
+    if any(each.value is not None or each.fixed for each in rates.values()) or any(
+        each.value is None for each in states.values()
+    ):
         return
-    scheme = grid.scheme
+    grid, scheme = done.grid, done.grid.scheme
+    done.guessed += rates.values()
     for nodes, stages, width in zip(grid.node_times, grid.stage_times, grid.mesh.widths, strict=True):
         increments = scheme.D @ np.array([states[time].value for time in nodes]) / width
         slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0]

@@ -24,6 +24,7 @@ from .structure import Spot, axis_on
 # In this order: what rules ask for comes before what asks. Blocks and expressions that are asked for earlier are made
 # on demand by Pyomo.
 ORDER = (Param, Var, DerivativeVar, Block, Expression, Constraint, Complementarity, MpecComplementarity)
+PAIRS = (Complementarity, MpecComplementarity)
 LEFT_ALONE = (Integral, Set, SetOf, Suffix)
 
 
@@ -38,7 +39,7 @@ def refuse_what_cannot_grow(spots: list[Spot], domain: Any) -> None:
                 f"'{component.name}': a {component.ctype.__name__} indexed by '{domain.name}' cannot be discretised. "
                 "Build it after the transformation."
             )
-        if component.ctype in (Constraint, Complementarity, MpecComplementarity) and _without_rule(component):
+        if component.ctype in (Constraint, *PAIRS) and len(component._data) > 0 and _without_rule(component):
             raise TranscriptionError(
                 f"'{component.name}': is indexed by '{domain.name}' but has no function as its rule, so that its rows "
                 "at new points are unknown. Give it rule=..., or build it after the transformation."
@@ -56,13 +57,16 @@ def expand(spots: list[Spot], domain: Any) -> None:
     for ctype in ORDER:
         for spot in spots:
             component = spot.component
-            if component.ctype is not ctype or component.is_reference() or len(component._data) == 0:
+            if component.ctype is not ctype or component.is_reference():
                 continue
             axis = axis_on(component, domain)
-            if axis is None or (ctype is Constraint and component._rule is None):
+            # What is empty and has a rule may get rows at new points that it had not at the first ones.
+            if axis is None or (ctype in (Constraint, *PAIRS) and _without_rule(component)):
                 continue
             known = {axis.others(index) for index in component}
-            all_inactive = not any(getattr(data, "active", True) for data in component._data.values())
+            all_inactive = len(component._data) > 0 and not any(
+                getattr(data, "active", True) for data in component._data.values()
+            )
             create = _CREATORS.get(ctype, _by_asking)
             # The set of a product does not change while it is walked: no rule of a model adds points.
             missing = [
@@ -150,6 +154,6 @@ _CREATORS: dict[Any, Callable[[Any, Any], None]] = {
 
 def _without_rule(component: Any) -> bool:
     if isinstance(component, ConstraintList):
-        return False  # indexed by its own numbers
+        return True  # never indexed by a set of the user's
     rule = component._init_rule if component.ctype is MpecComplementarity else component._rule
-    return len(component._data) > 0 and (rule is None or rule.contains_indices())
+    return rule is None or rule.contains_indices()

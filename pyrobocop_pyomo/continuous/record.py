@@ -43,6 +43,8 @@ class Discretisation:
         Rows and pairs of the user's that were deactivated because they stand at no collocation point.
     voided : list of (variable, value)
         Variables of the user's that were taken out because they stand at no collocation point.
+    guessed : list of Var
+        Derivatives that had no value and were given one to start from.
     formulas : list of (integral, expression)
         What integrals were before.
     substitutions : list of Substitution
@@ -61,6 +63,7 @@ class Discretisation:
     generated: list[Any] = field(default_factory=list)
     silenced: list[Any] = field(default_factory=list)
     voided: list[tuple[Any, float | None]] = field(default_factory=list)
+    guessed: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: list[Substitution] = field(default_factory=list)
     states: list[Any] = field(default_factory=list)

@@ -107,8 +107,8 @@ def _covers(times: set[float], points: tuple[float, ...]) -> bool:
 def _refusal(component: Any, index: Any, domain: Any) -> TranscriptionError:
     where = "" if index is None else f"[{index}]"
     return TranscriptionError(
-        f"'{component.name}{where}': is a sum over the {len(domain)} points that '{domain.name}' had when it was "
-        "written, and would miss all others. For an integral over time write an Integral; for a sum over the final "
+        f"'{component.name}{where}': is a sum over the points that '{domain.name}' had when it was written, "
+        "and would miss all others. For an integral over time write an Integral; for a sum over the final "
         "mesh build it after the transformation; for a sum over chosen points, such as times of measurements, give "
         "it a function, rule=..., that sums over those."
     )

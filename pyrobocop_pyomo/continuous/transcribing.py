@@ -63,23 +63,25 @@ def transcribe(
         Values to start from.
     """
     others = [each for each in discretisations_on(domain.model()) if each.domain is not domain]
+    finished = [each for each in others if each.substitutions]
     for each in others:
         bring_back(each)
+        remove_collocation(each)  # they would need rows at points that are new
     try:
         return _transcribe(domain, points, grid, substitutes, guess)
     except BaseException:
-        settle(others)
+        settle(others, finished)
         raise
 
 
-def settle(others: list[Discretisation]) -> None:
-    """Build the rows of discretised sets for the points that the model has now."""
+def settle(others: list[Discretisation], finished: list[Discretisation]) -> None:
+    """Build the rows of discretised sets for the points that the model has now; substitute again where it was done."""
     for each in others:
         bring_back(each)
         remove_collocation(each)
     for each in others:
         add_collocation(each, list(spots(each.domain.model())))
-    for each in others:
+    for each in finished:
         if each.substitutes:
             substitute_derivatives(each, list(spots(each.domain.model())))
 
@@ -124,9 +126,6 @@ def _transcribe(
         absence = Absence(list(spots(root)), everything)
         absence.silence(done.silenced)
         done.voided = absence.void()
-        for each in everything:
-            if each.substitutes:
-                substitute_derivatives(each, list(spots(root)))
         _mark_pairs(found, done)
     except BaseException:
         take_back(done)
@@ -144,6 +143,8 @@ def take_back(done: Discretisation) -> None:
     for data, number in done.voided:
         data.unfix()
         data.set_value(number, skip_validation=True)
+    for data in done.guessed:
+        data.set_value(None, skip_validation=True)
     for data, formula in done.formulas:
         data.set_value(formula)
     kept = set(done.points)
@@ -242,8 +243,10 @@ class _Strong:
 
 
 def finish(done: Discretisation) -> None:
-    """Leave the set, derivatives and integrals as pyomo.dae leaves them, so that its tools read them."""
+    """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
     domain, scheme = done.domain, done.grid.scheme
+    if done.substitutes and not done.substitutions:
+        substitute_derivatives(done, list(spots(domain.model())))
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)

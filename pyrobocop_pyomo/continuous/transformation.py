@@ -86,8 +86,7 @@ class Collocation(Transformation):
                 for domain, done in reversed(finished[:-1]):
                     _undo(domain, done)
                 raise
-            for done in map(discretisation_of, domains):
-                assert done is not None
+            for done in discretisations_on(model.model()):
                 finish(done)
         for domain in domains:
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
@@ -112,7 +111,8 @@ def _undo(domain: Any, done: Any) -> None:
     if current is not None:
         guess = Guess(list(spots(domain.model())), current)
         take_back(current)
-        settle(discretisations_on(domain.model()))
+        others = discretisations_on(domain.model())
+        settle(others, [each for each in others if each.substitutions])
         if done is not None:
             finish(transcribe(domain, done.points, done.grid, done.substitutes, guess))
 

@@ -1,15 +1,14 @@
 """Six models in plain `pyomo.dae`, with known answers. Nothing here knows this package but for one kind of pairs.
 
-Each case builds a fresh model; ``errors(model)`` compares a solved model with the answer: the largest error of the states
-at element boundaries, and the error of the integral or estimate that the model is about.
+Each case builds a fresh model; ``errors(model)`` compares a solved model with the answer: the largest error of the
+states at element boundaries, and the error of the integral or estimate that the model is about.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import cos, exp, pi, sin, sinh, tanh
-from math import cosh
+from math import cos, cosh, exp, pi, sin, tanh
 from typing import Any
 
 import pyomo.environ as pyo
@@ -242,9 +241,7 @@ CASES = {
     "reactor, index 1": Case(
         reactor, ("t",), lambda m: iter([(m.total, m.t, _total)]), lambda m: pyo.value(m.product), 1 - _total(HEATING)
     ),
-    "estimation": Case(
-        estimation, ("t",), lambda m: iter([(m.x, m.t, _forced_decay)]), lambda m: m.p.value, DECAY
-    ),
+    "estimation": Case(estimation, ("t",), lambda m: iter([(m.x, m.t, _forced_decay)]), lambda m: m.p.value, DECAY),
     "two sets": Case(
         two_phases,
         ("first", "second"),
@@ -262,7 +259,5 @@ CASES = {
     "block per time": Case(
         tank_blocks, ("t",), lambda m: iter([(m.x, m.t, _reacted)]), lambda m: pyo.value(m.reacted), 1 - _reacted(3)
     ),
-    "complementarity": Case(
-        rectifier, ("t",), lambda m: iter([(m.y, m.t, _swept)]), lambda m: pyo.value(m.swept), 4.0
-    ),
+    "complementarity": Case(rectifier, ("t",), lambda m: iter([(m.y, m.t, _swept)]), lambda m: pyo.value(m.swept), 4.0),
 }

@@ -1,0 +1,376 @@
+"""What becomes of the parts of a model: meshes, bounds, fixings, blocks, sets one after another, copies, units."""
+
+from __future__ import annotations
+
+import pickle
+from io import StringIO
+from math import exp, pi, sin
+
+import pyomo.environ as pyo
+import pytest
+from catalogue.dae_models import CASES, HEATING, reactor, rectifier, two_phases
+from pyomo.common.timing import report_timing
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from pyomo.mpec import Complementarity, complements
+from pyomo.util.check_units import assert_units_consistent
+
+import pyrobocop_pyomo as rcp
+
+COLLOCATION = pyo.TransformationFactory("pyrobocop.collocation")
+
+
+def tank(points=(0, 2), **options):
+    m = pyo.ConcreteModel(name="tank")
+    m.t = ContinuousSet(initialize=points)
+    m.x, m.u = pyo.Var(m.t, initialize=1), pyo.Var(m.t, **options)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.x[t])
+    m.x[0].fix(1)
+    return m
+
+
+def solved(m):
+    rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
+    return m
+
+
+# -------------------------------------------------------------------- meshes
+
+
+def test_boundaries_are_never_rounded():
+    boundaries = [0, 1 / 7, 2 / 3, pi / 3, 2]
+    m = tank((0, 1 / 3, 2))
+    COLLOCATION.apply_to(m, wrt=m.t, mesh=boundaries)
+    assert m.t.get_finite_elements() == sorted({*boundaries, 1 / 3})
+    grid = rcp.Grid(rcp.radau(3), rcp.Mesh.given(sorted({*boundaries, 1 / 3})))
+    assert tuple(m.t) == grid.times
+
+
+def test_points_of_the_set_are_boundaries_and_the_rest_is_even(caplog):
+    m = tank((0, 0.5, 2))
+    COLLOCATION.apply_to(m, nfe=4)
+    assert m.t.get_finite_elements() == [0, 0.5, 1, 1.5, 2]
+    m = tank((0, 0.5, 2))
+    COLLOCATION.apply_to(m, nfe=1)
+    assert m.t.get_finite_elements() == [0, 0.5, 2]
+    assert "'t': has 3 points of its own, hence 2 elements instead of 1" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [("LAGRANGE-RADAU", "radau(3)"), ("LAGRANGE-LEGENDRE", "gauss(3)"), ("lobatto", "lobatto(3)")],
+)
+def test_names_of_schemes(name, known):
+    m = tank(initialize=0)
+    COLLOCATION.apply_to(m, scheme=name, ncp=3)
+    assert rcp.dae_trajectory(m, m.t).grid.scheme.name == known
+
+
+# -------------------------------------------------------------------- what the user set beforehand
+
+
+def test_bounds_reach_every_point():
+    m = tank(initialize=0, domain=pyo.NonNegativeReals)
+    m.x.setub(5)
+    m.u.setub(3)
+    m.u[2].setlb(1)  # at one point only: a condition there
+    COLLOCATION.apply_to(m, nfe=4)
+    assert {x.ub for x in m.x.values()} == {5}
+    assert {u.ub for u in m.u.values()} == {3}
+    assert {u.lb for t, u in m.u.items() if t < 2} == {0}
+    assert m.u[2].lb == 1
+
+
+def test_bounds_in_time_are_asked_at_every_point():
+    m = tank(initialize=0, bounds=lambda m, t: (-t, t + 1))
+    COLLOCATION.apply_to(m, nfe=4)
+    assert all(u.bounds == (-t, t + 1) for t, u in m.u.items())
+
+
+def test_fixing_a_control_fixes_it_everywhere():
+    m = tank()
+    m.u.fix(0.3)
+    COLLOCATION.apply_to(m, nfe=4)
+    assert all(u.fixed and u.value == 0.3 for u in m.u.values())
+    m = tank(initialize=lambda m, t: sin(t))
+    m.u.fix()
+    COLLOCATION.apply_to(m, nfe=4)
+    assert all(u.fixed and u.value == sin(t) for t, u in m.u.items())
+
+
+def test_fixing_a_state_at_both_ends_is_a_boundary_condition():
+    m = tank()
+    m.x.fix(1)
+    COLLOCATION.apply_to(m, nfe=4)
+    assert [t for t, x in m.x.items() if x.fixed] == [0, 2]
+
+
+def test_guesses_are_those_of_the_declaration_or_interpolated():
+    m = tank(initialize=lambda m, t: t**2)
+    m.x[0].value, m.x[2].value = 5, 9
+    COLLOCATION.apply_to(m, nfe=4, derivatives="keep")
+    assert all(m.u[t].value == t**2 for t in m.t if t > 0)
+    assert all(x.value == pytest.approx(5 + 2 * t) for t, x in m.x.items())
+    assert all(m.dx[t].value == pytest.approx(2) for t in m.t if t > 0)
+
+
+def test_deactivated_components_stay_so():
+    m = tank(initialize=0)
+    m.limit = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
+    m.limit.deactivate()
+    m.rows = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
+    m.rows[0].deactivate()
+    m.rows[2].deactivate()
+    m.b = pyo.Block(m.t, rule=lambda b, t: setattr(b, "row", pyo.Constraint(expr=b.model().x[t] >= 0)))
+    m.b.deactivate()
+    COLLOCATION.apply_to(m, nfe=4)
+    assert not any(row.active for component in (m.limit, m.rows, m.b) for row in component.values())
+    assert len(m.rows) == len(m.b) == len(m.t)
+
+
+# -------------------------------------------------------------------- where rows hold
+
+
+@pytest.mark.parametrize(("scheme", "inner"), [("radau", 9), ("gauss", 9), ("lobatto", 7)])
+def test_where_rows_hold(scheme, inner):
+    m = tank(initialize=0)
+    m.z = pyo.Var(m.t, initialize=0)
+    m.path = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
+    m.same = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] ** 2 == 4)
+    m.other = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] == m.x[t])
+    m.ends = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] >= 1 if t in (0, 2) else pyo.Constraint.Skip)
+    m.last = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] == 1 if t == 2 else pyo.Constraint.Skip)
+    COLLOCATION.apply_to(m, nfe=3, ncp=3, scheme=scheme, derivatives="keep")
+    points = set(rcp.dae_trajectory(m, m.t).points) if scheme == "lobatto" else set(m.t_collocation.dx)
+    if scheme == "lobatto":
+        assert len(points) == inner
+
+    def holds(component):
+        return {t for t, row in component.items() if row.active}
+
+    assert holds(m.path) == set(m.t)
+    assert holds(m.same) == points | {0}
+    assert holds(m.other) == holds(m.ode) == points
+    assert holds(m.ends) == {0, 2}
+    assert holds(m.last) == {2}
+    assert all(m.u[t].fixed and m.u[t].value is None for t in set(m.t) - points)
+
+
+def test_fixed_initial_rate_is_a_condition_on_the_state():
+    m = pyo.ConcreteModel()
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x = pyo.Var(m.t, initialize=1)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == 2 - m.x[t])
+    m.dx[0].fix(0)
+    COLLOCATION.apply_to(m, nfe=3, derivatives="keep")
+    assert m.ode[0].active
+    assert all(x.value == pytest.approx(2) for x in solved(m).x.values())
+
+
+# -------------------------------------------------------------------- indices, blocks, sets
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+def test_mixed_indices_and_blocks_of_units(scheme):
+    """Tanks with species, each unit a block of its own that takes the time from the model."""
+    m = pyo.ConcreteModel(name="plant")
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.species = pyo.Set(initialize=["a", "b"])
+    m.grade = pyo.Set(initialize=[(1, 1), (1, 2)])
+
+    def unit(b, i):
+        b.x = pyo.Var(m.species, m.t, m.grade, initialize=1)
+        b.dx = DerivativeVar(b.x, wrt=m.t)
+        b.ode = pyo.Constraint(m.species, m.t, m.grade, rule=decay)
+        for s in m.species:
+            for g in m.grade:
+                b.x[(s, 0, *g)].fix(1)
+
+    def decay(b, s, t, g, h):
+        return b.dx[s, t, g, h] == -b.index() * h * b.x[s, t, g, h]
+
+    m.unit = pyo.Block([1, 2], rule=unit)
+    m.spent = Integral([1, 2], m.t, wrt=m.t, rule=lambda m, i, t: m.unit[i].x["a", t, 1, 1])
+    COLLOCATION.apply_to(m, nfe=5, ncp=3, scheme=scheme)
+    solved(m)
+    assert m.unit[2].x["b", 1, 1, 2].value == pytest.approx(exp(-4), abs=1e-5)
+    assert pyo.value(m.spent[1]) == pytest.approx(1 - exp(-1), abs=1e-7)
+    trajectory = rcp.dae_trajectory(m, m.t)
+    assert "unit[2].x[b,1,2]" in trajectory.states
+    assert trajectory.rates["unit[2].x[b,1,2]"] == pytest.approx(trajectory.signals["unit[2].dx[b,1,2]"])
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("order", [("first", "second"), ("second", "first")])
+def test_sets_one_after_the_other_with_schemes_of_their_own(order):
+    m = two_phases()
+    schemes = {"first": ("gauss", 3), "second": ("LAGRANGE-RADAU", 5)}
+    for name in order:
+        scheme, stages = schemes[name]
+        COLLOCATION.apply_to(m, wrt=m.component(name), nfe=6, ncp=stages, scheme=scheme)
+    assert max(CASES["two sets"].errors(solved(m))) < 1e-8
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("sequence", [("t", "z"), ("z", "t"), ("t z",)])
+def test_heat_equation(sequence):
+    """u_t = u_zz with both sets collocated, u = 0 at both ends: exp(-pi^2 t) sin(pi z)."""
+    m = pyo.ConcreteModel(name="rod")
+    m.t, m.z = ContinuousSet(bounds=(0, 0.1)), ContinuousSet(bounds=(0, 1))
+    m.u = pyo.Var(m.t, m.z, initialize=0)
+    m.ut, m.uzz = DerivativeVar(m.u, wrt=m.t), DerivativeVar(m.u, wrt=(m.z, m.z))
+    m.heat = pyo.Constraint(m.t, m.z, rule=lambda m, t, z: m.ut[t, z] == m.uzz[t, z])
+    m.cold = pyo.Constraint(m.t, m.z, rule=lambda m, t, z: m.u[t, z] == 0 if z in (0, 1) else pyo.Constraint.Skip)
+    m.start = pyo.Constraint(
+        m.t,
+        m.z,
+        rule=lambda m, t, z: m.u[t, z] == sin(pi * z) if t == 0 and 0 < z < 1 else pyo.Constraint.Skip,
+    )
+    for names in sequence:
+        COLLOCATION.apply_to(m, wrt=[m.component(name) for name in names.split()], nfe=4, ncp=3)
+    solved(m)
+    error = max(abs(m.u[0.1, z].value - exp(-(pi**2) * 0.1) * sin(pi * z)) for z in m.z)
+    assert error < 1e-4
+
+
+def test_parameters_and_expressions_follow():
+    m = tank(initialize=0)
+    m.feed = pyo.Param(m.t, initialize=lambda m, t: 2 * t)
+    m.rate = pyo.Param(m.t, initialize=1.5, mutable=True)
+    m.level = pyo.Expression(m.t, rule=lambda m, t: m.feed[t] + m.x[t])
+    COLLOCATION.apply_to(m, nfe=3)
+    assert all(m.feed[t] == 2 * t and m.rate[t].value == 1.5 for t in m.t)
+    assert len(m.level) == len(m.t)
+
+
+# -------------------------------------------------------------------- copies
+
+
+def decaying():
+    m = pyo.ConcreteModel(name="decay")
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x = pyo.Var(m.t, initialize=1)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=_decay)
+    m.x[0].fix(1)
+    m.area = Integral(m.t, rule=_x)
+    m.cost = pyo.Objective(expr=m.area)
+    return m
+
+
+def _decay(m, t):
+    return m.dx[t] == -m.x[t]
+
+
+def _x(m, t):
+    return m.x[t]
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
+@pytest.mark.parametrize("copied", [lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))])
+def test_clones_and_pickles_are_models_of_their_own(derivatives, copied):
+    m = decaying()
+    COLLOCATION.apply_to(m, nfe=4, derivatives=derivatives)
+    n = copied(m)
+    n.x[0].fix(2)
+    solved(n)
+    assert m.x[1].value == 1
+    assert n.x[1].value == pytest.approx(2 * exp(-1), abs=1e-6)
+    assert rcp.dae_trajectory(n, n.t).rates["x"][-1] == pytest.approx(-2 * exp(-1), abs=1e-4)
+    COLLOCATION.apply_to(n, nfe=8)
+    assert pyo.value(solved(n).area) == pytest.approx(2 - 2 * exp(-1), abs=1e-8)
+    assert len(m.t) == 13
+    assert m.x._derivative[("t",)]() in (m.dx, m.t_collocation.component("dx_variable"))
+
+
+@pytest.mark.casadi
+def test_create_using_leaves_the_model_alone():
+    m = reactor()
+    n = COLLOCATION.create_using(m, wrt=m.t, nfe=4)
+    assert list(m.t) == [0, HEATING]
+    assert m.dtotal.ctype is DerivativeVar
+    assert m.product.ctype is Integral
+    assert CASES["reactor, index 1"].errors(solved(n))[0] < 1e-4
+
+
+# -------------------------------------------------------------------- again
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
+@pytest.mark.parametrize("name", CASES)
+def test_again_on_another_mesh_from_the_last_solution(name, derivatives):
+    case = CASES[name]
+    m, n = case.build(), case.build()
+    COLLOCATION.apply_to(m, nfe=6, derivatives=derivatives)
+    coarse = case.errors(solved(m))
+    COLLOCATION.apply_to(m, nfe=12, scheme="gauss", derivatives=derivatives)
+    guess = case.errors(m)
+    COLLOCATION.apply_to(n, nfe=12, scheme="gauss", derivatives=derivatives)
+    assert {c.name: len(c) for c in m.component_objects()} == {c.name: len(c) for c in n.component_objects()}
+    assert guess[0] <= coarse[0] + 1e-2
+    assert case.errors(solved(m)) == pytest.approx(case.errors(solved(n)), abs=1e-8)
+
+
+# -------------------------------------------------------------------- units, timing, other tools
+
+
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
+@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
+def test_units_stay_consistent(scheme, derivatives):
+    pytest.importorskip("pint")
+    units = pyo.units
+    m = pyo.ConcreteModel()
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x = pyo.Var(m.t, units=units.m, initialize=1)
+    m.dx = DerivativeVar(m.x, units=units.m / units.s)
+    m.ddx = DerivativeVar(m.x, wrt=(m.t, m.t), units=units.m / units.s**2)
+    m.k = pyo.Param(initialize=4, units=1 / units.s**2, mutable=True)
+    m.y = pyo.Var(m.t, units=units.m, initialize=1)
+    m.dy = DerivativeVar(m.y, units=units.m / units.s)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.ddx[t] == -m.k * m.x[t])
+    m.follow = pyo.Constraint(m.t, rule=lambda m, t: m.dy[t] == m.dx[t])
+    m.way = Integral(m.t, rule=lambda m, t: m.x[t])
+    m.cost = pyo.Objective(expr=m.way)
+    assert_units_consistent(m)
+    COLLOCATION.apply_to(m, nfe=2, scheme=scheme, derivatives=derivatives)
+    assert_units_consistent(m)
+
+
+def test_timing_is_reported():
+    stream = StringIO()
+    report_timing(stream)
+    try:
+        COLLOCATION.apply_to(tank(initialize=0), nfe=2)
+    finally:
+        report_timing(False)
+    assert "Collocation" in stream.getvalue()
+
+
+def test_registered_with_a_description():
+    assert "pyrobocop.collocation" in pyo.TransformationFactory
+    assert pyo.TransformationFactory.doc("pyrobocop.collocation")
+
+
+@pytest.mark.casadi
+def test_pairs_in_blocks_of_time_and_a_relaxation_by_hand():
+    m = rectifier()
+    m.del_component(m.pairs)
+    m.contact = pyo.Block(m.t, rule=_contact)
+    COLLOCATION.apply_to(m, nfe=6)
+    relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
+    token = relax.apply_to(m, delta=1e-8)
+    assert len(relax.relaxed_rows(m)) == 18
+    pyo.SolverFactory("pyrobocop.ipopt").solve(m)
+    assert CASES["complementarity"].errors(m)[0] < 1e-2
+    assert rcp.dae_trajectory(m, m.t).pairs["contact.pair"].shape == (2, 18)
+    relax.revert(m, token)
+    COLLOCATION.apply_to(m, nfe=9)
+
+
+def _contact(b, t):
+    m = b.model()
+    b.pair = Complementarity(expr=complements(m.p[t] >= 0, m.n[t] >= 0))
