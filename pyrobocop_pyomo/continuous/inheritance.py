@@ -36,11 +36,14 @@ class Family:
         Whether it has a derivative with respect to the set.
     declared : callable or None
         ``declared(data, attribute)`` is what the declaration of the variable says at a point.
+    points : set of float
+        The collocation points.
     old, new : list of (time, variable)
     """
 
     is_state: bool
     declared: Callable[[Any, str], Any] | None
+    points: frozenset[float]
     old: list[tuple[float, Any]] = field(default_factory=list)
     new: list[tuple[float, Any]] = field(default_factory=list)
 
@@ -72,6 +75,12 @@ class Family:
             not _same(each, self._declared_at(data, attribute)) for each, (_, data) in zip(given, self.old, strict=True)
         ]
         if not all(changed):
+            for (time, data), each in zip(self.old, changed, strict=True):
+                if each and not self.is_state and time not in self.points:
+                    raise TranscriptionError(
+                        f"'{data.name}': has {WORDS[attribute]} of its own, but no value: the scheme has no collocation "
+                        f"point at {domain.local_name} = {time:g}. Take them away, or choose a scheme with a point there."
+                    )
             return
         by_rule = {id(getattr(data, attribute)): getattr(data, attribute) for _, data in self.new}
         if self.declared is None and not all(_same(each, next(iter(by_rule.values()))) for each in by_rule.values()):

@@ -163,6 +163,7 @@ def refuse_newcomers(done: Discretisation) -> None:
     found = list(spots(done.domain.model()))
     kept = set(done.points)
     leaving = {id(each) for _, _, data in families(found, done) for time, each in data.items() if time not in kept}
+    integrals = {id(each) for s in found if isinstance(s.component, Integral) for each in s.component.values()}
     own = {id(block) for each in discretisations_of(_domains(found)) for block in each.generated}
     for spot in found:
         component = spot.component
@@ -173,7 +174,6 @@ def refuse_newcomers(done: Discretisation) -> None:
             if any(each is done.domain and time not in kept for each, time in spot.points(index, axes)):
                 continue
             expression = getattr(data, "expr", None)
-            integrals = {id(each) for s in found if isinstance(s.component, Integral) for each in s.component.values()}
             if any(id(each) in leaving for each in variables_in(expression, integrals)):
                 raise TranscriptionError(
                     f"'{data.name}': was built on the mesh that '{done.domain.name}' has now. Delete it (revert a "
@@ -194,7 +194,7 @@ def _domains(found: list[Spot]) -> list[Any]:
 
 
 def _inherit(found: list[Spot], done: Discretisation) -> None:
-    old = set(done.points)
+    old, points = set(done.points), frozenset(done.grid.points)
     done.states = _states_of(found, done.domain)
     states = state_ids(done)
     along: dict[Any, Family] = {}
@@ -210,7 +210,7 @@ def _inherit(found: list[Spot], done: Discretisation) -> None:
                     key = spot.family(index, axes, domain)
                     family = along.get(key)
                     if family is None:
-                        family = along[key] = Family(id(data) in states, declared)
+                        family = along[key] = Family(id(data) in states, declared, points)
                     (family.old if time in old else family.new).append((time, data))
     for family in along.values():
         family.inherit(done.domain)

