@@ -1,7 +1,7 @@
 """Explicit equations: the right-hand side takes the place of the derivative, which saves half of the variables.
 
-An equation is explicit when a row says ``dx[t] == f`` and the derivative is found nowhere else, at each collocation
-point. The row is deactivated, ``f`` goes into the collocation rows, and under the name of the derivative there is then
+An equation is explicit when a row says ``dx[t] == f``, not just within a disjunct, and the derivative is found nowhere
+else, at each collocation point. The row is deactivated, ``f`` goes into the collocation rows, and under the name of the derivative there is then
 an expression, ``f`` itself: it can be read after a solve, by whatever solver, and used in further rows.
 """
 
@@ -15,6 +15,7 @@ from pyomo.core.base.expression import Expression
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr import EqualityExpression
 from pyomo.dae import DerivativeVar
+from pyomo.gdp import Disjunct
 
 from .absent import PAIRS, variables_of
 from .derivatives import retie, rows_of, state_ids
@@ -67,11 +68,12 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
             or id(component) in own
         ):
             continue
+        unconditional = not _is_within_a_disjunct(component)
         for data in component.values():
             if component.ctype is not Expression and not data.active:
                 continue
             expression = data.expr if component.ctype not in PAIRS else None
-            if isinstance(expression, EqualityExpression):
+            if unconditional and isinstance(expression, EqualityExpression):
                 left, right = expression.args
                 if id(left) not in candidates:
                     left, right = right, left
@@ -81,6 +83,15 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
                     continue
             elsewhere.update(id(each) for each in variables_of(data) if id(each) in candidates)
     return {key: value for key, value in explicit.items() if key not in elsewhere}
+
+
+def _is_within_a_disjunct(component: Any) -> bool:
+    block = component.parent_block()
+    while block is not None:
+        if block.ctype is Disjunct:
+            return True
+        block = block.parent_block()
+    return False
 
 
 def _substitute(

@@ -71,11 +71,11 @@ def test_pairs_of_this_package_know_element_and_weight():
 
 
 @pytest.mark.parametrize("derivatives", ["substitute", "keep"])
-@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", "explicit", "explicit_euler", "trapezoid"])
 @pytest.mark.parametrize("name", ["reactor, index 1", "second derivative", "block per time"])
 def test_nothing_is_left_undetermined(name, scheme, derivatives):
     m = CASES[name].build()
-    COLLOCATION.apply_to(m, nfe=4, ncp=3, scheme=scheme, derivatives=derivatives)
+    COLLOCATION.apply_to(m, nfe=4, scheme=scheme, derivatives=derivatives)
     graph = IncidenceGraphInterface(m, include_inequality=False)
     assert len(graph.variables) == len(graph.constraints)
     assert len(graph.maximum_matching()) == len(graph.variables)

@@ -13,6 +13,7 @@ from pyomo.common.timing import report_timing
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.contrib.mpc import DynamicModelInterface
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from pyomo.gdp import Disjunct
 from pyomo.mpec import Complementarity, complements
 from pyomo.util.check_units import assert_units_consistent
 
@@ -408,3 +409,25 @@ def test_tools_of_pyomo_read_the_result():
     data = interface.get_data_at_time(m.t.last())
     assert data.get_data_from_key("x[*]") == 1
     assert m.t.get_lower_element_boundary(1.0) == pytest.approx(2 / 3)
+
+
+def test_equation_of_a_disjunct_stays_there():
+    m = tank(initialize=0)
+    m.del_component(m.ode)
+    m.on = Disjunct()
+    m.on.ode = pyo.Constraint(m.t, rule=lambda d, t: d.model().dx[t] == d.model().u[t])
+    COLLOCATION.apply_to(m, nfe=2)
+    assert m.component("dx").ctype is pyo.Var
+    assert sum(row.active for row in m.on.ode.values()) == 6
+
+
+def test_bounded_or_otherwise_used_derivatives_stay_variables():
+    m = tank(initialize=0)
+    m.slow = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] <= 1)
+    m.y = pyo.Var(m.t * pyo.Set(initialize=["a"]), initialize=0)
+    m.dy = DerivativeVar(m.y, wrt=m.t, bounds=(-1, 1))
+    m.other = pyo.Constraint(m.t, rule=lambda m, t: m.dy[t, "a"] == m.u[t])
+    COLLOCATION.apply_to(m, nfe=2)
+    assert m.dx.ctype is m.dy.ctype is pyo.Var
+    assert {dy.bounds for dy in m.dy.values()} == {(-1, 1)}
+    assert m.ode[2].active
