@@ -79,8 +79,8 @@ class Family:
                 if each and not self.is_state and time not in self.points:
                     raise TranscriptionError(
                         f"'{data.name}': has {WORDS[attribute]} of its own, but no value: the scheme has no "
-                        f"collocation point at {domain.local_name} = {time:g}. Take them away, or choose a scheme with a "
-                        "point there."
+                        f"collocation point at {domain.local_name} = {time:g}. Take them away, or choose a scheme with "
+                        "a point there."
                     )
             return
         by_rule = {id(getattr(data, attribute)): getattr(data, attribute) for _, data in self.new}

@@ -1,8 +1,9 @@
 """Explicit equations: the right-hand side takes the place of the derivative, which saves half of the variables.
 
 An equation is explicit when a row says ``dx[t] == f``, not just within a disjunct, and the derivative is found nowhere
-else, at each collocation point. The row is deactivated, ``f`` goes into the collocation rows, and under the name of the derivative there is then
-an expression, ``f`` itself: it can be read after a solve, by whatever solver, and used in further rows.
+else, at each collocation point. The row is deactivated, ``f`` goes into the collocation rows, and under the name of the
+derivative there is then an expression, ``f`` itself: it can be read after a solve, by whatever solver, and used in
+further rows.
 """
 
 from __future__ import annotations
