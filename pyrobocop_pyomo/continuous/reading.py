@@ -19,7 +19,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .absent import PAIRS
 from .derivatives import state_ids
 from .record import Discretisation, discretisation_of, discretisations_of
-from .structure import Spot, axes_of, axis_on, label, spots
+from .structure import Spot, axes_of, axis_on, continuous_sets, label, spots
 
 Array = NDArray[np.float64]
 
@@ -80,8 +80,8 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
 def families(found: list[Spot], done: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
     """Each variable along the set: what identifies it, whether it is a state, and the variable at each time."""
     along: dict[Any, dict[float, Any]] = {}
-    domains = [spot.component for spot in found if spot.component.ctype is ContinuousSet]
-    put_aside = {id(s.derivative) for each in (done, *discretisations_of(domains)) for s in each.substitutions}
+    everything = (done, *discretisations_of(continuous_sets(found)))
+    put_aside = {id(s.derivative) for each in everything for s in each.substitutions}
     for spot in found:
         if spot.component.ctype not in (Var, DerivativeVar) or id(spot.component) in put_aside:
             continue

@@ -6,15 +6,12 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from pyomo.core.base.block import Block
-from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from pyomo.dae import ContinuousSet
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import TranscriptionError
 
 BLOCK_TYPES = (Block, Disjunct)
-
-# Derivatives and integrals are ordinary variables and expressions once their sets are discretised.
-CONTINUOUS_TYPES = (ContinuousSet, DerivativeVar, Integral)
 
 
 class Axis(NamedTuple):
@@ -116,6 +113,11 @@ def spots(
             inner = ((component.local_name, index, axes),)
             points = tuple((axis.domain, axis.time(index)) for axis in axes)
             yield from spots(data, path + inner, outer + points, awake and data.active)
+
+
+def continuous_sets(found: list[Spot]) -> list[Any]:
+    """The continuous sets among components."""
+    return [spot.component for spot in found if spot.component.ctype is ContinuousSet]
 
 
 def label(family: tuple[Any, ...]) -> str:

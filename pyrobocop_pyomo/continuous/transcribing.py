@@ -4,45 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from pyomo.core.base.var import Var
-from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.numerics import Grid
 
 from .absent import Absence
 from .derivatives import add_collocation, derivatives_along, remove_collocation, state_ids
 from .expansion import expand, refuse_what_cannot_grow
-from .expressions import variables_in
-from .inheritance import Family, declaration_of, set_guess
+from .inheritance import Family, declaration_of
 from .integrals import become_expression, integrals_along, integrate, remember_integrands
-from .reading import families, interpolate, values_of
 from .record import Discretisation, discretisations_of, record_of
-from .structure import Spot, axes_of, axis_on, spots
+from .remeshing import Guess
+from .structure import Spot, axes_of, axis_on, continuous_sets, spots
 from .substitution import bring_back, substitute_derivatives
 from .sums import find_suspects
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
-
-
-class Guess:
-    """The values that a discretised set has, for another mesh."""
-
-    def __init__(self, found: list[Spot], done: Discretisation) -> None:
-        self._done = Discretisation(done.domain, done.grid, done.points)
-        self._values = values_of(found, done)
-
-    def give_to(self, found: list[Spot], done: Discretisation) -> None:
-        """Interpolate onto the new mesh; what is fixed keeps its value."""
-        for family, _, data in families(found, done):
-            if family in self._values:
-                free = {time: each for time, each in data.items() if not each.fixed}
-                is_state, values = self._values[family]
-                guess = interpolate(self._done, is_state, values, np.array(list(free), dtype=float))
-                for each, number in zip(free.values(), guess.tolist(), strict=True):
-                    set_guess(each, number)
 
 
 def transcribe(
@@ -88,7 +67,7 @@ def settle(others: list[Discretisation], finished: list[Discretisation]) -> None
 
 def discretisations_on(root: Any) -> list[Discretisation]:
     """What was done for each set of a model."""
-    return list(discretisations_of(_domains(list(spots(root)))))
+    return list(discretisations_of(continuous_sets(list(spots(root)))))
 
 
 def _transcribe(
@@ -158,39 +137,12 @@ def take_back(done: Discretisation) -> None:
     record_of(domain).discretisations.pop(domain, None)
 
 
-def refuse_newcomers(done: Discretisation) -> None:
-    """Raise a `TranscriptionError` when something holds variables at points that go away with the mesh."""
-    found = list(spots(done.domain.model()))
-    kept = set(done.points)
-    leaving = {id(each) for _, _, data in families(found, done) for time, each in data.items() if time not in kept}
-    integrals = {id(each) for s in found if isinstance(s.component, Integral) for each in s.component.values()}
-    own = {id(block) for each in discretisations_of(_domains(found)) for block in each.generated}
-    for spot in found:
-        component = spot.component
-        if not hasattr(component, "_rule") or isinstance(component, Integral) or id(component.parent_block()) in own:
-            continue
-        axes = axes_of(component)
-        for index, data in component.items():
-            if any(each is done.domain and time not in kept for each, time in spot.points(index, axes)):
-                continue
-            expression = getattr(data, "expr", None)
-            if any(id(each) in leaving for each in variables_in(expression, integrals)):
-                raise TranscriptionError(
-                    f"'{data.name}': was built on the mesh that '{done.domain.name}' has now. Delete it (revert a "
-                    "relaxation), apply the transformation again, and build it again."
-                )
-
-
 def _states_of(found: list[Spot], domain: Any) -> list[Any]:
     return [
         each
         for variable, by_order in derivatives_along(found, domain)
         for each in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
     ]
-
-
-def _domains(found: list[Spot]) -> list[Any]:
-    return [spot.component for spot in found if spot.component.ctype is ContinuousSet]
 
 
 def _inherit(found: list[Spot], done: Discretisation) -> None:

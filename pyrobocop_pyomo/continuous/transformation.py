@@ -15,8 +15,9 @@ from pyrobocop_pyomo.numerics import Scheme, find_scheme
 
 from .meshing import make_grid
 from .record import discretisation_of
-from .structure import axes_of, spots
-from .transcribing import Guess, discretisations_on, finish, refuse_newcomers, settle, take_back, transcribe
+from .remeshing import Guess, refuse_newcomers
+from .structure import axes_of, continuous_sets, spots
+from .transcribing import discretisations_on, finish, settle, take_back, transcribe
 
 logger = logging.getLogger(__name__)
 
@@ -122,7 +123,7 @@ def _undo(domain: Any, done: Any) -> None:
 def _domains(model: Any, wrt: Any) -> list[Any]:
     """The sets that are meant, all of them within the model."""
     found = list(spots(model))
-    own = [spot.component for spot in found if spot.component.ctype is ContinuousSet]
+    own = continuous_sets(found)
     used = [axis.domain for spot in found for axis in axes_of(spot.component)]
     if wrt is None:
         elsewhere = next((each for each in used if not any(each is domain for domain in own)), None)

@@ -1,14 +1,13 @@
-"""What becomes of the parts of a model: meshes, bounds, fixings, blocks, sets one after another, copies, units."""
+"""Mixed indices, blocks, several sets, references, disjuncts, tools of Pyomo."""
 
 from __future__ import annotations
 
-import pickle
 from io import StringIO
 from math import exp, pi, sin
 
 import pyomo.environ as pyo
 import pytest
-from catalogue.dae_models import CASES, HEATING, reactor, rectifier, two_phases
+from catalogue.dae_models import CASES, rectifier, two_phases
 from pyomo.common.timing import report_timing
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.contrib.mpc import DynamicModelInterface
@@ -35,140 +34,6 @@ def tank(points=(0, 2), **options):
 def solved(m):
     rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
     return m
-
-
-# -------------------------------------------------------------------- meshes
-
-
-def test_boundaries_are_never_rounded():
-    boundaries = [0, 1 / 7, 2 / 3, pi / 3, 2]
-    m = tank((0, 1 / 3, 2))
-    COLLOCATION.apply_to(m, wrt=m.t, mesh=boundaries)
-    assert m.t.get_finite_elements() == sorted({*boundaries, 1 / 3})
-    grid = rcp.Grid(rcp.radau(3), rcp.Mesh.given(sorted({*boundaries, 1 / 3})))
-    assert tuple(m.t) == grid.times
-
-
-def test_points_of_the_set_are_boundaries_and_the_rest_is_even(caplog):
-    m = tank((0, 0.5, 2))
-    COLLOCATION.apply_to(m, nfe=4)
-    assert m.t.get_finite_elements() == [0, 0.5, 1, 1.5, 2]
-    m = tank((0, 0.5, 2))
-    COLLOCATION.apply_to(m, nfe=1)
-    assert m.t.get_finite_elements() == [0, 0.5, 2]
-    assert "'t': has 3 points of its own, hence 2 elements instead of 1" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("name", "known"),
-    [("LAGRANGE-RADAU", "radau(3)"), ("LAGRANGE-LEGENDRE", "gauss(3)"), ("lobatto", "lobatto(3)")],
-)
-def test_names_of_schemes(name, known):
-    m = tank(initialize=0)
-    COLLOCATION.apply_to(m, scheme=name, ncp=3)
-    assert rcp.dae_trajectory(m, m.t).grid.scheme.name == known
-
-
-# -------------------------------------------------------------------- what the user set beforehand
-
-
-def test_bounds_reach_every_point():
-    m = tank(initialize=0, domain=pyo.NonNegativeReals)
-    m.x.setub(5)
-    m.u.setub(3)
-    m.u[2].setlb(1)  # at one point only: a condition there
-    COLLOCATION.apply_to(m, nfe=4)
-    assert {x.ub for x in m.x.values()} == {5}
-    assert {u.ub for u in m.u.values()} == {3}
-    assert {u.lb for t, u in m.u.items() if t < 2} == {0}
-    assert m.u[2].lb == 1
-
-
-def test_bounds_in_time_are_asked_at_every_point():
-    m = tank(initialize=0, bounds=lambda m, t: (-t, t + 1))
-    COLLOCATION.apply_to(m, nfe=4)
-    assert all(u.bounds == (-t, t + 1) for t, u in m.u.items())
-
-
-def test_fixing_a_control_fixes_it_everywhere():
-    m = tank()
-    m.u.fix(0.3)
-    COLLOCATION.apply_to(m, nfe=4)
-    assert all(u.fixed and u.value == 0.3 for u in m.u.values())
-    m = tank(initialize=lambda m, t: sin(t))
-    m.u.fix()
-    COLLOCATION.apply_to(m, nfe=4)
-    assert all(u.fixed and u.value == sin(t) for t, u in m.u.items())
-
-
-def test_fixing_a_state_at_both_ends_is_a_boundary_condition():
-    m = tank()
-    m.x.fix(1)
-    COLLOCATION.apply_to(m, nfe=4)
-    assert [t for t, x in m.x.items() if x.fixed] == [0, 2]
-
-
-def test_guesses_are_those_of_the_declaration_or_interpolated():
-    m = tank(initialize=lambda m, t: t**2)
-    m.x[0].value, m.x[2].value = 5, 9
-    COLLOCATION.apply_to(m, nfe=4, derivatives="keep")
-    assert all(m.u[t].value == t**2 for t in m.t if t > 0)
-    assert all(x.value == pytest.approx(5 + 2 * t) for t, x in m.x.items())
-    assert all(m.dx[t].value == pytest.approx(2) for t in m.t if t > 0)
-
-
-def test_deactivated_components_stay_so():
-    m = tank(initialize=0)
-    m.limit = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
-    m.limit.deactivate()
-    m.rows = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
-    m.rows[0].deactivate()
-    m.rows[2].deactivate()
-    m.b = pyo.Block(m.t, rule=lambda b, t: setattr(b, "row", pyo.Constraint(expr=b.model().x[t] >= 0)))
-    m.b.deactivate()
-    COLLOCATION.apply_to(m, nfe=4)
-    assert not any(row.active for component in (m.limit, m.rows, m.b) for row in component.values())
-    assert len(m.rows) == len(m.b) == len(m.t)
-
-
-# -------------------------------------------------------------------- where rows hold
-
-
-@pytest.mark.parametrize(("scheme", "inner"), [("radau", 9), ("gauss", 9), ("lobatto", 7)])
-def test_where_rows_hold(scheme, inner):
-    m = tank(initialize=0)
-    m.z = pyo.Var(m.t, initialize=0)
-    m.path = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
-    m.same = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] ** 2 == 4)
-    m.other = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] == m.x[t])
-    m.ends = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] >= 1 if t in (0, 2) else pyo.Constraint.Skip)
-    m.last = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] == 1 if t == 2 else pyo.Constraint.Skip)
-    COLLOCATION.apply_to(m, nfe=3, ncp=3, scheme=scheme, derivatives="keep")
-    points = set(rcp.dae_trajectory(m, m.t).points) if scheme == "lobatto" else set(m.t_collocation.dx)
-    if scheme == "lobatto":
-        assert len(points) == inner
-
-    def holds(component):
-        return {t for t, row in component.items() if row.active}
-
-    assert holds(m.path) == set(m.t)
-    assert holds(m.same) == points | {0}
-    assert holds(m.other) == holds(m.ode) == points
-    assert holds(m.ends) == {0, 2}
-    assert holds(m.last) == {2}
-    assert all(m.u[t].fixed and m.u[t].value is None for t in set(m.t) - points)
-
-
-def test_fixed_initial_rate_is_a_condition_on_the_state():
-    m = pyo.ConcreteModel()
-    m.t = ContinuousSet(bounds=(0, 1))
-    m.x = pyo.Var(m.t, initialize=1)
-    m.dx = DerivativeVar(m.x)
-    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == 2 - m.x[t])
-    m.dx[0].fix(0)
-    COLLOCATION.apply_to(m, nfe=3, derivatives="keep")
-    assert m.ode[0].active
-    assert all(x.value == pytest.approx(2) for x in solved(m).x.values())
 
 
 # -------------------------------------------------------------------- indices, blocks, sets
@@ -248,76 +113,6 @@ def test_parameters_and_expressions_follow():
     COLLOCATION.apply_to(m, nfe=3)
     assert all(m.feed[t] == 2 * t and m.rate[t].value == 1.5 for t in m.t)
     assert len(m.level) == len(m.t)
-
-
-# -------------------------------------------------------------------- copies
-
-
-def decaying():
-    m = pyo.ConcreteModel(name="decay")
-    m.t = ContinuousSet(bounds=(0, 1))
-    m.x = pyo.Var(m.t, initialize=1)
-    m.dx = DerivativeVar(m.x)
-    m.ode = pyo.Constraint(m.t, rule=_decay)
-    m.x[0].fix(1)
-    m.area = Integral(m.t, rule=_x)
-    m.cost = pyo.Objective(expr=m.area)
-    return m
-
-
-def _decay(m, t):
-    return m.dx[t] == -m.x[t]
-
-
-def _x(m, t):
-    return m.x[t]
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
-@pytest.mark.parametrize("copied", [lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))])
-def test_clones_and_pickles_are_models_of_their_own(derivatives, copied):
-    m = decaying()
-    COLLOCATION.apply_to(m, nfe=4, derivatives=derivatives)
-    n = copied(m)
-    n.x[0].fix(2)
-    solved(n)
-    assert m.x[1].value == 1
-    assert n.x[1].value == pytest.approx(2 * exp(-1), abs=1e-6)
-    assert rcp.dae_trajectory(n, n.t).rates["x"][-1] == pytest.approx(-2 * exp(-1), abs=1e-4)
-    COLLOCATION.apply_to(n, nfe=8)
-    assert pyo.value(solved(n).area) == pytest.approx(2 - 2 * exp(-1), abs=1e-8)
-    assert len(m.t) == 13
-    assert m.x._derivative[("t",)]() in (m.dx, m.t_collocation.component("dx_variable"))
-
-
-@pytest.mark.casadi
-def test_create_using_leaves_the_model_alone():
-    m = reactor()
-    n = COLLOCATION.create_using(m, wrt=m.t, nfe=4)
-    assert list(m.t) == [0, HEATING]
-    assert m.dtotal.ctype is DerivativeVar
-    assert m.product.ctype is Integral
-    assert CASES["reactor, index 1"].errors(solved(n))[0] < 1e-4
-
-
-# -------------------------------------------------------------------- again
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
-@pytest.mark.parametrize("name", CASES)
-def test_again_on_another_mesh_from_the_last_solution(name, derivatives):
-    case = CASES[name]
-    m, n = case.build(), case.build()
-    COLLOCATION.apply_to(m, nfe=6, derivatives=derivatives)
-    coarse = case.errors(solved(m))
-    COLLOCATION.apply_to(m, nfe=12, scheme="gauss", derivatives=derivatives)
-    guess = case.errors(m)
-    COLLOCATION.apply_to(n, nfe=12, scheme="gauss", derivatives=derivatives)
-    assert {c.name: len(c) for c in m.component_objects()} == {c.name: len(c) for c in n.component_objects()}
-    assert guess[0] <= coarse[0] + 1e-2
-    assert case.errors(solved(m)) == pytest.approx(case.errors(solved(n)), abs=1e-8)
 
 
 # -------------------------------------------------------------------- units, timing, other tools
