@@ -13,6 +13,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
+from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
 from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
 from pyrobocop_pyomo.mechanics import SquareSlider
@@ -88,6 +89,7 @@ __all__ = [
     "active_pairs",
     "available_routes",
     "complements",
+    "dae_trajectory",
     "diagnose",
     "draw_linkage",
     "draw_planar_pushing",

@@ -56,3 +56,9 @@ def test_refined_meshes_take_less_than_half_of_the_elements() -> None:
     (refined, uniform) = ([int(row[4]), float(row[6])] for row in rows)
     assert max(refined[1], uniform[1]) <= 1e-4
     assert 2 * refined[0] <= uniform[0]
+
+
+def test_models_of_pyomo_dae_are_more_accurate_and_leave_nothing_free() -> None:
+    table = run_quick("dae_models")
+    assert table.count("cannot be discretised") == 2
+    assert table.count("optimal") == 22

@@ -1,0 +1,176 @@
+"""Tying derivatives to the variables that they are derivatives of.
+
+A derivative of order ``n`` is taken one order at a time: ``x``, ``x'``, ..., each a state whose polynomial has the next
+as its slope. Where the model has no variable for an order in between, one is added. A second derivative is thus that of
+the scheme's solution of ``x' = v, v' = a``, continuous in ``v``; the second
+derivative of one polynomial would let ``v`` jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from pyomo.common.collections import ComponentMap
+from pyomo.common.modeling import unique_component_name
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.dae import DerivativeVar
+
+from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
+
+from .inheritance import set_guess
+from .record import Discretisation
+from .structure import Axis, Spot, axis_on
+
+
+def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
+    """Every variable with derivatives along a set, and these by their order.
+
+    Raises
+    ------
+    TranscriptionError
+        When a derivative is taken with respect to several sets.
+    """
+    found: dict[int, tuple[Any, dict[int, Any]]] = {}
+    for spot in spots:
+        derivative = spot.component
+        if not isinstance(derivative, DerivativeVar):
+            continue
+        along = derivative.get_continuousset_list()
+        order = sum(each is domain for each in along)
+        if order and order < len(along):
+            names = ", ".join(f"'{each.name}'" for each in along)
+            raise TranscriptionError(
+                f"'{derivative.name}': is a derivative with respect to {names} together. Declare the derivative with "
+                "respect to one set as a variable and differentiate that with respect to the other."
+            )
+        if order:
+            variable = derivative.get_state_var()
+            found.setdefault(id(variable), (variable, {}))[1][order] = derivative
+    return list(found.values())
+
+
+def add_collocation(done: Discretisation, spots: list[Spot]) -> None:
+    """Add the rows of every derivative along a set, beside the derivative."""
+    homes: dict[int, Any] = {}
+    done.states, done.derivatives, done.rows = [], [], ComponentMap()
+    for variable, by_order in derivatives_along(spots, done.domain):
+        levels = [variable]
+        for order in range(1, max(by_order) + 1):
+            nearest = by_order[min(each for each in by_order if each >= order)]
+            home = _home(done, nearest.parent_block(), homes)
+            levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
+            _tie(home, levels[-2], levels[-1], done)
+            done.states.append(levels[-2])
+            done.derivatives.append((levels[-2], levels[-1]))
+
+
+def remove_collocation(done: Discretisation) -> None:
+    """Take away all generated blocks of a set."""
+    for block in done.generated:
+        parent = block.parent_block()
+        if parent is not None:
+            parent.del_component(block)
+    done.generated.clear()
+
+
+def _home(done: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
+    """The generated block beside the derivatives of one block: what deactivates them deactivates their rows."""
+    if id(parent) not in homes:
+        home = homes[id(parent)] = Block(concrete=True)
+        parent.add_component(unique_component_name(parent, f"{done.domain.local_name}_collocation"), home)
+        done.generated.append(home)
+    return homes[id(parent)]
+
+
+def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
+    name = unique_component_name(home, f"{variable.local_name}_derivative_{order}")
+    # Of some unit in between: nobody else sees this variable, so the raw numbers of the rows decide.
+    added = Var(derivative.index_set())
+    home.add_component(name, added)
+    return added
+
+
+def _tie(home: Any, state: Any, rate: Any, done: Discretisation) -> None:
+    grid, axis = done.grid, axis_on(rate, done.domain)
+    assert axis is not None
+    rows = Constraint(rate.index_set())
+    home.add_component(unique_component_name(home, rate.local_name), rows)
+    done.rows[rate] = rows
+    joints = None
+    if not grid.scheme.end_is_a_node:
+        joints = Constraint(rate.index_set())
+        home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
+    for others in _others(rate, axis, grid.times[0]):
+        states, rates = _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points)
+        for time, row in collocation_rows(states, rates, grid, _widths(state, rate, grid)):
+            rows.add(axis.join(others, time), row)
+        if joints is not None:
+            for time, row in continuity_rows(states, grid):
+                joints.add(axis.join(others, time), row)
+        _guess_rates(states, rates, done)
+
+
+def retie(done: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
+    """Write the rows of a derivative anew with the right-hand sides in its place; returns the block of the rows."""
+    grid, axis, rows = done.grid, axis_on(rate, done.domain), done.rows[rate]
+    assert axis is not None
+    rows.clear()
+    for others in {axis.others(index) for index in sides}:
+        states = _along(state, axis, others, grid.times)
+        rates = {time: sides[axis.join(others, time)] for time in grid.points}
+        for time, row in collocation_rows(states, rates, grid, _widths(state, rate, grid)):
+            rows.add(axis.join(others, time), row)
+    return rows.parent_block()
+
+
+def _others(component: Any, axis: Axis, time: float) -> list[Any]:
+    return [axis.others(index) for index in component if axis.time(index) == time]
+
+
+def _along(component: Any, axis: Axis, others: Any, times: tuple[float, ...]) -> dict[float, Any]:
+    look_up: Callable[[Any], Any] = component.__getitem__
+    if not component.is_reference():
+        look_up = component._data.__getitem__  # a tenth of the time
+    return {time: look_up(axis.join(others, time)) for time in times}
+
+
+def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
+    """Element widths, in the unit of time that the units of both variables imply if they have any."""
+    widths: list[Any] = grid.mesh.widths.tolist()
+    above, below = state.get_units(), rate.get_units()
+    if above is None and below is None:
+        return widths
+    unit = (1.0 if above is None else above) / (1.0 if below is None else below)
+    return [width * unit for width in widths]
+
+
+def _guess_rates(states: dict[float, Any], rates: dict[float, Any], done: Discretisation) -> None:
+    """Derivatives without a guess start from the slopes of what their states start from."""
+    if any(each.value is not None or each.fixed for each in rates.values()) or any(
+        each.value is None for each in states.values()
+    ):
+        return
+    grid, scheme = done.grid, done.grid.scheme
+    done.guessed += rates.values()
+    for nodes, stages, width in zip(grid.node_times, grid.stage_times, grid.mesh.widths, strict=True):
+        increments = scheme.D @ np.array([states[time].value for time in nodes]) / width
+        slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0]
+        for time, slope in zip(stages, slopes.tolist(), strict=True):
+            set_guess(rates[time], slope)
+
+
+def state_ids(done: Discretisation) -> set[int]:
+    """The ids of all variables that have a value at every time of the set."""
+    return {id(data) for state in done.states for data in state.values()}
+
+
+def rows_of(done: Discretisation) -> Iterator[Any]:
+    """The generated constraints of a set."""
+    for block in done.generated:
+        yield from block.component_map(Constraint).values()

@@ -1,0 +1,164 @@
+"""Reading the values along a continuous set: for people, and as the guess on another mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
+from pyomo.dae import ContinuousSet, DerivativeVar
+
+from pyrobocop_pyomo.complementarity import canonical_pair
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .absent import PAIRS
+from .derivatives import state_ids
+from .record import Discretisation, discretisation_of, discretisations_of
+from .structure import Spot, axes_of, axis_on, continuous_sets, label, spots
+
+Array = NDArray[np.float64]
+
+
+def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
+    """Values along a continuous set that ``pyrobocop.collocation`` has discretised.
+
+    Parameters
+    ----------
+    model : ConcreteModel or Block
+        What is read, with everything below it.
+    wrt : ContinuousSet
+        The set that the values are indexed by.
+
+    Returns
+    -------
+    Trajectory
+        Its ``states`` are the variables with a derivative, its ``signals`` all others, derivatives included. What
+        has further indices is named with them, ``"x[a]"``; what sits in blocks as ``"tank[1].level"``.
+        ``parameters`` are the variables that are not indexed by a continuous set.
+
+    Raises
+    ------
+    TrajectoryError
+        When the set is not discretised, or a variable has no value.
+    """
+    done = discretisation_of(wrt) if getattr(wrt, "ctype", None) is ContinuousSet else None
+    if done is None:
+        raise TrajectoryError(
+            f"'{getattr(wrt, 'name', wrt)}' was not discretised by pyrobocop.collocation. Apply it first, and pass the "
+            "ContinuousSet of this very model."
+        )
+    found = list(spots(model))
+    states: dict[str, Array] = {}
+    signals: dict[str, Array] = {}
+    for family, is_state, data in families(found, done):
+        times = done.grid.times if is_state else done.grid.points
+        missing = next((data[time] for time in times if time in data and data[time].value is None), None)
+        if missing is not None:
+            raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it a guess.")
+        if all(time in data for time in times):
+            (states if is_state else signals)[label(family)] = np.array([data[time].value for time in times])
+    rates: dict[str, Array] = {}
+    for name, derivative, values in _rates(found, done):
+        rates[name] = values
+        signals.setdefault(derivative, values)
+    return Trajectory(
+        name=model.name,
+        grid=done.grid,
+        states=states,
+        signals=signals,
+        parameters=dict(_parameters(found)),
+        pairs=_pairs(found, done),
+        rates=rates,
+    )
+
+
+def families(found: list[Spot], done: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
+    """Each variable along the set: what identifies it, whether it is a state, and the variable at each time."""
+    along: dict[Any, dict[float, Any]] = {}
+    everything = (done, *discretisations_of(continuous_sets(found)))
+    put_aside = {id(s.derivative) for each in everything for s in each.substitutions}
+    for spot in found:
+        if spot.component.ctype not in (Var, DerivativeVar) or id(spot.component) in put_aside:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is done.domain:
+                    along.setdefault(spot.family(index, axes, domain), {})[time] = data
+    states = state_ids(done)
+    for family, data in along.items():
+        yield family, id(next(iter(data.values()))) in states, data
+
+
+def values_of(found: list[Spot], done: Discretisation) -> dict[Any, tuple[bool, Array]]:
+    """Values per element and node (states) or stage (others) of every variable that has all of them."""
+    read = {}
+    for family, is_state, data in families(found, done):
+        times = done.grid.node_times if is_state else done.grid.stage_times
+        values = [[getattr(data.get(time), "value", None) for time in row] for row in times]
+        if not any(None in row for row in values):
+            read[family] = (is_state, np.array(values, dtype=float))
+    return read
+
+
+def interpolate(done: Discretisation, is_state: bool, values: Array, times: Array) -> Array:
+    """The polynomials of the scheme through these values, at other times."""
+    scheme, boundaries = done.grid.scheme, np.asarray(done.grid.mesh.boundaries)
+    element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, done.grid.mesh.elements - 1)
+    local = np.clip((times - boundaries[element]) / done.grid.mesh.widths[element], 0.0, 1.0)
+    weights = scheme.state_at(local) if is_state else scheme.stage_polynomial_at(local)
+    return np.asarray(np.einsum("tk,tk->t", weights, values[element]), dtype=np.float64)
+
+
+def _rates(found: list[Spot], done: Discretisation) -> Iterator[tuple[str, str, Array]]:
+    """Name of the state, name of the derivative, and its values at the collocation points."""
+    shown = {id(each.derivative): each.expression for each in done.substitutions}
+    names = {
+        id(data): label(spot.family(index, axes, done.domain))
+        for spot in found
+        if spot.component.ctype in (Var, DerivativeVar, Expression)
+        for axes in [axes_of(spot.component)]
+        if axes or spot.outer
+        for index, data in spot.component.items()
+    }
+    last = done.grid.points[-1]
+    for state, derivative in done.derivatives:
+        axis = axis_on(derivative, done.domain)
+        assert axis is not None
+        seen = shown.get(id(derivative), derivative)
+        for others in {axis.others(index) for index in derivative}:
+            at = [seen[axis.join(others, time)] for time in done.grid.points if axis.join(others, time) in seen]
+            name = names.get(id(state[axis.join(others, last)]))
+            values = [value(each, exception=False) for each in at]
+            if name is not None and len(values) == len(done.grid.points) and None not in values:
+                yield name, names[id(seen[axis.join(others, last)])], np.array(values, dtype=float)
+
+
+def _parameters(found: list[Spot]) -> Iterator[tuple[str, float]]:
+    for spot in found:
+        if spot.component.ctype is Var and not spot.outer and not axes_of(spot.component):
+            for data in spot.component.values():
+                if data.value is not None:
+                    yield data.name, float(data.value)
+
+
+def _pairs(found: list[Spot], done: Discretisation) -> dict[str, Array]:
+    position = {time: i for i, time in enumerate(done.grid.points)}
+    read: dict[str, Array] = {}
+    for spot in found:
+        if spot.component.ctype not in PAIRS:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is done.domain and time in position:
+                    pair = canonical_pair(data)
+                    name = label(spot.family(index, axes, domain))
+                    sides = read.setdefault(name, np.full((2, len(position)), np.nan))
+                    sides[:, position[time]] = value(pair.a), value(pair.b)
+    return read

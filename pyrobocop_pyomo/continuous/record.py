@@ -1,0 +1,110 @@
+"""What a model remembers of the discretisation of its continuous sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from pyomo.common.autoslots import AutoSlots
+from pyomo.common.collections import ComponentMap
+from pyomo.core.base.block import Block
+
+from pyrobocop_pyomo.numerics import Grid
+
+
+@dataclass(eq=False)
+class Substitution:
+    """A derivative that an expression stands in for, where it belongs, its rows and its values."""
+
+    parent: Any
+    name: str
+    derivative: Any
+    expression: Any
+    rows: list[Any]
+    values: list[tuple[Any, float | None]]
+
+
+@dataclass(eq=False)
+class Discretisation:
+    """What was done for one continuous set, and what is needed to do it afresh.
+
+    Attributes
+    ----------
+    domain : ContinuousSet
+    grid : Grid
+    points : tuple of float
+        The points that the set had before.
+    substitutes : bool
+        Whether right-hand sides take the place of derivatives.
+    generated : list of Block
+        Blocks with the collocation rows, one beside each group of derivatives.
+    silenced : list of component data
+        Rows and pairs of the user's that were deactivated because they stand at no collocation point.
+    voided : list of (variable, value)
+        Variables of the user's that were taken out because they stand at no collocation point.
+    guessed : list of Var
+        Derivatives that had no value and were given one to start from.
+    formulas : list of (integral, expression)
+        What integrals were before.
+    substitutions : list of Substitution
+    states : list of Var
+        The variables that have a value at every time of the grid.
+    derivatives : list of (Var, Var)
+        Each state with the variable that is its derivative.
+    rows : ComponentMap
+        From each derivative to its collocation rows.
+    """
+
+    domain: Any
+    grid: Grid
+    points: tuple[float, ...]
+    substitutes: bool = True
+    generated: list[Any] = field(default_factory=list)
+    silenced: list[Any] = field(default_factory=list)
+    voided: list[tuple[Any, float | None]] = field(default_factory=list)
+    guessed: list[Any] = field(default_factory=list)
+    formulas: list[tuple[Any, Any]] = field(default_factory=list)
+    substitutions: list[Substitution] = field(default_factory=list)
+    states: list[Any] = field(default_factory=list)
+    derivatives: list[tuple[Any, Any]] = field(default_factory=list)
+    rows: Any = field(default_factory=ComponentMap)
+
+
+class Record(AutoSlots.Mixin):
+    """Private data of the block on which continuous sets live; follows clones and pickles.
+
+    Attributes
+    ----------
+    discretisations : ComponentMap
+        From a continuous set to its `Discretisation`.
+    integrands : ComponentMap
+        From an integral to the rule of its integrand.
+    """
+
+    __slots__ = ("discretisations", "integrands")
+
+    def __init__(self) -> None:
+        self.discretisations = ComponentMap()
+        self.integrands = ComponentMap()
+
+
+Block.register_private_data_initializer(Record)
+
+
+def record_of(domain: Any) -> Record:
+    """The record of the block on which a continuous set lives."""
+    return domain.parent_block().private_data()
+
+
+def discretisation_of(domain: Any) -> Discretisation | None:
+    """What was done for a continuous set; None if nothing was."""
+    return record_of(domain).discretisations.get(domain)
+
+
+def discretisations_of(domains: Any) -> Iterator[Discretisation]:
+    """What was done for those of the sets that are discretised by this package."""
+    for domain in domains:
+        done = discretisation_of(domain)
+        if done is not None:
+            yield done

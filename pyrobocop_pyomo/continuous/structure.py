@@ -1,0 +1,138 @@
+"""Where the components of a model sit with respect to its continuous sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from pyomo.core.base.block import Block
+from pyomo.dae import ContinuousSet
+from pyomo.gdp import Disjunct
+
+from pyrobocop_pyomo.errors import TranscriptionError
+
+BLOCK_TYPES = (Block, Disjunct)
+
+
+class Axis(NamedTuple):
+    """A continuous set among the index sets of a component, and its place in the index."""
+
+    domain: Any
+    position: int
+
+    def time(self, index: Any) -> Any:
+        """The point of the set in an index."""
+        return index[self.position] if index.__class__ is tuple else index
+
+    def others(self, index: Any) -> Any:
+        """What is left of an index without the point; None if nothing is."""
+        if index.__class__ is not tuple:
+            return None
+        return index[: self.position] + index[self.position + 1 :]
+
+    def join(self, others: Any, time: Any) -> Any:
+        """The index made of the rest and a point."""
+        return time if others is None else (*others[: self.position], time, *others[self.position :])
+
+
+class Spot(NamedTuple):
+    """A component, and what the blocks around it say.
+
+    Attributes
+    ----------
+    component : Component
+    path : tuple of (name, index, axes)
+        The blocks around it.
+    outer : tuple of (ContinuousSet, point)
+        Points that the blocks around it stand at.
+    active : bool
+        Whether the component and all blocks around it are active.
+    """
+
+    component: Any
+    path: tuple[Any, ...]
+    outer: tuple[tuple[Any, Any], ...]
+    active: bool
+
+    def family(self, index: Any, axes: tuple[Axis, ...], domain: Any = None) -> tuple[Any, ...]:
+        """What identifies all that differs only in points of one continuous set, or of any."""
+        parts = (*self.path, (self.component.local_name, index, axes))
+        return tuple((name, _without(each, along, domain)) for name, each, along in parts)
+
+    def points(self, index: Any, axes: tuple[Axis, ...]) -> list[tuple[Any, Any]]:
+        """Each continuous set with the point at which one index stands."""
+        return [*self.outer, *((axis.domain, axis.time(index)) for axis in axes)]
+
+
+def axes_of(component: Any) -> tuple[Axis, ...]:
+    """The continuous sets among the index sets of a component.
+
+    Raises
+    ------
+    TranscriptionError
+        When one of them comes twice, or comes after a set of unknown dimension.
+    """
+    if not component.is_indexed():
+        return ()
+    axes: list[Axis] = []
+    position: int | None = 0
+    for subset in component.index_set().subsets():
+        if subset.ctype is ContinuousSet:
+            if position is None:
+                raise TranscriptionError(
+                    f"'{component.name}': the set before '{subset.name}' among its index sets has no fixed dimension. "
+                    "Give that set a dimension, dimen=..."
+                )
+            if any(axis.domain is subset for axis in axes):
+                raise TranscriptionError(
+                    f"'{component.name}': is indexed by '{subset.name}' twice, which cannot be discretised. "
+                    "Build it after the transformation."
+                )
+            axes.append(Axis(subset, position))
+        dimension = subset.dimen
+        position = position + dimension if position is not None and isinstance(dimension, int) else None
+    return tuple(axes)
+
+
+def axis_on(component: Any, domain: Any) -> Axis | None:
+    """Where one continuous set is among the index sets of a component; None if it is not."""
+    return next((axis for axis in axes_of(component) if axis.domain is domain), None)
+
+
+def spots(
+    block: Any, path: tuple[Any, ...] = (), outer: tuple[tuple[Any, Any], ...] = (), active: bool = True
+) -> Iterator[Spot]:
+    """Every component below a block, in the order of declaration; blocks come before what is in them."""
+    for component in list(block.component_map().values()):
+        awake = active and getattr(component, "active", True)
+        yield Spot(component, path, outer, awake)
+        if component.ctype not in BLOCK_TYPES or component.is_reference():
+            continue
+        axes = axes_of(component)
+        for index, data in list(component.items()):
+            inner = ((component.local_name, index, axes),)
+            points = tuple((axis.domain, axis.time(index)) for axis in axes)
+            yield from spots(data, path + inner, outer + points, awake and data.active)
+
+
+def continuous_sets(found: list[Spot]) -> list[Any]:
+    """The continuous sets among components."""
+    return [spot.component for spot in found if spot.component.ctype is ContinuousSet]
+
+
+def label(family: tuple[Any, ...]) -> str:
+    """A family as people write it: ``x``, ``x[a]``, ``tank[1].level``."""
+    parts = []
+    for name, others in family:
+        indices = others if isinstance(others, tuple) else () if others is None else (others,)
+        parts.append(f"{name}[{','.join(map(str, indices))}]" if indices else name)
+    return ".".join(parts)
+
+
+def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
+    dropped = {axis.position for axis in axes if domain is None or axis.domain is domain}
+    if not dropped:
+        return index
+    if index.__class__ is not tuple:
+        return None
+    return tuple(part for i, part in enumerate(index) if i not in dropped)

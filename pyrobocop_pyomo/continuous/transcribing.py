@@ -1,0 +1,220 @@
+"""Discretising one continuous set of a model, and taking that back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.var import Var
+from pyomo.dae import DerivativeVar, Integral
+
+from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.numerics import Grid
+
+from .absent import Absence
+from .derivatives import add_collocation, derivatives_along, remove_collocation, state_ids
+from .expansion import expand, refuse_what_cannot_grow
+from .inheritance import Family, declaration_of
+from .integrals import become_expression, integrals_along, integrate, remember_integrands
+from .record import Discretisation, discretisations_of, record_of
+from .remeshing import Guess
+from .structure import Spot, axes_of, axis_on, continuous_sets, spots
+from .substitution import bring_back, substitute_derivatives
+from .sums import find_suspects
+
+DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
+
+
+def transcribe(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, guess: Guess | None = None
+) -> Discretisation:
+    """Discretise one continuous set; on failure the model is as it was.
+
+    Parameters
+    ----------
+    domain : ContinuousSet
+    points : tuple of float
+        The points that the set has.
+    grid : Grid
+        On a mesh with all of these points.
+    substitutes : bool
+        Whether right-hand sides take the place of derivatives.
+    guess : Guess, optional
+        Values to start from.
+    """
+    others = [each for each in discretisations_on(domain.model()) if each.domain is not domain]
+    finished = [each for each in others if each.substitutions]
+    for each in others:
+        bring_back(each)
+        remove_collocation(each)  # they would need rows at points that are new
+    try:
+        return _transcribe(domain, points, grid, substitutes, guess)
+    except BaseException:
+        settle(others, finished)
+        raise
+
+
+def settle(others: list[Discretisation], finished: list[Discretisation]) -> None:
+    """Build the rows of discretised sets for the points that the model has now; substitute again where it was done."""
+    for each in others:
+        bring_back(each)
+        remove_collocation(each)
+    for each in others:
+        add_collocation(each, list(spots(each.domain.model())))
+    for each in finished:
+        if each.substitutes:
+            substitute_derivatives(each, list(spots(each.domain.model())))
+
+
+def discretisations_on(root: Any) -> list[Discretisation]:
+    """What was done for each set of a model."""
+    return list(discretisations_of(continuous_sets(list(spots(root)))))
+
+
+def _transcribe(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, guess: Guess | None
+) -> Discretisation:
+    root, record = domain.model(), record_of(domain)
+    found = list(spots(root))
+    refuse_what_cannot_grow(found, domain)
+    derivatives_along(found, domain)
+    suspects = find_suspects(found, domain)
+    remember_integrands(found, record)
+    done = Discretisation(domain, grid, points, substitutes)
+    integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
+    done.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
+    try:
+        domain.update(sorted({*grid.times, *grid.points}.difference(points)))
+        expand(found, domain)
+        found = list(spots(root))
+        _inherit(found, done)
+        record.discretisations[domain] = done
+        everything = discretisations_on(root)
+        for each in everything:
+            remove_collocation(each)
+        if guess is not None:
+            guess.give_to(found, done)
+        for each in everything:
+            add_collocation(each, found)
+        if guess is not None:
+            guess.give_to(list(spots(root)), done)
+        for each in everything:
+            for integral in integrals_along(found, each.domain):
+                integrate(integral, each, record_of(each.domain))
+        for suspect in suspects:
+            suspect.check(domain)
+        absence = Absence(list(spots(root)), everything)
+        absence.silence(done.silenced)
+        done.voided = absence.void()
+        _mark_pairs(found, done)
+    except BaseException:
+        take_back(done)
+        raise
+    return done
+
+
+def take_back(done: Discretisation) -> None:
+    """Remove all that was added for a set, and revive what was put aside."""
+    domain = done.domain
+    bring_back(done)
+    remove_collocation(done)
+    for data in done.silenced:
+        data.activate()
+    for data, number in done.voided:
+        data.unfix()
+        data.set_value(number, skip_validation=True)
+    for data in done.guessed:
+        data.set_value(None, skip_validation=True)
+    for data, formula in done.formulas:
+        data.set_value(formula)
+    kept = set(done.points)
+    for spot in spots(domain.model()):
+        axis = axis_on(spot.component, domain)
+        if axis is not None and not spot.component.is_reference():
+            for index in [index for index in spot.component._data if axis.time(index) not in kept]:
+                del spot.component._data[index]
+    for time in [time for time in domain if time not in kept]:
+        domain.discard(time)
+    record_of(domain).discretisations.pop(domain, None)
+
+
+def _states_of(found: list[Spot], domain: Any) -> list[Any]:
+    return [
+        each
+        for variable, by_order in derivatives_along(found, domain)
+        for each in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
+    ]
+
+
+def _inherit(found: list[Spot], done: Discretisation) -> None:
+    old, points = set(done.points), frozenset(done.grid.points)
+    done.states = _states_of(found, done.domain)
+    states = state_ids(done)
+    along: dict[Any, Family] = {}
+    for spot in found:
+        component = spot.component
+        if component.ctype not in (Var, DerivativeVar) or component.is_reference():
+            continue
+        axes = axes_of(component)
+        declared = None if axis_on(component, done.domain) is None else declaration_of(component)
+        for index, data in component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is done.domain:
+                    key = spot.family(index, axes, domain)
+                    family = along.get(key)
+                    if family is None:
+                        family = along[key] = Family(id(data) in states, declared, points)
+                    (family.old if time in old else family.new).append((time, data))
+    for family in along.values():
+        family.inherit(done.domain)
+
+
+def _mark_pairs(found: list[Spot], done: Discretisation) -> None:
+    """Tell pairs their element and their quadrature weight, where the user has not."""
+    elements, weights = done.grid.element_of, done.grid.quadrature_weights
+    for spot in found:
+        if spot.component.ctype is not Complementarity:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is done.domain and time in elements:
+                    if spot.component._group_rule is None:
+                        data.set_group(elements[time])
+                    if spot.component._weight_rule is None:
+                        data.set_weight(weights[time])
+
+
+class _Strong:
+    """What a variable knows its derivative by: a reference that a pickle can hold and a clone follows."""
+
+    def __init__(self, component: Any) -> None:
+        self.component = component
+
+    def __call__(self) -> Any:
+        return self.component
+
+
+def finish(done: Discretisation) -> None:
+    """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
+    domain, scheme = done.domain, done.grid.scheme
+    if done.substitutes and not done.substitutions:
+        substitute_derivatives(done, list(spots(domain.model())))
+    found = list(spots(domain.model()))
+    family = scheme.name.split("(")[0]
+    domain.set_changed(True)
+    domain._fe = [time for time in domain if time in set(done.grid.mesh.boundaries)]
+    domain.get_discretization_info().update(
+        scheme=DAE_NAMES.get(family, scheme.name),
+        nfe=done.grid.mesh.elements,
+        ncp=scheme.stages,
+        tau_points=scheme.state_nodes.tolist(),
+    )
+    for spot in found:
+        component = spot.component
+        if isinstance(component, DerivativeVar):
+            known = component.get_state_var()._derivative
+            known[tuple(sorted(str(each) for each in component.get_continuousset_list()))] = _Strong(component)
+            if component.ctype is DerivativeVar and component.is_fully_discretized():
+                component.parent_block().reclassify_component_type(component, Var)
+    for integral in integrals_along(found, domain):
+        become_expression(integral)

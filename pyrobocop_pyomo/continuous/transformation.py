@@ -1,0 +1,175 @@
+"""The transformation `pyrobocop.collocation`: models of pyomo.dae become finite, by the schemes of this package."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
+from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base import Transformation, TransformationFactory
+from pyomo.dae import ContinuousSet
+
+from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.numerics import Scheme, find_scheme
+
+from .meshing import make_grid
+from .record import discretisation_of
+from .remeshing import Guess, refuse_newcomers
+from .structure import axes_of, continuous_sets, spots
+from .transcribing import discretisations_on, finish, settle, take_back, transcribe
+
+logger = logging.getLogger(__name__)
+
+# As users of pyomo.dae write them.
+DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss"}
+
+
+def _scheme(name: Any) -> str | Scheme:
+    if not isinstance(name, (str, Scheme)):
+        raise ValueError(f"{name!r} is neither the name of a scheme nor a Scheme")
+    return DAE_SCHEMES.get(name, name) if isinstance(name, str) else name
+
+
+@TransformationFactory.register(
+    "pyrobocop.collocation", doc="Discretise the continuous sets of a pyomo.dae model by collocation."
+)
+class Collocation(Transformation):
+    """Discretise continuous sets: every component indexed by one gets its points, derivatives their rows.
+
+    Options of ``apply_to`` and ``create_using``: ``wrt`` (a ContinuousSet or several; all that are not yet discretised
+    by default), ``nfe`` (elements, 10), ``ncp`` (stages per element, 3), ``scheme`` ("radau", "gauss", any name that
+    `find_scheme` knows, "LAGRANGE-RADAU", "LAGRANGE-LEGENDRE" or a Scheme), ``mesh`` (element boundaries) and
+    ``derivatives`` ("substitute", or "keep": where an equation says ``dx[t] == f``, ``f`` goes into the collocation
+    rows and ``m.dx`` becomes an expression; keep the variable to give it bounds afterwards).
+
+    Equations hold at the collocation points. At other points only states have a value: what else was indexed there is
+    fixed to None, and rows that hold it are deactivated. Applied to a set that it has discretised before, the
+    transformation does so afresh, and interpolates the present values as the guess. A refusal leaves the model as it
+    was.
+    """
+
+    CONFIG = ConfigDict("pyrobocop.collocation")
+    CONFIG.declare("wrt", ConfigValue(default=None, description="The ContinuousSet to discretise; default all."))
+    CONFIG.declare("nfe", ConfigValue(default=10, domain=PositiveInt, description="Number of elements."))
+    CONFIG.declare("ncp", ConfigValue(default=None, domain=PositiveInt, description="Stages per element; default 3."))
+    CONFIG.declare("scheme", ConfigValue(default="radau", domain=_scheme, description="Which collocation scheme."))
+    CONFIG.declare(
+        "derivatives",
+        ConfigValue(
+            default="substitute",
+            domain=In(["substitute", "keep"]),
+            description="Whether explicit right-hand sides take the place of derivatives.",
+        ),
+    )
+    CONFIG.declare("mesh", ConfigValue(default=None, description="Element boundaries, used exactly as given."))
+
+    def _apply_to(self, model: Any, **options: Any) -> None:
+        options = {**options.pop("options", {}), **options}
+        config = self.CONFIG(options)
+        if not model.is_constructed():
+            raise TranscriptionError(f"'{model.name}': is not constructed. Create its instance first.")
+        if config.mesh is not None and "nfe" in options and len(config.mesh) - 1 != config.nfe:
+            raise TranscriptionError(
+                f"nfe = {config.nfe}, but the mesh has {len(config.mesh) - 1} elements. Give one of the two."
+            )
+        scheme = find_scheme(config.scheme, config.ncp)
+        with PauseGC():
+            domains = _domains(model, config.wrt)
+            before = [(domain, discretisation_of(domain)) for domain in domains]
+            finished: list[Any] = []
+            try:
+                for domain, done in before:
+                    points = tuple(domain) if done is None else done.points
+                    grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
+                    finished.append((domain, done))
+                    _discretise(domain, done, points, grid, config.derivatives == "substitute")
+            except BaseException:
+                # Those before the one that failed, which is as it was already.
+                for domain, done in reversed(finished[:-1]):
+                    _undo(domain, done)
+                raise
+            for done in discretisations_on(model.model()):
+                finish(done)
+        for domain in domains:
+            logger.debug("'%s': discretised by %s", domain.name, scheme.name)
+
+
+def _discretise(domain: Any, done: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
+    if done is None:
+        transcribe(domain, points, grid, substitutes)
+        return
+    refuse_newcomers(done)
+    guess = Guess(list(spots(domain.model())), done)
+    take_back(done)
+    try:
+        transcribe(domain, points, grid, substitutes, guess)
+    except BaseException:
+        finish(transcribe(domain, points, done.grid, done.substitutes, guess))
+        raise
+
+
+def _undo(domain: Any, done: Any) -> None:
+    current = discretisation_of(domain)
+    if current is not None:
+        guess = Guess(list(spots(domain.model())), current)
+        take_back(current)
+        others = discretisations_on(domain.model())
+        settle(others, [each for each in others if each.substitutions])
+        if done is not None:
+            finish(transcribe(domain, done.points, done.grid, done.substitutes, guess))
+
+
+def _domains(model: Any, wrt: Any) -> list[Any]:
+    """The sets that are meant, all of them within the model."""
+    found = list(spots(model))
+    own = continuous_sets(found)
+    used = [axis.domain for spot in found for axis in axes_of(spot.component)]
+    if wrt is None:
+        elsewhere = next((each for each in used if not any(each is domain for domain in own)), None)
+        if elsewhere is not None:
+            raise _lives_elsewhere(model, elsewhere)
+        chosen = [each for each in own if each.active and discretisation_of(each) is None] or own
+        if not chosen:
+            raise TranscriptionError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
+    else:
+        chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
+        for each in chosen:
+            if getattr(each, "ctype", None) is not ContinuousSet:
+                raise TranscriptionError(f"wrt: '{getattr(each, 'name', each)}' is no ContinuousSet.")
+            if not any(each is domain for domain in own):
+                raise _lives_elsewhere(model, each)
+    for each in chosen:
+        if discretisation_of(each) is None and "scheme" in each.get_discretization_info():
+            raise TranscriptionError(
+                f"'{each.name}': was discretised by pyomo.dae ({each.get_discretization_info()['scheme']}) already. "
+                "Start from the model before that transformation."
+            )
+        _refuse_outsiders(model, each)
+    return chosen
+
+
+def _lives_elsewhere(model: Any, domain: Any) -> TranscriptionError:
+    home = domain.parent_block()
+    return TranscriptionError(
+        f"'{model.name}': the set '{domain.name}' does not live in it but in "
+        f"'{home.name if home is not None else 'no model'}'. Apply the transformation to that, so that everything "
+        "which is indexed by the set grows with it."
+    )
+
+
+def _refuse_outsiders(model: Any, domain: Any) -> None:
+    if model is domain.model():
+        return
+    inside = {id(spot.component) for spot in spots(model)}
+    for spot in spots(domain.model()):
+        outside = id(spot.component) not in inside
+        if (
+            outside
+            and spot.component.ctype is not ContinuousSet
+            and any(a.domain is domain for a in axes_of(spot.component))
+        ):
+            raise TranscriptionError(
+                f"'{spot.component.name}': is indexed by '{domain.name}' but is no part of '{model.name}'. Apply the "
+                f"transformation to '{domain.model().name}'."
+            )

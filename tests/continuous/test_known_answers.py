@@ -1,0 +1,158 @@
+"""Six models of plain pyomo.dae against their known answers, and the orders of convergence."""
+
+from __future__ import annotations
+
+from math import tanh
+
+import pyomo.environ as pyo
+import pytest
+from catalogue.dae_models import CASES, oscillator, rectifier, two_phases
+from harness.convergence import observed_order
+from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+
+import pyrobocop_pyomo as rcp
+
+TIGHT = {"tol": 1e-12, "constr_viol_tol": 1e-13, "bound_relax_factor": 0.0}
+COLLOCATION = pyo.TransformationFactory("pyrobocop.collocation")
+
+# Largest error of the states, and error of the quantity, with seven elements of four stages.
+REACHED = {
+    "reactor, index 1": (1e-8, 3e-9),
+    "estimation": (3e-9, 5e-9),
+    "two sets": (1e-10, 1e-10),
+    "second derivative": (3e-6, 3e-6),
+    "block per time": (1e-7, 5e-9),
+    "complementarity": (5e-5, 5e-5),
+}
+
+
+def solved(m, **options):
+    result = rcp.solve(m, progress=False, options=TIGHT, **options)
+    result.raise_for_status()
+    return m
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
+@pytest.mark.parametrize("scheme", ["LAGRANGE-RADAU", "LAGRANGE-LEGENDRE"])
+@pytest.mark.parametrize("name", CASES)
+def test_known_answers(name, scheme, derivatives):
+    m = CASES[name].build()
+    COLLOCATION.apply_to(m, nfe=7, ncp=4, scheme=scheme, derivatives=derivatives)
+    state, quantity = CASES[name].errors(solved(m))
+    assert state < REACHED[name][0]
+    assert quantity < REACHED[name][1]
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["LAGRANGE-RADAU", "LAGRANGE-LEGENDRE"])
+@pytest.mark.parametrize("name", ["reactor, index 1", "estimation", "two sets"])
+def test_more_accurate_than_pyomo_dae(name, scheme):
+    errors = []
+    for transformation in ("pyrobocop.collocation", "dae.collocation"):
+        m = CASES[name].build()
+        pyo.TransformationFactory(transformation).apply_to(m, nfe=7, ncp=4, scheme=scheme)
+        errors.append(CASES[name].errors(solved(m)))
+    (state, quantity), (their_state, their_quantity) = errors
+    assert state < their_state / 2
+    assert quantity < their_quantity / 2
+
+
+@pytest.mark.casadi
+def test_pairs_of_this_package_know_element_and_weight():
+    m = rectifier(rcp.Complementarity, rcp.complements)
+    COLLOCATION.apply_to(m, nfe=6, ncp=3)
+    pairs = rcp.active_pairs(m)
+    assert len(pairs) == 18
+    assert {pair.group for pair in pairs} == set(range(6))
+    assert sum(pair.weight for pair in pairs) == pytest.approx(m.t.last())
+    assert CASES["complementarity"].errors(solved(m, grouping="element"))[0] < 1e-3
+
+
+@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", "explicit", "explicit_euler", "trapezoid"])
+@pytest.mark.parametrize("name", ["reactor, index 1", "second derivative", "block per time"])
+def test_nothing_is_left_undetermined(name, scheme, derivatives):
+    m = CASES[name].build()
+    COLLOCATION.apply_to(m, nfe=4, scheme=scheme, derivatives=derivatives)
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    assert len(graph.variables) == len(graph.constraints)
+    assert len(graph.maximum_matching()) == len(graph.variables)
+
+
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+def test_two_sets_leave_the_controls_at_the_points_free(scheme):
+    m = two_phases()
+    COLLOCATION.apply_to(m, nfe=4, ncp=3, scheme=scheme)
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    assert len(graph.variables) - len(graph.constraints) == 2 * 4 * 3
+    assert len(graph.maximum_matching()) == len(graph.constraints)
+
+
+# -------------------------------------------------------------------- orders
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize(
+    ("scheme", "stages", "meshes"),
+    [("radau", 2, (16, 32, 64)), ("radau", 3, (10, 14, 20)), ("gauss", 1, (32, 64, 128)), ("gauss", 2, (16, 24, 36))],
+)
+def test_states_and_integrals_converge_with_the_order_of_the_scheme(scheme, stages, meshes):
+    errors = []
+    for elements in meshes:
+        m = oscillator()
+        COLLOCATION.apply_to(m, nfe=elements, ncp=stages, scheme=scheme)
+        errors.append(CASES["second derivative"].errors(solved(m)))
+    expected = rcp.find_scheme(scheme, stages).order
+    for column in zip(*errors, strict=True):
+        assert observed_order(meshes, column, rounding_floor=1e-13) == pytest.approx(expected, abs=0.25)
+
+
+# -------------------------------------------------------------------- the same as a phase
+
+
+def regulator():
+    m = pyo.ConcreteModel(name="regulator")
+    m.t = ContinuousSet(bounds=(0, 3))
+    m.x, m.u = pyo.Var(m.t, initialize=1), pyo.Var(m.t, initialize=0, bounds=(-0.6, 5))
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - 0.2 * m.x[t] ** 3)
+    m.x[0].fix(1)
+    m.effort = Integral(m.t, rule=lambda m, t: m.x[t] ** 2 + m.u[t] ** 2)
+    m.cost = pyo.Objective(expr=m.effort)
+    return m
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "hermite_simpson"])
+@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
+def test_optimum_is_that_of_a_phase(scheme, derivatives):
+    boundaries = [0, 0.4, 0.5, 1.3, 2.2, 3]
+    m = regulator()
+    COLLOCATION.apply_to(m, mesh=boundaries, scheme=scheme, derivatives=derivatives)
+    solved(m)
+
+    n = pyo.ConcreteModel(name="phase")
+    n.phase = b = rcp.PhaseBlock(duration=3, mesh=boundaries, scheme=scheme)
+    b.x, b.u = rcp.State(initial=1, guess=1), rcp.Control(bounds=(-0.6, 5))
+    b.ode(lambda b, t: {b.x: b.u[t] - 0.2 * b.x[t] ** 3})
+    n.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+    solved(n)
+
+    assert pyo.value(m.cost) == pytest.approx(pyo.value(n.cost), abs=1e-10)
+    ours, theirs = rcp.dae_trajectory(m, m.t), b.trajectory()
+    times = [0.1, 0.45, 1.0, 2.9]
+    assert ours(times)["x"] == pytest.approx(theirs(times)["x"], abs=1e-7)
+    assert ours(times)["u"] == pytest.approx(theirs(times)["u"], abs=1e-5)
+    assert ours.rates["x"] == pytest.approx(theirs.rates["x"], abs=1e-6)
+    assert ours.signals["dx"] == pytest.approx(ours.rates["x"])
+
+
+@pytest.mark.executable
+def test_any_solver_of_pyomo_takes_the_model():
+    m = two_phases()
+    COLLOCATION.apply_to(m, nfe=5)
+    pyo.SolverFactory("ipopt").solve(m)
+    assert pyo.value(m.cost) == pytest.approx(tanh(3), abs=1e-4)
+    assert pyo.value(m.dx1[1]) == pytest.approx(m.u1[1].value)

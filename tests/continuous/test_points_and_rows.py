@@ -1,0 +1,162 @@
+"""Meshes, what the user set beforehand, and where rows hold."""
+
+from __future__ import annotations
+
+from math import pi, sin
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.dae import ContinuousSet, DerivativeVar
+
+import pyrobocop_pyomo as rcp
+
+COLLOCATION = pyo.TransformationFactory("pyrobocop.collocation")
+
+
+def tank(points=(0, 2), **options):
+    m = pyo.ConcreteModel(name="tank")
+    m.t = ContinuousSet(initialize=points)
+    m.x, m.u = pyo.Var(m.t, initialize=1), pyo.Var(m.t, **options)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.x[t])
+    m.x[0].fix(1)
+    return m
+
+
+def solved(m):
+    rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
+    return m
+
+
+# -------------------------------------------------------------------- meshes
+
+
+def test_boundaries_are_never_rounded():
+    boundaries = [0, 1 / 7, 2 / 3, pi / 3, 2]
+    m = tank((0, 1 / 3, 2))
+    COLLOCATION.apply_to(m, wrt=m.t, mesh=boundaries)
+    assert m.t.get_finite_elements() == sorted({*boundaries, 1 / 3})
+    grid = rcp.Grid(rcp.radau(3), rcp.Mesh.given(sorted({*boundaries, 1 / 3})))
+    assert tuple(m.t) == grid.times
+
+
+def test_points_of_the_set_are_boundaries_and_the_rest_is_even(caplog):
+    m = tank((0, 0.5, 2))
+    COLLOCATION.apply_to(m, nfe=4)
+    assert m.t.get_finite_elements() == [0, 0.5, 1, 1.5, 2]
+    m = tank((0, 0.5, 2))
+    COLLOCATION.apply_to(m, nfe=1)
+    assert m.t.get_finite_elements() == [0, 0.5, 2]
+    assert "'t': has 3 points of its own, hence 2 elements instead of 1" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [("LAGRANGE-RADAU", "radau(3)"), ("LAGRANGE-LEGENDRE", "gauss(3)"), ("lobatto", "lobatto(3)")],
+)
+def test_names_of_schemes(name, known):
+    m = tank(initialize=0)
+    COLLOCATION.apply_to(m, scheme=name, ncp=3)
+    assert rcp.dae_trajectory(m, m.t).grid.scheme.name == known
+
+
+# -------------------------------------------------------------------- what the user set beforehand
+
+
+def test_bounds_reach_every_point():
+    m = tank(initialize=0, domain=pyo.NonNegativeReals)
+    m.x.setub(5)
+    m.u.setub(3)
+    m.u[2].setlb(1)  # at one point only: a condition there
+    COLLOCATION.apply_to(m, nfe=4)
+    assert {x.ub for x in m.x.values()} == {5}
+    assert {u.ub for u in m.u.values()} == {3}
+    assert {u.lb for t, u in m.u.items() if t < 2} == {0}
+    assert m.u[2].lb == 1
+
+
+def test_bounds_in_time_are_asked_at_every_point():
+    m = tank(initialize=0, bounds=lambda m, t: (-t, t + 1))
+    COLLOCATION.apply_to(m, nfe=4)
+    assert all(u.bounds == (-t, t + 1) for t, u in m.u.items())
+
+
+def test_fixing_a_control_fixes_it_everywhere():
+    m = tank()
+    m.u.fix(0.3)
+    COLLOCATION.apply_to(m, nfe=4)
+    assert all(u.fixed and u.value == 0.3 for u in m.u.values())
+    m = tank(initialize=lambda m, t: sin(t))
+    m.u.fix()
+    COLLOCATION.apply_to(m, nfe=4)
+    assert all(u.fixed and u.value == sin(t) for t, u in m.u.items())
+
+
+def test_fixing_a_state_at_both_ends_is_a_boundary_condition():
+    m = tank()
+    m.x.fix(1)
+    COLLOCATION.apply_to(m, nfe=4)
+    assert [t for t, x in m.x.items() if x.fixed] == [0, 2]
+
+
+def test_guesses_are_those_of_the_declaration_or_interpolated():
+    m = tank(initialize=lambda m, t: t**2)
+    m.x[0].value, m.x[2].value = 5, 9
+    COLLOCATION.apply_to(m, nfe=4, derivatives="keep")
+    assert all(m.u[t].value == t**2 for t in m.t if t > 0)
+    assert all(x.value == pytest.approx(5 + 2 * t) for t, x in m.x.items())
+    assert all(m.dx[t].value == pytest.approx(2) for t in m.t if t > 0)
+
+
+def test_deactivated_components_stay_so():
+    m = tank(initialize=0)
+    m.limit = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
+    m.limit.deactivate()
+    m.rows = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
+    m.rows[0].deactivate()
+    m.rows[2].deactivate()
+    m.b = pyo.Block(m.t, rule=lambda b, t: setattr(b, "row", pyo.Constraint(expr=b.model().x[t] >= 0)))
+    m.b.deactivate()
+    COLLOCATION.apply_to(m, nfe=4)
+    assert not any(row.active for component in (m.limit, m.rows, m.b) for row in component.values())
+    assert len(m.rows) == len(m.b) == len(m.t)
+
+
+# -------------------------------------------------------------------- where rows hold
+
+
+@pytest.mark.parametrize(("scheme", "inner"), [("radau", 9), ("gauss", 9), ("lobatto", 7)])
+def test_where_rows_hold(scheme, inner):
+    m = tank(initialize=0)
+    m.z = pyo.Var(m.t, initialize=0)
+    m.path = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
+    m.same = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] ** 2 == 4)
+    m.other = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] == m.x[t])
+    m.ends = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] >= 1 if t in (0, 2) else pyo.Constraint.Skip)
+    m.last = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] == 1 if t == 2 else pyo.Constraint.Skip)
+    COLLOCATION.apply_to(m, nfe=3, ncp=3, scheme=scheme, derivatives="keep")
+    points = set(rcp.dae_trajectory(m, m.t).points) if scheme == "lobatto" else set(m.t_collocation.dx)
+    if scheme == "lobatto":
+        assert len(points) == inner
+
+    def holds(component):
+        return {t for t, row in component.items() if row.active}
+
+    assert holds(m.path) == set(m.t)
+    assert holds(m.same) == points | {0}
+    assert holds(m.other) == holds(m.ode) == points
+    assert holds(m.ends) == {0, 2}
+    assert holds(m.last) == {2}
+    assert all(m.u[t].fixed and m.u[t].value is None for t in set(m.t) - points)
+
+
+def test_fixed_initial_rate_is_a_condition_on_the_state():
+    m = pyo.ConcreteModel()
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x = pyo.Var(m.t, initialize=1)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == 2 - m.x[t])
+    m.dx[0].fix(0)
+    COLLOCATION.apply_to(m, nfe=3, derivatives="keep")
+    assert m.ode[0].active
+    assert all(x.value == pytest.approx(2) for x in solved(m).x.values())

@@ -1,0 +1,29 @@
+"""A small model of pyomo.dae, and a picture of everything that a refusal must not change."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+
+
+def tank(points=(0, 2)):
+    m = pyo.ConcreteModel(name="tank")
+    m.t = ContinuousSet(initialize=points)
+    m.x, m.u, m.z = pyo.Var(m.t, initialize=1), pyo.Var(m.t, initialize=0), pyo.Var(m.t)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.z[t])
+    m.drain = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] == m.x[t] ** 2)
+    m.x[0].fix(1)
+    return m
+
+
+def picture(m):
+    """Everything that a refusal must not change."""
+    lines = [str(list(m.t)), str(m.t.get_discretization_info()), str(m.t.get_finite_elements())]
+    for component in m.component_objects(descend_into=True):
+        lines.append(f"{component.name} {component.ctype.__name__} {getattr(component, 'active', None)}")
+        if component.ctype in (pyo.Var, DerivativeVar):
+            lines += [f"{v.name} {v.value} {v.fixed} {v.bounds} {v.domain}" for v in component.values()]
+        elif component.ctype in (pyo.Constraint, pyo.Objective, pyo.Expression, Integral):
+            lines += [f"{e.name} {e.expr} {getattr(e, 'active', None)}" for e in component.values()]
+    return lines
