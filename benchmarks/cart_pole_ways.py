@@ -93,9 +93,8 @@ def straight_line(i: int, t: float) -> float:
     return START[i] + (GOAL[i] - START[i]) * t / HORIZON
 
 
-def as_phase(elements: int, route: str, keep_derivatives: bool = False) -> Measured:
-    """This package; with derivatives kept as variables it makes the program of pyomo.dae, row by row."""
-    started = time.perf_counter()
+def stated_as_phase(elements: int, keep_derivatives: bool = False) -> pyo.ConcreteModel:
+    """The model as this package has it."""
     m = pyo.ConcreteModel(name="cart-pole")
     m.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=STAGES)
     for i, name in enumerate(STATES):
@@ -113,6 +112,13 @@ def as_phase(elements: int, route: str, keep_derivatives: bool = False) -> Measu
     m.cost = pyo.Objective(
         expr=b.integral(lambda b, t: running_cost(b.position[t], b.theta[t], b.velocity[t], b.omega[t], b.force[t]))
     )
+    return m
+
+
+def as_phase(elements: int, route: str, keep_derivatives: bool = False) -> Measured:
+    """This package; with derivatives kept as variables it makes the program of pyomo.dae, row by row."""
+    started = time.perf_counter()
+    m = stated_as_phase(elements, keep_derivatives)
     built = time.perf_counter()
     if route == "executable":
         log = io.StringIO()
@@ -129,9 +135,8 @@ def as_phase(elements: int, route: str, keep_derivatives: bool = False) -> Measu
     return Measured(built - started, None, hand_off, inside, result.objective, result.iterations, free, judge)
 
 
-def by_pyomo_dae(elements: int) -> Measured:
-    """``pyomo.dae``, ``dae.collocation`` and the ipopt executable."""
-    started = time.perf_counter()
+def stated_with_pyomo_dae() -> pyo.ConcreteModel:
+    """The model over a ContinuousSet."""
     m = pyo.ConcreteModel()
     m.t = dae.ContinuousSet(bounds=(0, HORIZON))
     for i, name in enumerate(STATES):
@@ -148,7 +153,11 @@ def by_pyomo_dae(elements: int) -> Measured:
         answer = rates(m.theta[t], m.velocity[t], m.omega[t], m.force[t], pyo.sin, pyo.cos)
         return m.component(f"d{STATES[i]}")[t] == answer[i]
 
-    built = time.perf_counter()
+    return m
+
+
+def transcribed_by_pyomo_dae(m: pyo.ConcreteModel, elements: int) -> pyo.ConcreteModel:
+    """The same model after ``dae.collocation``, with cost and guess."""
     pyo.TransformationFactory("dae.collocation").apply_to(m, wrt=m.t, nfe=elements, ncp=STAGES, scheme="LAGRANGE-RADAU")
     weights = rcp.radau(STAGES).b
     points = [t for t in m.t if t > 0]
@@ -169,6 +178,15 @@ def by_pyomo_dae(elements: int) -> Measured:
                 variable.set_value(straight_line(i, t))
             m.component(f"d{name}")[t].set_value((GOAL[i] - START[i]) / HORIZON)
         m.force[t].set_value(0.0)
+    return m
+
+
+def by_pyomo_dae(elements: int) -> Measured:
+    """``pyomo.dae``, ``dae.collocation`` and the ipopt executable."""
+    started = time.perf_counter()
+    m = stated_with_pyomo_dae()
+    built = time.perf_counter()
+    transcribed_by_pyomo_dae(m, elements)
     transcribed = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         log_file = Path(folder) / "ipopt.log"

@@ -53,7 +53,7 @@ def integrate(integral: Any, done: Discretisation, record: Record) -> None:
         others = index if isinstance(index, tuple) else () if index is None else (index,)
         before, after = others[:place], others[place:]
         integrand = {time: rule(block, *before, time, *after) for time in done.grid.points}
-        value = quadrature(integrand.__getitem__, done.grid)
+        value = quadrature(integrand.__getitem__, done.grid.quadrature_weights)
         if index in integral._data:
             integral._data[index].set_value(value)
         else:

@@ -62,3 +62,15 @@ def test_models_of_pyomo_dae_are_more_accurate_and_leave_nothing_free() -> None:
     table = run_quick("dae_models")
     assert table.count("cannot be discretised") == 2
     assert table.count("optimal") == 22
+
+
+def test_growth_is_about_linear_and_a_phase_costs_less_than_pyomo_dae() -> None:
+    lines = [line for line in run_quick("growth").splitlines() if line.startswith(("phase", "pyomo.dae"))]
+    rows = {(line[:14].strip(), int(line[14:].split()[0])): line[14:].split() for line in lines}
+    assert set(rows) == {(way, n) for way in ("phase, mapped", "phase, ASL", "pyomo.dae") for n in (50, 200)}
+    assert float(rows["phase, mapped", 200][1]) < float(rows["pyomo.dae", 200][1])
+
+
+def test_a_re_solve_costs_little_beyond_ipopt() -> None:
+    (row,) = [line.split() for line in run_quick("receding_horizon").splitlines() if line.split()[0] == "20"]
+    assert 1.0 <= float(row[3]) < 2.0  # a coarse mesh on a busy machine: the real figures are those of the full run
