@@ -102,7 +102,7 @@ def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
 def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for implicit and algebraic equations."""
     what = f"phase '{block.name}': residual '{rule_name(rule)}'"
-    answers = _collect(block, record, rule, what, "residual")
+    answers = _collect(block, rule, what, "residual", record.grid.points)
     for time, rows in answers.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
@@ -127,7 +127,23 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
 def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for path constraints."""
     what = f"phase '{block.name}': constraint '{rule_name(rule)}'"
-    answers = _collect(block, record, rule, what, "constraint")
+    _add_relations(block, rule, _collect(block, rule, what, "constraint", record.grid.points), what)
+
+
+def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule) -> None:
+    """Rows for path constraints on the states at element boundaries."""
+    what = f"phase '{block.name}': constraint at boundaries '{rule_name(rule)}'"
+    try:
+        answers = _collect(block, rule, what, "constraint", record.grid.mesh.boundaries)
+    except KeyError as error:
+        raise TranscriptionError(
+            f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
+            "what needs controls or algebraics is a 'constraint'."
+        ) from None
+    _add_relations(block, rule, answers, what)
+
+
+def _add_relations(block: Any, rule: Rule, answers: dict[float, dict[Hashable, Any]], what: str) -> None:
     for time, rows in answers.items():
         for row in rows.values():
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
@@ -140,7 +156,7 @@ def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
 def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     what = f"phase '{block.name}': complementarity '{rule_name(rule)}'"
-    answers = _collect(block, record, rule, what, "complementarity")
+    answers = _collect(block, rule, what, "complementarity", record.grid.points)
     pairs = {_index(time, label): pair for time, rows in answers.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in answers.items() for label in rows}
     _check_name(block, rule_name(rule), what)
@@ -153,10 +169,12 @@ def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     block.add_component(rule_name(rule), component)
 
 
-def _collect(block: Any, record: PhaseRecord, rule: Rule, what: str, kind: str) -> dict[float, dict[Hashable, Any]]:
-    """Answers of a rule at each point as {time: {label: row}}."""
+def _collect(
+    block: Any, rule: Rule, what: str, kind: str, times: tuple[float, ...]
+) -> dict[float, dict[Hashable, Any]]:
+    """Answers of a rule at each time as {time: {label: row}}."""
     answers: dict[float, dict[Hashable, Any]] = {}
-    for time in record.grid.points:
+    for time in times:
         answer = rule(block, time)
         if answer is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")

@@ -23,7 +23,15 @@ from pyrobocop_pyomo.transcription import quadrature
 from .consistency import check_phase
 from .controls import control_rate
 from .declarations import Bounds, Control, Declaration, Duration, Start, check_bounds
-from .equations import add_complementarity, add_constraint, add_derivative, add_ode, add_residual, rule_name
+from .equations import (
+    add_complementarity,
+    add_constraint,
+    add_constraint_at_boundaries,
+    add_derivative,
+    add_ode,
+    add_residual,
+    rule_name,
+)
 from .extraction import extract_trajectory
 from .horizon import add_horizon, quadrature_weights, real_time
 from .phase_actions import PhaseActions
@@ -128,6 +136,19 @@ class PhaseBlockData(PhaseActions, BlockData):
             When an answer is no relation.
         """
         return self._state("constraint", rule, add_constraint)
+
+    def constraint_at_boundaries(self, rule: Rule) -> Rule:
+        """State path constraints on the states at every element boundary, start and end included.
+
+        As `constraint`, for what has to hold there too: the stages of a Gauss scheme lie inside the elements, and no
+        scheme but those that start on a stage asks anything at the start of the phase.
+
+        Raises
+        ------
+        TranscriptionError
+            When an answer is no relation, or the rule reads what has no value at a boundary, such as a control.
+        """
+        return self._state("constraint at boundaries", rule, add_constraint_at_boundaries)
 
     def complementarity(self, rule: Rule) -> Rule:
         """State complementarity: ``rule(phase, t)`` returns ``complements(a >= 0, b >= 0)``, or a list of such.

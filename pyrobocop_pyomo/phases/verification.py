@@ -204,7 +204,19 @@ class _Judge:
                             continue
                         a, b = sides(pair, statement)
                         natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
-        return self._defect(stated), equations, natural, product
+        return self._defect(stated), max(equations, self._at_boundaries()), natural, product
+
+    def _at_boundaries(self) -> float:
+        """Violation of the constraints that are stated for element boundaries."""
+        worst = 0.0
+        statements = self._statements("constraint at boundaries")
+        position = {time: i for i, time in enumerate(self.indices.times)}
+        for time in self.indices.mesh.boundaries if statements else ():
+            self.point.set_values({name: each[position[time]] for name, each in self.trajectory.states.items()})
+            for statement in statements:
+                for row in labelled_rows("constraint", self.point.ask(statement, time)).values():
+                    worst = max(worst, violation(row))
+        return worst
 
     def _at_stages(self, states: Array) -> Array:
         """The columns of the nodes that are stages: all but an element start, or an end, that is none."""

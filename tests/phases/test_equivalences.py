@@ -9,6 +9,7 @@ import pytest
 from harness.phases import HORIZON, oscillate, oscillators, running_costs, solve
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TranscriptionError
 
 pytestmark = pytest.mark.casadi
 
@@ -153,6 +154,55 @@ def test_the_fastest_way_from_rest_to_rest_takes_two_square_roots() -> None:
     solve(m, 1e-9)
     assert pyo.value(b.duration) == pytest.approx(2.0, abs=1e-5)
     assert b.trajectory().time[-1] == pytest.approx(2.0, abs=1e-5)
+
+
+def ceiling(b, t):
+    return b.x[t] <= 0.2
+
+
+@pytest.mark.casadi
+def test_a_constraint_at_boundaries_holds_where_gauss_has_no_stages() -> None:
+    """Throw a ball over a wall: without the constraint at the boundaries it may dip under between the stages."""
+    heights = {}
+    for at_boundaries in (False, True):
+        m = pyo.ConcreteModel()
+        m.p = b = rcp.PhaseBlock(duration=1, elements=3, scheme="gauss", stages=1)
+        b.x = rcp.State(initial=0, final=0)
+        b.u = rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+        b.constraint(ceiling)
+        if at_boundaries:
+
+            @b.constraint_at_boundaries
+            def low(b, t):
+                return b.x[t] <= 0.25
+
+            assert list(b.low) == list(b.grid.mesh.boundaries)
+        m.high = pyo.Objective(expr=b.x[b.grid.mesh.boundaries[1]], sense=pyo.maximize)
+        assert rcp.solve(m).solved
+        heights[at_boundaries] = max(b.x[t].value for t in b.grid.mesh.boundaries)
+        for t in b.grid.mesh.boundaries[1:-1]:
+            b.x[t].set_value(b.x[t].value + 0.1)
+        assert (b.trajectory().verify().equations > 0.09) is at_boundaries
+    assert heights[False] == pytest.approx(0.4, abs=1e-6)  # the stage in the middle of the first element is at 0.2
+    assert heights[True] == pytest.approx(0.25, abs=1e-6)
+
+
+def test_a_constraint_at_boundaries_reads_states_only() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1, elements=3)
+    b.x = rcp.State(initial=0)
+    b.u = rcp.Control()
+    before = list(b.component_map())
+    with pytest.raises(
+        TranscriptionError, match="'gentle' reads what has no value at an element boundary .*'constraint'"
+    ):
+
+        @b.constraint_at_boundaries
+        def gentle(b, t):
+            return b.u[t] <= 1
+
+    assert list(b.component_map()) == before
 
 
 def test_a_tuple_of_three_numbers_and_expressions_is_one_row_with_two_bounds() -> None:
