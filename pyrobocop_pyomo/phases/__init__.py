@@ -4,7 +4,8 @@ from .declarations import Algebraic, Control, Declaration, Duration, Parameter, 
 from .links import Link, LinkData
 from .measurements import label_measurements
 from .mpc_interface import PhaseInterface
-from .phase_block import PhaseBlock, PhaseBlockData
+from .phase_block import PhaseBlock
+from .phase_data import PhaseBlockData
 from .phase_end import PhaseEnd
 from .verification import Verification
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from numbers import Real
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -16,7 +17,7 @@ from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import DeclarationError, GuessError
+from pyrobocop_pyomo.errors import DeclarationError, GuessError, MeshError
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import number_guess
 
@@ -132,3 +133,58 @@ def real_grid(block: Any, record: PhaseRecord) -> Grid:
         return record.grid
     boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
     return Grid(record.grid.scheme, Mesh(tuple(float(each) for each in boundaries)))
+
+
+def check_horizon(what: str, start: Any, duration: Any) -> None:
+    """Refuse a start or a duration that makes no sense.
+
+    Raises
+    ------
+    DeclarationError
+        Naming the phase and the value.
+    """
+    if (
+        isinstance(start, bool)
+        or (isinstance(start, Real) and not math.isfinite(start))
+        or not (isinstance(start, (Real, Start)) or getattr(start, "is_numeric_type", bool)())
+    ):
+        raise DeclarationError(
+            f"{what}: start = {start!r}; expected a finite number, Start(...), an expression, or the phase before."
+        )
+    if isinstance(duration, Duration):
+        lower, _ = check_bounds(duration.bounds, what, "duration bounds")
+        if lower is None or lower <= 0:
+            raise DeclarationError(
+                f"{what}: the lower bound of the duration is {lower}; it must be positive. "
+                "Give Duration(bounds=(0.1, 10), guess=1)."
+            )
+    elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
+        raise DeclarationError(f"{what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...).")
+
+
+def make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mesh:
+    """The mesh that the user's words mean: a number of elements, boundaries, or a mesh.
+
+    Raises
+    ------
+    MeshError, DeclarationError
+        When they are no mesh, or not one of this horizon.
+    """
+    if mesh is None:
+        return Mesh.uniform(first, last, 10 if elements is None else elements)
+    try:
+        made = mesh if isinstance(mesh, Mesh) else Mesh.given(mesh)
+    except MeshError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise MeshError(f"mesh = {mesh!r} is no sequence of element boundaries ({error}).") from None
+    if elements not in (None, made.elements):
+        raise DeclarationError(f"elements = {elements}, but the given mesh has {made.elements}. Leave 'elements' out.")
+    # Both ends may come out of sums: 0.1 + 0.2 is not 0.3. The mesh, as given, is what counts.
+    close = 1e-12 * max(abs(first), abs(last))
+    if abs(made.boundaries[0] - first) > close or abs(made.boundaries[-1] - last) > close:
+        raise DeclarationError(
+            f"the mesh runs from {made.boundaries[0]:g} to {made.boundaries[-1]:g}, the phase from {first:g} to "
+            f"{last:g}. A phase with a free start or duration, or with moving elements, takes a mesh from 0 to 1."
+        )
+    return made

@@ -9,14 +9,16 @@ from typing import Any
 from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
+from pyomo.core.base.global_set import UnindexedComponent_index
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import LinkError
 
+from .all_or_nothing import AllOrNothingBlock, is_scalar
 from .continuing import listed, omitted_states, shared_parameter, states_given, states_of_both
 from .jumps import sort_jump
-from .phase_block import IndexedPhaseBlock, PhaseBlock, PhaseBlockData
+from .phase_block import IndexedPhaseBlock, PhaseBlock
+from .phase_data import PhaseBlockData
 from .phase_end import PhaseEnd
 from .pickling import picklable_or_none
 
@@ -177,7 +179,7 @@ class _BuildLink:
 
 
 @ModelComponentFactory.register("The end of one phase joined to the start of another.")
-class Link(Block):
+class Link(AllOrNothingBlock):
     """The end of one phase joined to the start of another: states continue, or jump.
 
     Parameters
@@ -224,11 +226,9 @@ class Link(Block):
 
     def __new__(cls, *args: Any, **kwds: Any) -> Link:
         """Choose the scalar or the indexed class."""
-        if cls is not Link:
-            return super().__new__(cls)
-        scalar = not args or (args[0] is UnindexedComponent_set and len(args) == 1)
-        made: type[Link] = ScalarLink if scalar or _are_phases(args) else IndexedLink
-        return Block.__new__(made)
+        if cls is Link:
+            cls = ScalarLink if is_scalar(args) or _are_phases(args) else IndexedLink
+        return super().__new__(cls, *args, **kwds)
 
     def __init__(
         self,
@@ -244,16 +244,6 @@ class Link(Block):
         sets, joined = _sort_arguments(args, phases)
         options = {"states": states, "omit": listed(omit), "jump": jump, "parameters": listed(parameters)}
         super().__init__(*sets, rule=_BuildLink(joined, options, rule), **kwds)
-
-    def construct(self, data: Any = None) -> None:
-        """Build the link; on any error, the user's own included, take it off the model again."""
-        try:
-            super().construct(data)
-        except BaseException:
-            parent = self.parent_block()
-            if parent is not None and parent.component(self.local_name) is self:
-                parent.del_component(self)
-            raise
 
 
 def _are_phases(args: tuple[Any, ...]) -> bool:

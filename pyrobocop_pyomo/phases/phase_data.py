@@ -1,0 +1,352 @@
+"""`PhaseBlockData`: what one phase holds and what can be said to it; `PhaseBlock` makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from numbers import Real
+from types import MappingProxyType
+from typing import Any
+
+from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base.block import BlockData
+from pyomo.core.base.set import Set
+
+from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
+from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
+from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import quadrature
+
+from .consistency import check_phase
+from .controls import control_rate
+from .declarations import Bounds, Control, Declaration, Duration
+from .equations import (
+    add_complementarity,
+    add_constraint,
+    add_constraint_at_boundaries,
+    add_derivative,
+    add_ode,
+    add_residual,
+    rule_name,
+)
+from .extraction import extract_trajectory
+from .horizon import add_horizon, check_horizon, make_mesh, quadrature_weights, real_time
+from .phase_actions import PhaseActions
+from .record import PhaseRecord, Statement
+from .variables import add_variables
+from .verification import Verification, verify
+
+Rule = Callable[..., Any]
+
+
+class PhaseBlockData(PhaseActions, BlockData):
+    """One phase; see `PhaseBlock` for how to make one.
+
+    Attributes
+    ----------
+    time : Set
+        Times at which the states live: element boundaries and collocation points.
+    points : Set
+        Collocation points: where equations hold and where algebraics and controls live.
+    duration : float or Var
+        How long the phase lasts.
+    """
+
+    def __init__(self, component: Any) -> None:
+        super().__init__(component)
+        self._record: PhaseRecord | None = None
+
+    # ---------------------------------------------------------------- declarations
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if isinstance(value, Declaration):
+            self.declare(name, value)
+        elif isinstance(value, type) and issubclass(value, Declaration):
+            raise DeclarationError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
+        else:
+            super().__setattr__(name, value)
+
+    def declare(self, name: str, declaration: Declaration) -> None:
+        """Add the variables of a declaration; ``phase.name = declaration`` does the same.
+
+        Raises
+        ------
+        DeclarationError
+            When the name is taken or the declaration contradicts itself.
+        GuessError
+            When the guess has the wrong length or is not finite.
+        """
+        if isinstance(declaration, Duration):
+            raise DeclarationError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
+        if hasattr(self, name):
+            raise DeclarationError(
+                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
+            )
+        with self._all_or_nothing(), PauseGC():
+            add_variables(self, self.record, name, declaration)
+            self.record.declarations[name] = declaration
+
+    # ---------------------------------------------------------------- statements
+
+    def ode(self, rule: Rule) -> Rule:
+        """State explicit differential equations: ``rule(phase, t)`` returns ``{state: right-hand side}``.
+
+        Usable as a decorator. Several rules may share the states among them. The right-hand side is substituted
+        into the collocation rows, unless the state's derivative is kept as a variable.
+
+        Parameters
+        ----------
+        rule : callable
+            Called at each collocation point ``t``; keys of its answer are states (or their names).
+
+        Raises
+        ------
+        TranscriptionError
+            When a key is no state, or a state gets a second equation.
+        """
+        return self._state("ode", rule, add_ode)
+
+    def residual(self, rule: Rule) -> Rule:
+        """State implicit or algebraic equations: ``rule(phase, t)`` returns one or several equalities.
+
+        Usable as a decorator. A bare expression means ``expression == 0``; a list, tuple or dict
+        states several equations. ``phase.derivative(phase.x)[t]`` is the derivative of a state.
+
+        Raises
+        ------
+        TranscriptionError
+            When an answer is no equality.
+        """
+        return self._state("residual", rule, add_residual)
+
+    def constraint(self, rule: Rule) -> Rule:
+        """State path constraints: ``rule(phase, t)`` returns one or several relations.
+
+        Usable as a decorator. They hold at each collocation point. Unlike residuals they do not
+        count as equations that determine states and algebraics. A tuple ``(lower, body, upper)`` is one
+        relation, as everywhere in Pyomo.
+
+        Raises
+        ------
+        TranscriptionError
+            When an answer is no relation.
+        """
+        return self._state("constraint", rule, add_constraint)
+
+    def constraint_at_boundaries(self, rule: Rule) -> Rule:
+        """State path constraints on the states at every element boundary, start and end included.
+
+        As `constraint`, for what has to hold there too: the stages of a Gauss scheme lie inside the elements, and no
+        scheme but those that start on a stage asks anything at the start of the phase.
+
+        Raises
+        ------
+        TranscriptionError
+            When an answer is no relation, or the rule reads what has no value at a boundary, such as a control.
+        """
+        return self._state("constraint at boundaries", rule, add_constraint_at_boundaries)
+
+    def complementarity(self, rule: Rule) -> Rule:
+        """State complementarity: ``rule(phase, t)`` returns ``complements(a >= 0, b >= 0)``, or a list of such.
+
+        Usable as a decorator. The component carries the element of each pair, so that
+        relaxations can be grouped per element.
+        """
+        return self._state("complementarity", rule, add_complementarity)
+
+    def derivative(self, state: Any) -> Mapping[float, Any]:
+        """The time derivative of a state at each collocation point.
+
+        Parameters
+        ----------
+        state : Var or str
+            A state of this phase.
+
+        Returns
+        -------
+        mapping of collocation point to expression or variable
+            The substituted right-hand side once an `ode` gave it; otherwise a variable of its own,
+            named ``<state>_derivative``, which is made when first asked for.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is no state of this phase.
+        """
+        name = self.state_name(state)
+        if name in self.record.rates:
+            return MappingProxyType(self.record.rates[name])
+        if name in self.record.kept_derivatives:
+            return self.component(f"{name}_derivative")
+        with self._all_or_nothing():
+            return add_derivative(self, self.record, name)
+
+    def integral(self, integrand: Rule) -> Any:
+        """Integral of ``integrand(phase, t)`` over the phase, by the quadrature of the scheme.
+
+        Returns
+        -------
+        expression
+            For an objective or a constraint; over real time also when the duration is a variable.
+        """
+        with PauseGC():
+            scale, weights = quadrature_weights(self, self.record)
+            total = quadrature(lambda time: integrand(self, time), weights)
+            plain = isinstance(scale, float) and scale == 1.0
+            return total if plain else scale * total
+
+    def clock(self, t: float) -> Any:
+        """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
+        return real_time(self, self.record, t)
+
+    def rate_of(self, control: Any) -> Mapping[float, Any]:
+        """Rate of change of a control in real time, as seen at each collocation point.
+
+        The slope of a piecewise linear control; for the others the difference to the value before, over the distance
+        of their times. Meant for costs: ``phase.integral(lambda b, t: b.rate_of(b.u)[t] ** 2)``.
+
+        Parameters
+        ----------
+        control : Var, Expression or str
+            A control of this phase.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is no control of this phase.
+        """
+        name = control if isinstance(control, str) else getattr(control, "local_name", repr(control))
+        if name not in self.record.names(Control):
+            known = ", ".join(self.record.names(Control)) or "none"
+            raise TranscriptionError(f"{self._what}: '{name}' is no control; its controls are {known}.")
+        return MappingProxyType(control_rate(self, self.record, name))
+
+    # ---------------------------------------------------------------- facts and answers
+
+    @property
+    def record(self) -> PhaseRecord:
+        """Grid, declarations and rules behind this phase."""
+        if self._record is None:
+            raise TranscriptionError(f"{self._what} is not constructed yet: add it to a ConcreteModel first.")
+        return self._record
+
+    @property
+    def grid(self) -> Grid:
+        """Scheme, mesh and the times they give."""
+        return self.record.grid
+
+    @property
+    def initial_time(self) -> float:
+        """First index of ``time``."""
+        return self.grid.mesh.boundaries[0]
+
+    @property
+    def final_time(self) -> float:
+        """Last index of ``time``."""
+        return self.grid.mesh.boundaries[-1]
+
+    @property
+    def has_free_duration(self) -> bool:
+        """True when the duration is a variable."""
+        return isinstance(self.record.duration, Duration)
+
+    @property
+    def has_normalised_time(self) -> bool:
+        """True when time indices run from 0 to 1: start, duration or element boundaries are to be found."""
+        return self.record.normalised
+
+    def state_name(self, state: Any) -> str:
+        """Name of a state given by its variable or its name.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is no state of this phase.
+        """
+        name = state if isinstance(state, str) else getattr(state, "local_name", repr(state))
+        declared = self.record.names_of_states
+        known = name in declared and (isinstance(state, str) or self.component(name) is state)
+        if not known:
+            raise TranscriptionError(
+                f"{self._what}: '{name}' is no state; its states are {', '.join(declared) or 'none'}."
+            )
+        return name
+
+    def check(self) -> None:
+        """Check that the equations fit the declared variables.
+
+        Raises
+        ------
+        TranscriptionError
+            Naming the state without equation, the counts that do not match, the variable that appears nowhere, or
+            the equations that determine no derivative and no algebraic.
+        """
+        check_phase(self, self.record)
+
+    def trajectory(self) -> Trajectory:
+        """The current values, as a trajectory that can be read, plotted, verified and saved."""
+        return extract_trajectory(self, self.record)
+
+    def verify(self, trajectory: Trajectory) -> Verification:
+        """Judge a trajectory by this phase's equations, recomputed; see `Verification`."""
+        return verify(self, self.record, trajectory)
+
+    # ---------------------------------------------------------------- construction
+
+    @property
+    def _what(self) -> str:
+        return f"phase '{self.name}'"
+
+    def _state(self, kind: str, rule: Rule, add: Callable[..., None]) -> Rule:
+        with self._all_or_nothing(), PauseGC():
+            add(self, self.record, rule)
+            self.record.statements.append(Statement(kind, rule_name(rule), rule))
+        return rule
+
+    @contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """On any error, remove what was added since: nothing half-built stays on the user's model."""
+        components = set(self.component_map())
+        record = self.record.snapshot()
+        try:
+            yield
+        except BaseException:
+            for name in [name for name in self.component_map() if name not in components]:
+                self.del_component(name)
+            self._record = record
+            raise
+
+    def _build(
+        self,
+        *,
+        duration: float | Duration,
+        elements: int | None,
+        mesh: Any,
+        scheme: str | Scheme,
+        stages: int | None,
+        start: Any,
+        moving: Bounds | None,
+        allow_higher_index: bool,
+        time_units: Any,
+    ) -> None:
+        """Set up grid, index sets and horizon; every argument is checked before anything is added."""
+        if isinstance(start, PhaseBlockData):
+            start = start.clock(start.final_time)
+        check_horizon(self._what, start, duration)
+        normalised = isinstance(duration, Duration) or not isinstance(start, Real) or moving is not None
+        first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
+        try:
+            grid = Grid(find_scheme(scheme, stages), make_mesh(first, last, elements, mesh))
+        except ModelError as error:
+            raise type(error)(f"{self._what}: {error}") from None
+        self._record = PhaseRecord(
+            grid,
+            duration,
+            normalised,
+            moving=moving is not None,
+            allow_higher_index=bool(allow_higher_index),
+            time_units=time_units,
+        )
+        self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
+        self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
+        add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, moving)
