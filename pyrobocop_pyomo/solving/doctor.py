@@ -63,10 +63,11 @@ class RouteDiagnosis:
 
 def diagnose() -> list[RouteDiagnosis]:
     """Look for every way to Ipopt and solve a small problem on each."""
+    casadi = _installed("casadi") if casadi_available() else ""
     return [
         *(_executable_route(name) for name in ("ipopt", "ipopt_v2")),
         _in_process_route("asl", find_asl_library() or "", ASL_REMEDY),
-        _in_process_route("casadi", _installed("casadi") if casadi_available() else "", _CASADI_REMEDY),
+        *(_in_process_route(derivatives, casadi, _CASADI_REMEDY) for derivatives in ("casadi", "mapped")),
     ]
 
 

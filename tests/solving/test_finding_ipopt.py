@@ -208,8 +208,8 @@ assert pyomo.environ.SolverFactory("pyrobocop.ipopt") is not None
 def test_the_doctor_reports_every_route_and_remedy(machine, capsys):
     assert command_line.main([]) == 1
     text = capsys.readouterr().out
-    assert text.count(": not found") == 4
-    assert text.count("remedy") == 4
+    assert text.count(": not found") == 5
+    assert text.count("remedy") == 5
     assert "no Ipopt is found on this machine" in text
 
 
@@ -219,8 +219,8 @@ def test_the_doctor_reports_every_route_and_remedy(machine, capsys):
 def test_the_doctor_solves_on_every_route(capsys):
     assert command_line.main(["doctor"]) == 0
     text = capsys.readouterr().out
-    assert text.count(": works") == 4
-    assert text.count("objective 17.0140") == 4
+    assert text.count(": works") == 5
+    assert text.count("objective 17.0140") == 5
     assert "remedy" not in text
 
 
