@@ -5,8 +5,8 @@
 Six models with known answers (``tests/catalogue/dae_models.py``) are discretised by ``pyrobocop.collocation`` and by
 ``dae.collocation`` at equal size, and solved tightly by the same Ipopt. The error of the states is the largest at any
 element boundary; the other error is that of the integral or estimate that the model is about. ``free`` counts the
-variables that no equation of the point determines: more of them than controls at collocation points (12 for the two
-sets with elements of three stages) are left to the whim of the solver; fewer mean equations that contradict each other.
+variables that no equation determines. Those should be the estimated number and, at collocation points, the controls and
+the sides of pairs; what is more is left to the whim of the solver.
 """
 
 from __future__ import annotations

@@ -37,6 +37,7 @@ def make_grid(domain: Any, points: Sequence[float], scheme: Scheme, elements: in
     MeshError
         When the mesh does not fit the set.
     """
+    points = [float(point) for point in points]
     if mesh is None:
         return Grid(scheme, Mesh(tuple(_refined(domain, points, elements))))
     boundaries = sorted({*(float(value) for value in Mesh.given(mesh).boundaries), *points})

@@ -65,7 +65,8 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
     rates: dict[str, Array] = {}
     for name, derivative, values in _rates(found, done):
         rates[name] = values
-        signals.setdefault(derivative, values)
+        if derivative not in states:
+            signals.setdefault(derivative, values)
     return Trajectory(
         name=model.name,
         grid=done.grid,

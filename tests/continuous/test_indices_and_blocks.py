@@ -12,7 +12,6 @@ from pyomo.common.timing import report_timing
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.contrib.mpc import DynamicModelInterface
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
-from pyomo.gdp import Disjunct
 from pyomo.mpec import Complementarity, complements
 from pyomo.util.check_units import assert_units_consistent
 
@@ -206,23 +205,15 @@ def test_tools_of_pyomo_read_the_result():
     assert m.t.get_lower_element_boundary(1.0) == pytest.approx(2 / 3)
 
 
-def test_equation_of_a_disjunct_stays_there():
+def test_settings_within_blocks_of_time_reach_every_point():
     m = tank(initialize=0)
-    m.del_component(m.ode)
-    m.on = Disjunct()
-    m.on.ode = pyo.Constraint(m.t, rule=lambda d, t: d.model().dx[t] == d.model().u[t])
-    COLLOCATION.apply_to(m, nfe=2)
-    assert m.component("dx").ctype is pyo.Var
-    assert sum(row.active for row in m.on.ode.values()) == 6
+    m.b = pyo.Block(m.t, rule=_with_two)
+    for t in m.t:
+        m.b[t].w.fix(0.7)
+        m.b[t].q.setub(2)
+    COLLOCATION.apply_to(m, nfe=2, scheme="gauss")
+    assert {(b.w.value, b.w.fixed, b.q.ub) for b in m.b.values()} == {(0.7, True, 2)}
 
 
-def test_bounded_or_otherwise_used_derivatives_stay_variables():
-    m = tank(initialize=0)
-    m.slow = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] <= 1)
-    m.y = pyo.Var(m.t * pyo.Set(initialize=["a"]), initialize=0)
-    m.dy = DerivativeVar(m.y, wrt=m.t, bounds=(-1, 1))
-    m.other = pyo.Constraint(m.t, rule=lambda m, t: m.dy[t, "a"] == m.u[t])
-    COLLOCATION.apply_to(m, nfe=2)
-    assert m.dx.ctype is m.dy.ctype is pyo.Var
-    assert {dy.bounds for dy in m.dy.values()} == {(-1, 1)}
-    assert m.ode[2].active
+def _with_two(b, t):
+    b.w, b.q = pyo.Var(initialize=0), pyo.Var(bounds=(0, 5))
