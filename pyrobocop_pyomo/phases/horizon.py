@@ -21,6 +21,7 @@ from pyrobocop_pyomo.errors import DeclarationError, GuessError, MeshError
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import number_guess
 
+from .building import within
 from .declarations import Bounds, Duration, Start, check_bounds
 from .record import PhaseRecord
 
@@ -60,8 +61,7 @@ def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
         guess = number_guess(duration.guess, what)
         if guess <= 0:
             raise GuessError(f"{what}: the guess is {guess:g}; it must be positive.")
-    guess = max(guess, lower or 0.0) if upper is None else min(max(guess, lower or 0.0), upper)
-    block.duration = Var(bounds=(lower, upper), initialize=guess, units=record.time_units)
+    block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=record.time_units)
 
 
 def _add_boundaries(block: Any, mesh: Mesh, moving: Bounds, what: str) -> None:

@@ -21,6 +21,7 @@ from pyrobocop_pyomo.numerics import Grid, differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import Guess, guess_at, number_guess, stage_guess, state_guess
 
+from .building import within
 from .controls import knots_of, variables_name
 from .declarations import Control, Parameter, State, is_held
 from .horizon import real_grid
@@ -126,8 +127,8 @@ def set_straight_lines(block: Any, record: PhaseRecord) -> None:
         if start is None:
             continue
         # Twice, because both ends may be ranges: nearest to the other, then the other nearest to it.
-        start = start if first.fixed else _within(_within(end, last) if from_end else start, first)
-        end = end if last.fixed else _within(start, last)
+        start = start if first.fixed else within(within(end, last.bounds) if from_end else start, first.bounds)
+        end = end if last.fixed else within(start, last.bounds)
         lines[name] = [start + (end - start) * ((t - times[0]) / span) for t in times]
     set_guesses(block, record, lines)
 
@@ -224,12 +225,4 @@ def _evaluate(trajectory: Trajectory, fractions: Sequence[float], begins: Sequen
 def _assign(values: Values) -> None:
     for data, number in values:
         if not data.fixed:
-            data.set_value(_within(number, data), skip_validation=True)
-
-
-def _within(number: float, data: Any) -> float:
-    """The number, moved onto the nearest bound of a variable if it lies outside."""
-    lower, upper = data.bounds
-    if lower is not None and number < lower:
-        return float(lower)
-    return float(upper) if upper is not None and number > upper else float(number)
+            data.set_value(within(number, data.bounds), skip_validation=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -30,7 +31,9 @@ def violation(row: Any) -> float:
 
 
 def outside(number: float, lower: float | None, upper: float | None) -> float:
-    """Distance of a number from an interval."""
+    """Distance of a number from an interval; what is no number is infinitely far away."""
+    if math.isnan(number):
+        return math.inf
     below = lower - number if lower is not None else 0.0
     above = number - upper if upper is not None else 0.0
     return float(max(below, above, 0.0))

@@ -9,6 +9,8 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.phases.violations import outside
+
 
 class PointJudge:
     """Evaluates what the user stated at the model's current values.
@@ -39,10 +41,10 @@ class PointJudge:
         """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
         worst = 0.0
         for body, lower, upper in self._rows:
-            worst = max(worst, _outside(_number(body), lower, upper))
+            worst = max(worst, outside(_number(body), lower, upper))
         for variable in self._bounded:
             if variable.value is not None:
-                worst = max(worst, _outside(variable.value, variable.lb, variable.ub))
+                worst = max(worst, outside(variable.value, variable.lb, variable.ub))
         return worst
 
 
@@ -52,11 +54,3 @@ def _number(expression: Any) -> float:
     except (ArithmeticError, ValueError):
         return float("nan")
     return float("nan") if number is None or isinstance(number, complex) else float(number)
-
-
-def _outside(number: float, lower: float | None, upper: float | None) -> float:
-    if number != number:
-        return float("inf")
-    below = lower - number if lower is not None else 0.0
-    above = number - upper if upper is not None else 0.0
-    return max(below, above, 0.0)

@@ -8,6 +8,8 @@ from math import exp, pi, sin
 import pyomo.environ as pyo
 import pytest
 from catalogue.dae_models import CASES, rectifier, two_phases
+from harness.dae import driven_tank as tank
+from harness.dae import solved
 from pyomo.common.timing import report_timing
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.contrib.mpc import DynamicModelInterface
@@ -18,21 +20,6 @@ from pyomo.util.check_units import assert_units_consistent
 import pyrobocop_pyomo as rcp
 
 COLLOCATION = pyo.TransformationFactory("pyrobocop.collocation")
-
-
-def tank(points=(0, 2), **options):
-    m = pyo.ConcreteModel(name="tank")
-    m.t = ContinuousSet(initialize=points)
-    m.x, m.u = pyo.Var(m.t, initialize=1), pyo.Var(m.t, **options)
-    m.dx = DerivativeVar(m.x)
-    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.x[t])
-    m.x[0].fix(1)
-    return m
-
-
-def solved(m):
-    rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
-    return m
 
 
 # -------------------------------------------------------------------- indices, blocks, sets

@@ -1,9 +1,11 @@
-"""A small model of pyomo.dae, and a picture of everything that a refusal must not change."""
+"""Small models of pyomo.dae, and a picture of everything that a refusal must not change."""
 
 from __future__ import annotations
 
 import pyomo.environ as pyo
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+
+import pyrobocop_pyomo as rcp
 
 
 def tank(points=(0, 2)):
@@ -14,6 +16,22 @@ def tank(points=(0, 2)):
     m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.z[t])
     m.drain = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] == m.x[t] ** 2)
     m.x[0].fix(1)
+    return m
+
+
+def driven_tank(points=(0, 2), **options):
+    """Without the drain: the inflow alone decides, and its variable takes options."""
+    m = pyo.ConcreteModel(name="tank")
+    m.t = ContinuousSet(initialize=points)
+    m.x, m.u = pyo.Var(m.t, initialize=1), pyo.Var(m.t, **options)
+    m.dx = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.u[t] - m.x[t])
+    m.x[0].fix(1)
+    return m
+
+
+def solved(m):
+    rcp.solve(m, progress=False, options={"tol": 1e-11}).raise_for_status()
     return m
 
 
