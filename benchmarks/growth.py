@@ -19,7 +19,7 @@ from pathlib import Path
 from cart_pole_ways import stated_as_phase, stated_with_pyomo_dae, transcribed_by_pyomo_dae
 from table import Table, show_progress
 
-from pyrobocop_pyomo.solving.written_model import WrittenModel
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 WAYS = {"phase, mapped": "mapped", "phase, ASL": "asl", "pyomo.dae": None}
 

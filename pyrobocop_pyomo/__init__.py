@@ -16,6 +16,7 @@ from pyrobocop_pyomo.complementarity import (
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
 from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 from pyrobocop_pyomo.phases import (
@@ -36,12 +37,9 @@ from pyrobocop_pyomo.solving import (
     RecedingHorizon,
     RefinedResult,
     RefinementEnd,
-    Route,
     SequenceRanking,
     SolveResult,
     StopReason,
-    available_routes,
-    configure_ipopt_executable,
     mode_sequences,
     solve,
     solve_refined,

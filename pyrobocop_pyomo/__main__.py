@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.solving.build_asl import build_asl
-from pyrobocop_pyomo.solving.doctor import pyomo_silenced, report
+from pyrobocop_pyomo.ipopt.build_asl import build_asl
+from pyrobocop_pyomo.ipopt.doctor import pyomo_silenced, report
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,10 +7,10 @@ import os
 import pytest
 from hypothesis import settings
 
-from pyrobocop_pyomo.solving.asl_program import asl_available
-from pyrobocop_pyomo.solving.casadi_program import casadi_available
-from pyrobocop_pyomo.solving.ipopt_executable import configure_ipopt_executable
-from pyrobocop_pyomo.solving.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_executable import configure_ipopt_executable
+from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.programs.asl_program import asl_available
+from pyrobocop_pyomo.programs.casadi_program import casadi_available
 
 # A time limit per example fails on a busy machine, not on a wrong law.
 settings.register_profile("laws", deadline=None)

@@ -9,9 +9,9 @@ from typing import Any
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import FollowBarrier, Geometric, PairResidual, Schedule, pair_residuals
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 from .assessment import PointJudge
-from .ipopt_outcome import IpoptStatus
 from .progress import Progress
 from .session import Run, Session
 from .solve_result import Quality, Step, StopReason

@@ -21,12 +21,12 @@ from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.routes import NO_IPOPT
+from pyrobocop_pyomo.programs.written_model import WRITER_OPTIONS
 
-from .ipopt_executable import find_ipopt_executable, ipopt_executable_version
-from .ipopt_outcome import IpoptStatus
-from .routes import NO_IPOPT
 from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
-from .written_model import WRITER_OPTIONS
 
 _SUFFIXES = {
     "dual": Suffix.IMPORT_EXPORT,

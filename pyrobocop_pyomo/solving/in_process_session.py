@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IterationRecord
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, starting_multipliers
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, ShiftedRows
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
-from .ipopt_library import load_ipopt_library
-from .ipopt_outcome import IpoptOutcome, IterationRecord
-from .ipopt_run import run_ipopt
-from .nonlinear_program import NonlinearProgram, ShiftedRows
 from .session import DEFAULT_MU, WARM_START_OPTIONS, OnIteration, Run
-from .suffixes import InProcessSolutionLoader, starting_multipliers
-from .written_model import WrittenModel
 
 
 class InProcessSession:

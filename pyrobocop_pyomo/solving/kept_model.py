@@ -8,12 +8,13 @@ from typing import Any
 
 from pyomo.core.base.block import BlockData
 
-from .ipopt_library import load_ipopt_library
-from .ipopt_outcome import IpoptOutcome
-from .ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
+from pyrobocop_pyomo.programs.written_model import WrittenModel
+
 from .session import WARM_START_OPTIONS, OnIteration
-from .suffixes import InProcessSolutionLoader
-from .written_model import WrittenModel
 
 
 class KeptModel:

@@ -18,15 +18,15 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
 )
 from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
+from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
 from .attempt import Attempt
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
-from .ipopt_outcome import IterationRecord
 from .progress import Progress
-from .routes import Route, available_routes, best_route
 from .session import Session
 from .solve_result import STEP_HEADER, SolveResult
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.complementarity import active_pairs
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.controls import knots_of, variables_name
 from pyrobocop_pyomo.phases.declarations import is_held
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .ipopt_outcome import IpoptStatus
 from .kept_model import KeptModel
 
 Array = NDArray[np.float64]

@@ -14,10 +14,10 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
+from pyrobocop_pyomo.ipopt.routes import best_route
 
 from .procedure import solve
 from .progress import Progress
-from .routes import best_route
 from .sequence_ranking import SequenceOutcome, SequenceRanking, sense_of, values_of
 from .solve_result import StopReason
 

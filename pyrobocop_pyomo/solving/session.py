@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
-
-from .ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 
 # What lets Ipopt start where the last run ended instead of pushing the point back into the interior.
 WARM_START_OPTIONS = {

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.errors import SolveFailed
-
-from .ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 
 class StopReason(enum.Enum):

@@ -11,8 +11,8 @@ ROOT = Path(__file__).parents[2] / "pyrobocop_pyomo"
 
 ORDER = [
     "_version", "errors", "optional_imports", "numerics", "geometry", "plotting", "complementarity",
-    "trajectories", "transcription", "continuous", "phases", "obstacles", "mechanics", "diagnosis", "solving",
-    "distributed",
+    "catalogue", "trajectories", "transcription", "continuous", "phases", "obstacles", "mechanics", "diagnosis",
+    "programs", "ipopt", "mpcc", "solving", "distributed",
 ]  # fmt: skip
 
 PACKAGE_FILES = list(ROOT.glob("*/**/*.py"))

@@ -15,7 +15,7 @@ from scipy.special import eval_jacobi, eval_legendre
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.residuals import PairResidual
 from pyrobocop_pyomo.numerics import remesh
-from pyrobocop_pyomo.solving.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
 
 SCHEMES = [
     rcp.radau(1),

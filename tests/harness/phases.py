@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import structural_rank
 
 import pyrobocop_pyomo as rcp
-import pyrobocop_pyomo.solving.in_process
+import pyrobocop_pyomo.ipopt.in_process
 
 HORIZON = 1.5
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pyomo.environ as pyo
 import pytest
-from small_problems import PROBLEMS, every_derivative, every_kind_of_row, every_route, solver
+from harness.small_problems import PROBLEMS, every_derivative, every_kind_of_row, every_route, solver
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.solving.written_model import WrittenModel
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pyomo.environ as pyo
 import pytest
-from expression_zoo import cart_pole, parameters_everywhere
+from harness.expression_zoo import cart_pole, parameters_everywhere
 
 from pyrobocop_pyomo.solving import KeptModel
 

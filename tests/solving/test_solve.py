@@ -11,9 +11,10 @@ from pyomo.repn.plugins.nl_writer import NLWriter
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError, TranscriptionError
-from pyrobocop_pyomo.solving import procedure, routes
+from pyrobocop_pyomo.ipopt import routes
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving import progress as progress_module
-from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
 
 ROUTES = [
     pytest.param("asl", marks=pytest.mark.asl),

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 
 class IpoptStatus(enum.Enum):

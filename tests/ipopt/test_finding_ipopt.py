@@ -10,22 +10,14 @@ from pathlib import Path
 
 import pyomo.environ as pyo
 import pytest
+from harness.small_problems import hock_schittkowski_71
 from pyomo.contrib.pynumero.asl import AmplInterface
-from small_problems import hock_schittkowski_71
 
 import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
-from pyrobocop_pyomo.solving import (
-    asl_program,
-    build_asl,
-    doctor,
-    in_process,
-    ipopt_executable,
-    ipopt_library,
-    routes,
-    written_model,
-)
-from pyrobocop_pyomo.solving.routes import Route
+from pyrobocop_pyomo.ipopt import build_asl, doctor, in_process, ipopt_executable, ipopt_library, routes
+from pyrobocop_pyomo.ipopt.routes import Route
+from pyrobocop_pyomo.programs import asl_program, written_model
 
 ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
 
@@ -197,7 +189,7 @@ class Hidden:
 sys.meta_path.insert(0, Hidden())
 import pyomo.environ
 before = set(sys.modules)
-import pyrobocop_pyomo.solving.in_process, pyrobocop_pyomo.solving.routes
+import pyrobocop_pyomo.ipopt.in_process, pyrobocop_pyomo.ipopt.routes
 assert "scipy.sparse" not in set(sys.modules) - before
 assert pyomo.environ.SolverFactory("pyrobocop.ipopt") is not None
 """

@@ -19,9 +19,9 @@ from pyomo.common import Executable
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
 
 from pyrobocop_pyomo._version import __version__
+from pyrobocop_pyomo.programs.asl_program import ASL_REMEDY, find_asl_library
+from pyrobocop_pyomo.programs.casadi_program import casadi_available
 
-from .asl_program import ASL_REMEDY, find_asl_library
-from .casadi_program import casadi_available
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable, ipopt_executable_version
 from .ipopt_library import load_ipopt_library

@@ -6,9 +6,9 @@ import math
 
 import pyomo.environ as pyo
 from hypothesis import strategies as st
-from small_problems import every_kind_of_row, fixed_variable, hock_schittkowski_71, maximisation, square_system
 
 import pyrobocop_pyomo as rcp
+from harness.small_problems import every_kind_of_row, fixed_variable, hock_schittkowski_71, maximisation, square_system
 
 UNARY = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "atanh", "exp", "log", "log10",

@@ -21,14 +21,14 @@ from pyomo.core.base.block import BlockData
 from pyomo.core.staleflag import StaleFlagManager
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.programs.asl_program import asl_available
+from pyrobocop_pyomo.programs.casadi_program import casadi_available
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
-from .asl_program import asl_available
-from .casadi_program import casadi_available
 from .ipopt_library import IpoptLibrary, find_ipopt_library, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
 from .ipopt_run import run_ipopt
 from .suffixes import InProcessSolutionLoader, scaling_factors, starting_multipliers
-from .written_model import WrittenModel
 
 logger = logging.getLogger(__name__)
 

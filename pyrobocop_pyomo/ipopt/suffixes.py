@@ -24,10 +24,11 @@ from pyomo.core.base.enums import TraversalStrategy
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import VarData
 
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.written_model import WrittenModel
+
 from .ipopt_outcome import IpoptOutcome
 from .ipopt_run import ProblemScaling
-from .nonlinear_program import FloatArray
-from .written_model import WrittenModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,13 @@ import time
 
 import pyomo.environ as pyo
 import pytest
+from harness.small_problems import every_derivative, hock_schittkowski_71
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
 from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.opt import SolverStatus
-from small_problems import every_derivative, hock_schittkowski_71
 
-from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 OPTIMUM = 17.0140172891520542
 pytestmark = pytest.mark.casadi

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from expression_zoo import ZOO, ZOO_NAMES, cart_pole, long_sums, trees
+from harness.expression_zoo import ZOO, ZOO_NAMES, cart_pole, long_sums, trees
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.solving.expression_codes import decoded
-from pyrobocop_pyomo.solving.expression_terms import Terms
-from pyrobocop_pyomo.solving.model_terms import collect_terms
-from pyrobocop_pyomo.solving.term_groups import Columns
+from pyrobocop_pyomo.programs.expression_codes import decoded
+from pyrobocop_pyomo.programs.expression_terms import Terms
+from pyrobocop_pyomo.programs.model_terms import collect_terms
+from pyrobocop_pyomo.programs.term_groups import Columns
 
 
 def values_of_rows(terms: Terms, columns: Columns, count: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 from .c_output import c_output_sent_to, flush_c_streams
 from .interruption import Interruption
@@ -19,7 +20,6 @@ from .ipopt_callbacks import IpoptCallbacks
 from .ipopt_library import IpoptLibrary
 from .ipopt_options import set_options
 from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord
-from .nonlinear_program import FloatArray, NonlinearProgram
 
 
 class ProblemScaling(NamedTuple):

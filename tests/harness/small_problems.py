@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pyomo.environ as pyo
 import pytest
 
-import pyrobocop_pyomo.solving.in_process  # noqa: F401  (registers the solver)
+import pyrobocop_pyomo.ipopt.in_process  # noqa: F401  (registers the solver)
 
 Solve = Callable[..., object]
 

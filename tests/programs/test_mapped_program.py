@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from expression_zoo import ZOO, ZOO_NAMES, cart_pole, parameters_everywhere, trees
+from harness.expression_zoo import ZOO, ZOO_NAMES, cart_pole, parameters_everywhere, trees
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyomo.common.errors import InfeasibleConstraintException
 from scipy.sparse import coo_matrix, csr_matrix, tril
 
 from pyrobocop_pyomo.errors import EvaluationError, StructureChanged
-from pyrobocop_pyomo.solving.written_model import WrittenModel
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 pytestmark = pytest.mark.casadi
 NEAR = {"rel": 1e-9, "abs": 1e-9}

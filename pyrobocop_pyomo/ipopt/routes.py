@@ -6,9 +6,9 @@ import enum
 from collections.abc import Callable
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.programs.asl_program import asl_available
+from pyrobocop_pyomo.programs.casadi_program import casadi_available
 
-from .asl_program import asl_available
-from .casadi_program import casadi_available
 from .ipopt_executable import EXECUTABLE_VARIABLE, find_ipopt_executable
 from .ipopt_library import LIBRARY_VARIABLE, find_ipopt_library
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 from .interruption import Interruption
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate
 from .ipopt_outcome import IterationRecord
-from .nonlinear_program import FloatArray, NonlinearProgram
 
 
 class IpoptCallbacks:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.small_problems import every_derivative, every_kind_of_row, maximisation, square_system
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from small_problems import every_derivative, every_kind_of_row, maximisation, square_system
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
-from pyrobocop_pyomo.solving.asl_program import AslProgram
-from pyrobocop_pyomo.solving.casadi_program import CasadiProgram
-from pyrobocop_pyomo.solving.nonlinear_program import ShiftedRows
-from pyrobocop_pyomo.solving.written_model import WrittenModel
+from pyrobocop_pyomo.programs.asl_program import AslProgram
+from pyrobocop_pyomo.programs.casadi_program import CasadiProgram
+from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 STEP = 1e-6
 

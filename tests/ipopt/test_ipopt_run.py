@@ -10,14 +10,14 @@ import time
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from small_problems import every_derivative, hock_schittkowski_71
+from harness.small_problems import every_derivative, hock_schittkowski_71
 
 from pyrobocop_pyomo.errors import EvaluationError, SolverOptionError
-from pyrobocop_pyomo.solving.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.solving.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.solving.ipopt_run import run_ipopt
-from pyrobocop_pyomo.solving.nonlinear_program import ShiftedRows
-from pyrobocop_pyomo.solving.written_model import WrittenModel
+from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 OPTIMUM = 17.0140172891520542
 FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
