@@ -2,7 +2,7 @@
 
 from .component import Complementarity, ComplementarityData
 from .grouping import Grouping, PerElement, PerPair
-from .pairs import CanonicalPair, active_pairs, canonical_pair
+from .pairs import CanonicalForm, CanonicalPair, Part, active_pairs, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
 from .residuals import PairResidual, pair_residuals
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
@@ -11,6 +11,7 @@ from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
 
 __all__ = [
+    "CanonicalForm",
     "CanonicalPair",
     "Complementarity",
     "ComplementarityData",
@@ -21,6 +22,7 @@ __all__ = [
     "Grouping",
     "ObjectiveTerm",
     "PairResidual",
+    "Part",
     "Penalty",
     "PerElement",
     "PerPair",
@@ -30,6 +32,7 @@ __all__ = [
     "Schedule",
     "Scholtes",
     "active_pairs",
+    "canonical_form",
     "canonical_pair",
     "canonical_side",
     "complements",

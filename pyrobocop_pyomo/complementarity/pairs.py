@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from pyomo.core.base.block import Block
@@ -18,6 +19,14 @@ from .sides import canonical_side
 
 PAIR_TYPES = (Complementarity, MpecComplementarity)
 BLOCK_TYPES = (Block, Disjunct)
+
+
+class Part(Enum):
+    """How much of the expression ``b`` a pair is about."""
+
+    WHOLE = "b itself, which is nonnegative"
+    POSITIVE = "max(b, 0)"
+    NEGATIVE = "max(-b, 0)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +45,11 @@ class CanonicalPair:
         Label of the group that the pair belongs to.
     weight : number or Pyomo expression
         Measure of the pair in a penalty.
+    b_part : Part
+        Of which part of ``b`` the pair speaks: of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with
+        the positive part of H, the second u - F with the negative one. ``b`` is H in both.
+    role : {"", "lower", "upper"}
+        What tells two pairs of one source apart.
     """
 
     source: Any
@@ -45,12 +59,33 @@ class CanonicalPair:
     b_row: Any
     group: Hashable
     weight: Any
+    b_part: Part = Part.WHOLE
+    role: str = ""
 
     @property
     def name(self) -> str:
-        """Name of the pair, as the user finds it in the model."""
+        """Name of the pair, as the user finds it in the model; where there are two, with the role."""
         # Asked for when needed: a full name costs about as much as the rest of the canonical form.
-        return self.source.name
+        return f"{self.source.name} ({self.role})" if self.role else self.source.name
+
+
+@dataclass(frozen=True, eq=False)
+class CanonicalForm:
+    """All that one statement says.
+
+    Attributes
+    ----------
+    source : component data
+        The statement as declared.
+    pairs : tuple of CanonicalPair
+        One; two for a range against a free side; none for an equality against a free side.
+    rows : tuple of relational expressions
+        What has to be a constraint beyond the ``a_row`` and ``b_row`` of the pairs.
+    """
+
+    source: Any
+    pairs: tuple[CanonicalPair, ...]
+    rows: tuple[Any, ...]
 
 
 def canonical_pair(source: Any) -> CanonicalPair:
@@ -81,6 +116,11 @@ def canonical_pair(source: Any) -> CanonicalPair:
     a, a_row = canonical_side(first, first_bound, source)
     b, b_row = canonical_side(second, second_bound, source)
     return CanonicalPair(source, a, b, a_row, b_row, group, weight)
+
+
+def canonical_form(source: Any) -> CanonicalForm:
+    """Bring one statement into canonical form; parameters and errors as for `canonical_pair`."""
+    return CanonicalForm(source, (canonical_pair(source),), ())
 
 
 def active_pairs(model: Any, targets: Iterable[Any] | None = None) -> list[CanonicalPair]:
