@@ -2,6 +2,7 @@
 
 from .component import Complementarity, ComplementarityData
 from .grouping import Grouping, PerElement, PerPair
+from .lifting import LiftedPair, SideVariable
 from .pairs import CanonicalForm, CanonicalPair, Part, active_pairs, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
 from .residuals import PairResidual, pair_residuals
@@ -20,6 +21,7 @@ __all__ = [
     "FollowBarrier",
     "Geometric",
     "Grouping",
+    "LiftedPair",
     "ObjectiveTerm",
     "PairResidual",
     "Part",
@@ -31,6 +33,7 @@ __all__ = [
     "RelaxationToken",
     "Schedule",
     "Scholtes",
+    "SideVariable",
     "active_pairs",
     "canonical_form",
     "canonical_pair",
