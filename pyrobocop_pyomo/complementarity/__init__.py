@@ -3,7 +3,7 @@
 from .component import Complementarity, ComplementarityData
 from .grouping import Grouping, PerElement, PerPair
 from .lifting import LiftedPair, SideVariable
-from .pairs import CanonicalForm, CanonicalPair, Part, active_pairs, canonical_form, canonical_pair
+from .pairs import CanonicalForm, CanonicalPair, Part, active_pairs, active_sources, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
 from .residuals import PairResidual, pair_residuals
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
@@ -35,6 +35,7 @@ __all__ = [
     "Scholtes",
     "SideVariable",
     "active_pairs",
+    "active_sources",
     "canonical_form",
     "canonical_pair",
     "canonical_side",

@@ -93,9 +93,9 @@ def steepest_piece(
     if held is not None:
         within[:] = False
     for sides, zero, values in ((program.a, nearest.a_zero, a), (program.b, nearest.b_zero, b)):
-        held = zero & ~within & ~sides.constant
-        to_zero = np.clip(-sides.sign[held] * values[held], -1.0, 1.0)
-        lower[sides.index[held]] = upper[sides.index[held]] = to_zero
+        fixed = zero & ~within & ~sides.constant
+        to_zero = np.clip(-sides.sign[fixed] * values[fixed], -1.0, 1.0)
+        lower[sides.index[fixed]] = upper[sides.index[fixed]] = to_zero
     open_pairs = np.flatnonzero(within)
     count = open_pairs.size
 

@@ -105,7 +105,7 @@ class MultiplierProblem:
             _active_bounds(program, point, (self._a_pairs, self._b_pairs), active_tolerance),
             _sides(program.a, self._a_pairs, point.nlp.n),
             _sides(program.b, self._b_pairs, point.nlp.n),
-            _Block(eye_array(point.nlp.n, format="csr"), *[np.full(point.nlp.n, np.inf)] * 2, np.ones(point.nlp.n)),
+            _residual(point.nlp.n),
         ]
         self._matrix = block_array([[sign * block.columns for block in blocks for sign in (1.0, -1.0)]], format="csr")
         self._upper = np.minimum(
@@ -323,6 +323,11 @@ def _active_bounds(
         found.at_upper[index[~rising]] = False
     active = np.flatnonzero(found.active)
     return found.block(csr_array((np.ones(active.size), (active, np.arange(active.size))), shape=(nlp.n, active.size)))
+
+
+def _residual(n: int) -> _Block:
+    infinite = np.full(n, np.inf)
+    return _Block(eye_array(n, format="csr"), infinite, infinite, np.ones(n))
 
 
 def _sides(sides: Sides, pairs: np.ndarray, n: int) -> _Block:

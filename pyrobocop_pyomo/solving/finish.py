@@ -64,7 +64,7 @@ class Finish:
         values: VariableValues,
         left: Callable[[], float | None],
     ) -> None:
-        self._settings, self._written, self._recorder = settings, written, recorder
+        self._settings, self.written, self._recorder = settings, written, recorder
         self._values, self._left = values, left
         self._library = load_ipopt_library()
         self._program = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
@@ -73,14 +73,14 @@ class Finish:
 
     def improve(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
         """Polish the point on the model, follow descending branches, and certify where that ends."""
-        start = candidate_at(self._program, self._written.current_point(), self._without_relaxing_rows(multipliers))
+        start = candidate_at(self._program, self.written.current_point(), self._without_relaxing_rows(multipliers))
         search = self._search()
         polished = search.polish(start)
         return self._judged(finding, search, polished, start)
 
     def project(self, finding: Finding) -> Finding:
         """Look for a feasible branch near the point on the model."""
-        x = self._written.current_point()
+        x = self.written.current_point()
         nlp = self._program.nlp
         start = candidate_at(self._program, x, (np.zeros(nlp.m), np.ones(nlp.n), np.ones(nlp.n)))
         search = self._search()
@@ -88,7 +88,7 @@ class Finish:
 
     def _judged(self, finding: Finding, search: ActiveSetSearch, found: Candidate, start: Candidate) -> Finding:
         if found is start:
-            self._written.load_point(start.x)
+            self.written.load_point(start.x)
             return finding
         point = Linearisation.at(self._program.nlp, found.x)
         pair_multipliers = self._strong(found, point)
@@ -100,7 +100,7 @@ class Finish:
             pair_multipliers = self._strong(found, point) or classify(
                 MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
             )
-        self._written.load_point(found.x)
+        self.written.load_point(found.x)
         outcome = self._outcomes[id(found.x)]
         step = next(step for step, candidate in self._kept if candidate is found)
         assert found.branch is not None
@@ -110,7 +110,7 @@ class Finish:
             step=step,
             reason=stop_reason(step),
             stationarity=lagrangian_residual(restricted(self._program, found.branch), found.x, *found.multipliers),
-            load_suffixes=InProcessSolutionLoader(self._written, self._with_all_rows(outcome)).load_import_suffixes,
+            load_suffixes=InProcessSolutionLoader(self.written, self._with_all_rows(outcome)).load_import_suffixes,
             certificate=certificate,
             multipliers=pair_multipliers,
         )
@@ -143,7 +143,7 @@ class Finish:
         )
 
     def _record(self, purpose: str, outcome: IpoptOutcome, found: Candidate, kept: bool) -> None:
-        self._written.load_point(found.x)
+        self.written.load_point(found.x)
         mu = outcome.records[-1].mu if outcome.records else None
         label = purpose if kept else f"{purpose} (not kept)"
         step = self._recorder.record(Run(label, None, mu, outcome.status, outcome.iterations, outcome.seconds))
@@ -160,6 +160,6 @@ class Finish:
         rows = getattr(self._program.nlp, "rows", None)
         if rows is None:
             return outcome
-        every = np.zeros(self._written.nlp.m)
+        every = np.zeros(self.written.nlp.m)
         every[rows] = outcome.g_multipliers
         return replace(outcome, g_multipliers=every)

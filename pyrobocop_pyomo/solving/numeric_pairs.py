@@ -49,6 +49,6 @@ def _sides(sides: Sequence[SideVariable], positions: dict[int, int]) -> Sides:
     sign = np.array([side.sign for side in sides], dtype=float)
     offset = np.array([value(side.offset) for side in sides], dtype=float)
     # A variable that is fixed is no variable of the program: its side is a number.
-    for k in np.flatnonzero(index < 0):
+    for k in np.flatnonzero(index < 0).tolist():
         offset[k] = sign[k] * (value(sides[k].variable) - offset[k])
     return Sides(index, sign, offset)

@@ -10,7 +10,7 @@ from typing import Any
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.transformation import TransformationFactory
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, LiftedPair, active_sources, pair_values
+from pyrobocop_pyomo.complementarity import CanonicalPair, LiftedPair, active_sources, pair_residuals
 
 from .presolve import Decision, held_at_zero, presolve
 
@@ -53,7 +53,8 @@ class RelaxedModel:
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""
         for each in self.lifted:
-            for side, number in zip((each.a, each.b), pair_values(each.pair), strict=True):
+            (values,) = pair_residuals([each.pair])
+            for side, number in ((each.a, values.a), (each.b, values.b)):
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 

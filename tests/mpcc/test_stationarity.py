@@ -13,7 +13,7 @@ from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram
 from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify
 
-CHAIN = [Stationarity.S, Stationarity.M, Stationarity.C, Stationarity.A, Stationarity.W]
+TWO_MULTIPLIERS = st.tuples(st.sampled_from([-2.0, 0.0, 3.0]), st.sampled_from([-1.0, 0.0, 1.0]))
 
 
 def kind_by_definition(nu, xi):
@@ -33,11 +33,7 @@ def at(program, x):
     return MultiplierProblem(program, Linearisation.at(program.nlp, np.asarray(x, dtype=float)))
 
 
-@given(
-    signs=st.lists(
-        st.tuples(st.sampled_from([-2.0, 0.0, 3.0]), st.sampled_from([-1.0, 0.0, 1.0])), min_size=1, max_size=4
-    )
-)
+@given(signs=st.lists(TWO_MULTIPLIERS, min_size=1, max_size=4))
 def test_without_constraints_the_gradient_is_the_multipliers(signs):
     nu, xi = np.array(signs).T
     k = len(signs)
@@ -49,7 +45,7 @@ def test_without_constraints_the_gradient_is_the_multipliers(signs):
     np.testing.assert_allclose(found.xi, xi, atol=1e-6)
 
 
-@given(signs=pairs_of_multipliers)
+@given(signs=TWO_MULTIPLIERS)
 def test_a_side_that_falls_with_its_variable_has_the_mirrored_multiplier(signs):
     """``0 <= 1 - x ⟂ y >= 0`` at x = 1: the multiplier of 1 - x is minus the slope in x."""
     nlp = QuadraticProgram(signs, x_lower=[-np.inf, 0], x_upper=[1, np.inf])
