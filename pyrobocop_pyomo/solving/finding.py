@@ -1,4 +1,4 @@
-"""The best point of a stage, and which of two is the better one."""
+"""The best point of a rung, and which of two is the better one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Finding:
 
     Attributes
     ----------
-    stage : str
+    rung : str
     values : list
         Of the user's free variables.
     step : Step
@@ -35,7 +35,7 @@ class Finding:
         Of the pairs.
     """
 
-    stage: str
+    rung: str
     values: Values
     step: Step
     reason: StopReason
@@ -54,7 +54,7 @@ class Finding:
         return Quality.OPTIMAL if shown else Quality.FEASIBLE
 
     def is_certain(self, tolerances: Tolerances, polished: bool) -> bool:
-        """Whether no further stage is needed."""
+        """Whether no further rung is needed."""
         if self.quality(tolerances) is not Quality.OPTIMAL:
             return False
         strict = self.step.largest_natural_residual <= tolerances.natural

@@ -1,4 +1,4 @@
-"""The end of a stage: exactly complementary, on the best branch around, with multipliers and a certificate."""
+"""The end of a rung: exactly complementary, on the best branch around, with multipliers and a certificate."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Finish:
         nlp = self._program.nlp
         start = candidate_at(self._program, x, (np.zeros(nlp.m), np.ones(nlp.n), np.ones(nlp.n)))
         search = self._search()
-        return self._judged(replace(finding, stage="projection"), search, search.project(start), start)
+        return self._judged(replace(finding, rung="projection"), search, search.project(start), start)
 
     def _judged(self, finding: Finding, search: ActiveSetSearch, found: Candidate, start: Candidate) -> Finding:
         if found is start:

@@ -1,4 +1,4 @@
-"""The ladder: stage after stage until a point is certain, and the best point of all stages wins."""
+"""The ladder: rung after rung until a point is certain, and the best point of all rungs wins."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .attempt import FINAL_REASONS, Attempt, StepRecorder
 from .finding import Finding
 from .finish import Finish
 from .relaxed_model import RelaxedModel, relaxed_model
+from .rungs import BARRIER, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
-from .stages import BARRIER, LADDER, PROJECTION, TIGHT, Stage
 from .variable_values import VariableValues
 
 logger = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ class _Workplace:
 
 
 class Ladder:
-    """Climbs the stages on one model.
+    """Climbs the rungs on one model.
 
     Parameters
     ----------
@@ -80,48 +80,48 @@ class Ladder:
         self.decided = 0
         self.solver = self.derivatives = ""
 
-    def climb(self, stages: Sequence[Stage] | None) -> Finding:
-        """Go through the stages until one gives a point that is certain, and put the best point on the model.
+    def climb(self, rungs: Sequence[Rung] | None) -> Finding:
+        """Go through the rungs until one gives a point that is certain, and put the best point on the model.
 
         Parameters
         ----------
-        stages : sequence of Stage, optional
+        rungs : sequence of Rung, optional
             By default the whole ladder.
         """
         with contextlib.ExitStack() as stack:
-            for stage in LADDER if stages is None else stages:
-                if self.best is not None and not self._goes_on(stage, by_default=stages is None):
+            for rung in LADDER if rungs is None else rungs:
+                if self.best is not None and not self._goes_on(rung, by_default=rungs is None):
                     break
-                self._move_to(stage, stack)
+                self._move_to(rung, stack)
                 assert self._place is not None
                 if not self._place.relaxed.pairs:
-                    self._climb_to(Stage("solve", None))
+                    self._climb_to(Rung("solve", None))
                     break
-                self._climb_to(stage)
+                self._climb_to(rung)
         if self.best is None:
             raise ComplementarityError(
-                f"'{self._model.name}': no stage could run. The projection starts from a point that another stage "
+                f"'{self._model.name}': no rung could run. The projection starts from a point that another rung "
                 "left, and delta follows the barrier parameter only where it bounds rows."
             )
         self._values.write(self.best.values)
         self.best.load_suffixes()
         return self.best
 
-    def _move_to(self, stage: Stage, stack: contextlib.ExitStack) -> None:
-        """Keep the workplace, or change it for one with the relaxation that the stage asks for."""
-        relaxation = self._settings.relaxation if stage.relaxation is None else stage.relaxation
-        if self._place is not None and (stage is PROJECTION or self._place.relaxation == relaxation):
+    def _move_to(self, rung: Rung, stack: contextlib.ExitStack) -> None:
+        """Keep the workplace, or change it for one with the relaxation that the rung asks for."""
+        relaxation = self._settings.relaxation if rung.relaxation is None else rung.relaxation
+        if self._place is not None and (rung is PROJECTION or self._place.relaxation == relaxation):
             return
         stack.close()
         self._values.write(self._guess)
-        self._place = stack.enter_context(self._workplace(relaxation, stage))
+        self._place = stack.enter_context(self._workplace(relaxation, rung))
 
     @contextlib.contextmanager
-    def _workplace(self, relaxation: Any, stage: Stage) -> Iterator[_Workplace]:
-        delta = 1e-2 if stage.schedule is None else next(iter(stage.schedule.steps()))
+    def _workplace(self, relaxation: Any, rung: Rung) -> Iterator[_Workplace]:
+        delta = 1e-2 if rung.schedule is None else next(iter(rung.schedule.steps()))
         with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
             self.decided = len(relaxed.decisions)
-            session = self._open_session(relaxed, {**stage.options, **self._settings.options})
+            session = self._open_session(relaxed, {**rung.options, **self._settings.options})
             self.solver, self.derivatives = session.solver, session.derivatives
             values = VariableValues(self._model)
             try:
@@ -129,31 +129,31 @@ class Ladder:
             finally:
                 session.close()
 
-    def _climb_to(self, stage: Stage) -> None:
+    def _climb_to(self, rung: Rung) -> None:
         place = self._place
         assert place is not None
         self._recorder.pairs = place.relaxed.pairs
         finding: Finding | None
-        if stage is PROJECTION:
+        if rung is PROJECTION:
             finding = self._projected(place)
         else:
-            finding = self._attempted(stage, place)
+            finding = self._attempted(rung, place)
         if finding is None:
             return
         if self.best is None or finding.is_better_than(self.best, self._settings.tolerances, self._judge.sign):
-            logger.info("'%s': stage '%s' has the best point so far", self._model.name, finding.stage)
+            logger.info("'%s': rung '%s' has the best point so far", self._model.name, finding.rung)
             self.best = finding
 
-    def _attempted(self, stage: Stage, place: _Workplace) -> Finding | None:
-        if isinstance(stage.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
+    def _attempted(self, rung: Rung, place: _Workplace) -> Finding | None:
+        if isinstance(rung.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
             return None
-        if stage.from_guess:
+        if rung.from_guess:
             place.values.write(place.start)
         attempt = Attempt(place.session, self._recorder, place.values, self._settings.tolerances, self._left)
-        best = attempt.go(stage.schedule, self._options_of(stage))
+        best = attempt.go(rung.schedule, self._options_of(rung))
         place.values.write(best.values)
         finding = Finding(
-            stage.name, self._values.read(), best.step, attempt.stop_reason, best.stationarity, best.load_suffixes
+            rung.name, self._values.read(), best.step, attempt.stop_reason, best.stationarity, best.load_suffixes
         )
         finish = self._finish(place)
         if finish is None or attempt.stop_reason in FINAL_REASONS:
@@ -177,22 +177,22 @@ class Ladder:
             return None
         return Finish(self._settings, place.relaxed, written, self._recorder, self._values, self._left)
 
-    def _options_of(self, stage: Stage) -> Mapping[str, Any]:
-        if stage is TIGHT and self.best is not None:
+    def _options_of(self, rung: Rung) -> Mapping[str, Any]:
+        if rung is TIGHT and self.best is not None:
             # A cross-check that takes much longer than what it checks is no longer cheap.
             limit = 50 + 3 * sum(step.iterations for step in self._recorder.steps)
             return {"max_iter": min(limit, self._settings.options["max_iter"])}
         return {}
 
-    def _goes_on(self, stage: Stage, *, by_default: bool) -> bool:
-        """Whether the next stage is to be climbed to."""
+    def _goes_on(self, rung: Rung, *, by_default: bool) -> bool:
+        """Whether the next rung is to be climbed to."""
         assert self.best is not None
         left = self._left()
         if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
             return False
         if not self.best.is_certain(self._settings.tolerances, self._settings.polish):
             return True
-        if stage is not TIGHT or self.best.stage != BARRIER.name:
+        if rung is not TIGHT or self.best.rung != BARRIER.name:
             return False
         assert self._place is not None
         return not by_default or len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS

@@ -27,8 +27,8 @@ from .solve_result import Quality, SolveResult, StopReason
 CHOICES = {
     "relaxation": ("scholtes", "How a product is bounded: a word or an object."),
     "grouping": ("pair", "Which products share a bound: a word or an object."),
-    "schedule": (None, "How delta shrinks, in a single stage instead of the ladder."),
-    "stages": (None, "Stages to climb: words or Stage objects; by default the whole ladder."),
+    "schedule": (None, "How delta shrinks, in a single rung instead of the ladder."),
+    "rungs": (None, "Rungs to climb: words or Rung objects; by default the whole ladder."),
     "polish": (True, "Make the pairs exact, follow descending branches and certify."),
     "route": (None, "Which Ipopt: 'in process', 'asl', 'casadi', 'mapped', 'executable' or a Route."),
     "feasibility_tolerance": (1e-6, "Largest violation of a constraint or bound in an acceptable point."),

@@ -25,10 +25,10 @@ from .in_process_session import InProcessSession
 from .ladder import Ladder
 from .progress import Progress
 from .relaxed_model import RelaxedModel
+from .rungs import Rung, as_rungs
 from .session import Session
 from .settings import Settings
 from .solve_result import STEP_HEADER, SolveResult
-from .stages import Stage, as_stages
 from .tolerances import Tolerances
 
 logger = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ def solve(
     relaxation: Any = "scholtes",
     grouping: Any = "pair",
     schedule: Schedule | None = None,
-    stages: str | Stage | Iterable[str | Stage] | None = None,
+    rungs: str | Rung | Iterable[str | Rung] | None = None,
     polish: bool = True,
     route: Route | str | None = None,
     options: Mapping[str, Any] | None = None,
@@ -60,7 +60,7 @@ def solve(
     point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
     where it is not lifted. Models without pairs are solved by one run.
 
-    The stages of the ladder are climbed until one gives a certain point, and the best point of all wins:
+    The rungs of the ladder are climbed until one gives a certain point, and the best point of all wins:
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
     * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 200 pairs;
@@ -68,7 +68,7 @@ def solve(
     * "elastic": the products below a variable that is charged in the objective;
     * "projection": the branch that the linearised constraints can be met in, from the best point so far.
 
-    Every stage is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is
+    Every rung is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is
     met exactly; other branches through the point are followed as long as they descend; and the multipliers that are
     left, or a linear program with complementarity constraints, certify that none does.
 
@@ -79,11 +79,11 @@ def solve(
     relaxation, grouping : str or object
         As for ``pyrobocop.relax_complementarity``.
     schedule : Schedule, optional
-        How delta shrinks, in a single stage of its own instead of the ladder.
-    stages : str, Stage or several of them, optional
-        Which stages to climb; by default the whole ladder.
+        How delta shrinks, in a single rung of its own instead of the ladder.
+    rungs : str, Rung or several of them, optional
+        Which rungs to climb; by default the whole ladder.
     polish : bool
-        Finish each stage as described; without it, a point is as complementary as its relaxation.
+        Finish each rung as described; without it, a point is as complementary as its relaxation.
     route : Route or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"mapped"`` or
         ``"executable"``.
@@ -136,7 +136,7 @@ def solve(
 
     recorder = StepRecorder(judge, bar)
     ladder = Ladder(model, judge, settings, recorder, partial(_open_session, settings, bar), left)
-    best = ladder.climb(_chosen_stages(schedule, stages))
+    best = ladder.climb(_chosen_rungs(schedule, rungs))
     quality = best.quality(tolerances)
     return SolveResult(
         name=model.name,
@@ -150,7 +150,7 @@ def solve(
         residuals=recorder.residuals(),
         steps=recorder.steps,
         best_step=recorder.steps.index(best.step),
-        stage=best.stage,
+        rung=best.rung,
         decided_pairs=ladder.decided,
         solver=ladder.solver,
         derivatives=ladder.derivatives,
@@ -159,14 +159,14 @@ def solve(
     )
 
 
-def _chosen_stages(
-    schedule: Schedule | None, stages: str | Stage | Iterable[str | Stage] | None
-) -> tuple[Stage, ...] | None:
-    if schedule is not None and stages is not None:
-        raise ValueError("schedule= is a stage of its own; give it or stages=, not both.")
+def _chosen_rungs(
+    schedule: Schedule | None, rungs: str | Rung | Iterable[str | Rung] | None
+) -> tuple[Rung, ...] | None:
+    if schedule is not None and rungs is not None:
+        raise ValueError("schedule= is a rung of its own; give it or rungs=, not both.")
     if schedule is not None:
-        return (Stage("schedule", schedule),)
-    return None if stages is None else as_stages(stages)
+        return (Rung("schedule", schedule),)
+    return None if rungs is None else as_rungs(rungs)
 
 
 def _find_route(route: Route | str | None) -> Route:

@@ -115,8 +115,8 @@ class SolveResult:
         Every run of Ipopt, in order.
     best_step : int
         Which of them gave the point.
-    stage : str
-        Which stage it belongs to.
+    rung : str
+        Which rung it belongs to.
     decided_pairs : int
         Pairs that bounds and fixed variables had decided before.
     solver : str
@@ -140,7 +140,7 @@ class SolveResult:
     residuals: list[PairResidual] = field(repr=False)
     steps: list[Step] = field(repr=False)
     best_step: int
-    stage: str
+    rung: str
     decided_pairs: int
     solver: str
     derivatives: str

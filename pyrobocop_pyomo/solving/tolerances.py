@@ -16,7 +16,7 @@ class Tolerances:
     product : float
         Largest product ``a b`` of a pair.
     natural : float
-        Largest ``|min(a, b)|`` of a point that needs no further stage.
+        Largest ``|min(a, b)|`` of a point that needs no further rung.
     stationarity : float
         Largest relative gradient of the Lagrangian.
     """

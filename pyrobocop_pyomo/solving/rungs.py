@@ -1,4 +1,4 @@
-"""The stages of the procedure: each can be chosen alone, and together they make the ladder."""
+"""The rungs of the procedure: each can be chosen alone, and together they make the ladder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Sch
 
 
 @dataclass(frozen=True)
-class Stage:
+class Rung:
     """One way to a nearly complementary point.
 
     Attributes
@@ -22,7 +22,7 @@ class Stage:
     relaxation : object, optional
         Instead of the one that the call asks for.
     options : mapping
-        Of Ipopt, for this stage; the caller's win.
+        Of Ipopt, for this rung; the caller's win.
     from_guess : bool
         Whether it starts from the user's guess, or from the best point so far.
     """
@@ -36,30 +36,30 @@ class Stage:
 
 # With delta = 2 mu the central path of a relaxed pair that nothing else decides has a * b = mu (minimise
 # -mu log a - mu log b - mu log(delta - a b)): the path that interior-point methods for complementarity follow.
-BARRIER = Stage("barrier", FollowBarrier(factor=2.0))
-TIGHT = Stage("tight", Fixed(1e-8))
-CONTINUATION = Stage("continuation", Geometric(first=1.0, factor=0.1, last=1e-8))
-ELASTIC = Stage(
+BARRIER = Rung("barrier", FollowBarrier(factor=2.0))
+TIGHT = Rung("tight", Fixed(1e-8))
+CONTINUATION = Rung("continuation", Geometric(first=1.0, factor=0.1, last=1e-8))
+ELASTIC = Rung(
     "elastic", Geometric(first=1.0, factor=0.1, last=1e-8), relaxation="elastic", options={"mu_strategy": "adaptive"}
 )
-PROJECTION = Stage("projection", None, from_guess=False)
+PROJECTION = Rung("projection", None, from_guess=False)
 
-STAGES = {stage.name: stage for stage in (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)}
-LADDER = tuple(STAGES.values())
+RUNGS = {rung.name: rung for rung in (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)}
+LADDER = tuple(RUNGS.values())
 
 
-def as_stages(choice: str | Stage | Iterable[str | Stage]) -> tuple[Stage, ...]:
-    """Turn a word, a stage or several of them into stages.
+def as_rungs(choice: str | Rung | Iterable[str | Rung]) -> tuple[Rung, ...]:
+    """Turn a word, a rung or several of them into rungs.
 
     Raises
     ------
     ValueError
         If a word is not known, or nothing is chosen.
     """
-    chosen = [choice] if isinstance(choice, (str, Stage)) else list(choice)
+    chosen = [choice] if isinstance(choice, (str, Rung)) else list(choice)
     for each in chosen:
-        if not isinstance(each, Stage) and each not in STAGES:
-            raise ValueError(f"unknown stage {each!r}. Known: {', '.join(map(repr, STAGES))}, or a Stage.")
+        if not isinstance(each, Rung) and each not in RUNGS:
+            raise ValueError(f"unknown rung {each!r}. Known: {', '.join(map(repr, RUNGS))}, or a Rung.")
     if not chosen:
-        raise ValueError(f"no stage was chosen. Known: {', '.join(map(repr, STAGES))}.")
-    return tuple(each if isinstance(each, Stage) else STAGES[each] for each in chosen)
+        raise ValueError(f"no rung was chosen. Known: {', '.join(map(repr, RUNGS))}.")
+    return tuple(each if isinstance(each, Rung) else RUNGS[each] for each in chosen)
