@@ -108,13 +108,16 @@ def active_sources(model: Any, targets: Iterable[Any] | None = None) -> list[Any
     """Find the component data of every active pair; parameters as for `active_pairs`."""
     if targets is None:
         return list(_below(model))
-    if hasattr(targets, "ctype"):
-        targets = [targets]
     found: dict[int, Any] = {}
-    for target in targets:
+    for target in as_targets(targets):
         for source in _at(target, model):
             found[id(source)] = source
     return list(found.values())
+
+
+def as_targets(targets: Any) -> list[Any]:
+    """Return targets as a list: one component or pair may be given alone."""
+    return [targets] if hasattr(targets, "ctype") else list(targets)
 
 
 def _below(block: Any) -> Iterator[Any]:

@@ -16,6 +16,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm, CanonicalPair
 from .grouping import PerPair, as_grouping
+from .pair_checks import refuse_discrete, refuse_nan
 from .pairs import active_sources, canonical_form
 from .preconditions import (
     only_objective,
@@ -112,6 +113,8 @@ class RelaxComplementarity(Transformation):
     def _relax(self, model: Any, record: Record, sources: list[Any], delta: float | None) -> RelaxationToken:
         # A pair that is known already was activated again by hand: it only has to go back to sleep.
         forms = [canonical_form(source) for source in sources if source not in record.forms]
+        refuse_discrete(forms)
+        refuse_nan(forms)
         if forms:
             add_forms(record, model, forms)
         previous = None
