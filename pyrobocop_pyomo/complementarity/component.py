@@ -174,11 +174,10 @@ class Complementarity(ActiveIndexedComponent):
         timer = ConstructionTimer(self)
         for anonymous in self._anonymous_sets or ():
             anonymous.construct()
-        rule = self._rule
+        rule, block = self._rule, self.parent_block()
         try:
             if rule is None:
                 return
-            block = self.parent_block()
             if rule.constant() and self.is_indexed():
                 self._check_constant(rule(block, None))
             if rule.contains_indices():
@@ -187,6 +186,11 @@ class Complementarity(ActiveIndexedComponent):
             elif self.index_set().isfinite():
                 for index in self.index_set():
                     self._setitem_when_not_present(index, self._pair_at(index))
+        except ComplementarityError:
+            # Half a component would be relaxed without its other half by whoever goes on after the refusal.
+            if block is not None:
+                block.del_component(self)
+            raise
         finally:
             timer.report()
 
