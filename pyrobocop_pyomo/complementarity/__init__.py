@@ -1,13 +1,14 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
+from .canonical import CanonicalForm, CanonicalPair, Part
 from .component import Complementarity, ComplementarityData
+from .forms import form_of
 from .grouping import Grouping, PerElement, PerPair
 from .lifting import LiftedPair, SideVariable
-from .pairs import CanonicalForm, CanonicalPair, Part, active_pairs, canonical_form, canonical_pair
+from .pairs import active_pairs, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
-from .residuals import PairResidual, pair_residuals
+from .residuals import PairResidual, pair_residuals, side_values
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
-from .sides import canonical_side
 from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
 
@@ -37,7 +38,8 @@ __all__ = [
     "active_pairs",
     "canonical_form",
     "canonical_pair",
-    "canonical_side",
     "complements",
+    "form_of",
     "pair_residuals",
+    "side_values",
 ]

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from .pairs import CanonicalPair
+from .canonical import CanonicalPair
 
 
 @runtime_checkable

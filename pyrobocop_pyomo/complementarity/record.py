@@ -10,7 +10,8 @@ from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
-from .pairs import BLOCK_TYPES, CanonicalForm, CanonicalPair
+from .canonical import CanonicalForm, CanonicalPair
+from .pairs import BLOCK_TYPES
 
 BLOCK_NAME = "relaxed_complementarity"
 

@@ -11,10 +11,10 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
+from .canonical import CanonicalForm
 from .charge import charged_objective, set_objective
 from .formulation import Formulation, formulate
 from .generated import OCCASIONAL, component_of, new_row, put, take_away
-from .pairs import CanonicalForm
 from .record import BLOCK_NAME, Group, Record, RelaxedPair, record_of
 from .relaxations.protocol import charges_products
 from .side_rows import PreparedStatement, prepare

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from .canonical import CanonicalForm, CanonicalPair, Part
 from .generated import component_of, new_parameter, new_variable
 from .lifting import part_values, side_variable
-from .pairs import CanonicalForm, CanonicalPair, Part
 from .record import Record, RelaxedPair, RelaxedStatement
 from .relaxations.protocol import KeepsBounds, side_slack
 
