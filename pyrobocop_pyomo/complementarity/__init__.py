@@ -2,6 +2,7 @@
 
 from .canonical import CanonicalForm, CanonicalPair, Part
 from .component import Complementarity, ComplementarityData
+from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
 from .forms import form_of
 from .grouping import Grouping, PerElement, PerPair
 from .pairs import active_pairs, canonical_form, canonical_pair
@@ -16,7 +17,9 @@ __all__ = [
     "CanonicalPair",
     "Complementarity",
     "ComplementarityData",
+    "ComplementarityToDisjunctions",
     "Complements",
+    "DisjunctionToken",
     "Fixed",
     "FollowBarrier",
     "Geometric",

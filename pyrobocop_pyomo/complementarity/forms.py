@@ -78,6 +78,7 @@ def _range(side: Side, free: Any, source: Any, group: Hashable, weight: Any) -> 
             CanonicalPair(source, lower, free, lower_row, None, group, weight, Part.POSITIVE, "lower"),
             CanonicalPair(source, upper, free, upper_row, None, group, weight, Part.NEGATIVE, "upper"),
         ),
+        between=(side.lower, side.body, side.upper),
     )
 
 

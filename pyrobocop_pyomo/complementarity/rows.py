@@ -7,11 +7,11 @@ from typing import Any
 
 from pyomo.common.modeling import unique_component_name
 from pyomo.core import Block, Constraint, NonNegativeIntegers, NonNegativeReals, Objective, Param, quicksum
-from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm, CanonicalPair, Part
+from .pairs import home_of
 from .record import BLOCK_NAME, Group, Record, record_of
 from .relaxations import Scholtes
 
@@ -98,7 +98,7 @@ def _homes(model: Any, forms: Iterable[CanonicalForm]) -> dict[int, Any]:
     for form in forms:
         parent = form.source.parent_block()
         if id(parent) not in by_parent:
-            by_parent[id(parent)] = _home(parent, model)
+            by_parent[id(parent)] = home_of(parent, model)
         found[id(form.source)] = by_parent[id(parent)]
     return found
 
@@ -133,15 +133,6 @@ def _planned(
             group = Group(home, known.row if known else None, [*(known.pairs if known else ()), *added])
             planned.append((name, group, _row(record, name, group.pairs)))
     return planned
-
-
-def _home(block: Any, model: Any) -> Any:
-    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
-    while block is not model:
-        if block.ctype is Disjunct:
-            return block
-        block = block.parent_block()
-    return model
 
 
 def _row(record: Record, name: str, pairs: Sequence[CanonicalPair]) -> Any:

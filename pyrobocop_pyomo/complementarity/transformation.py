@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from .canonical import CanonicalForm, CanonicalPair
 from .grouping import PerPair, as_grouping
 from .pair_checks import refuse_discrete, refuse_nan
-from .pairs import active_sources, canonical_form
+from .pairs import active_sources, canonical_form, put_to_sleep
 from .preconditions import (
     only_objective,
     refuse_nothing,
@@ -121,7 +120,7 @@ class RelaxComplementarity(Transformation):
         if delta is not None and record.applications:
             previous = record.main.delta.value
             record.main.delta.set_value(delta)
-        _put_to_sleep(sources)
+        put_to_sleep(sources)
         application = record.next_application
         record.next_application += 1
         record.applications[application] = Application([form.source for form in forms], sources, previous)
@@ -238,18 +237,6 @@ class RelaxComplementarity(Transformation):
 def _record_of_row(row: Any) -> Record | None:
     block = record_of(row.parent_block()).main
     return None if block is None else record_of(block)
-
-
-def _put_to_sleep(sources: Iterable[Any]) -> None:
-    parents = {}
-    for source in sources:
-        source.deactivate()
-        parent = source.parent_component()
-        parents[id(parent)] = parent
-    for parent in parents.values():
-        # Pyomo leaves the flag of the component to whoever changes its parts.
-        if not any(source.active for source in parent.values()):
-            parent.deactivate()
 
 
 def _seen_by_a_solver(block: Any, model: Any) -> bool:
