@@ -5,6 +5,7 @@ from .component import Complementarity, ComplementarityData
 from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
 from .forms import form_of
 from .grouping import Grouping, PerElement, PerPair
+from .lifting import LiftedPair, SideVariable
 from .pairs import active_pairs, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
 from .residuals import PairResidual, pair_residuals, side_values
@@ -24,6 +25,7 @@ __all__ = [
     "FollowBarrier",
     "Geometric",
     "Grouping",
+    "LiftedPair",
     "ObjectiveTerm",
     "PairResidual",
     "Part",
@@ -35,6 +37,7 @@ __all__ = [
     "RelaxationToken",
     "Schedule",
     "Scholtes",
+    "SideVariable",
     "active_pairs",
     "canonical_form",
     "canonical_pair",

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from .pairs import CanonicalPair
+from .canonical import CanonicalPair
 
 
 @runtime_checkable
 class Grouping(Protocol):
-    """What decides which pairs share a row."""
+    """What decides which pairs are relaxed together, and which products they form.
 
-    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:
-        """Split the pairs; every pair comes once, and equal pairs always get the same name."""
+    One further member is optional:
+
+    ``products(pairs)``
+        The products of one group as a list of lists: products of one inner list share a bound. A product is a tuple
+        (pairs of the first factor, pairs of the second): it is the sum of the a of the former times the sum of the
+        b of the latter. By default each pair is a product, and all of them share one bound.
+    """
+
+    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
+        """Split the pairs; every pair comes once, and equal pairs always get the same name.
+
+        Pairs that are relaxed later join the group of their name; a group without a name (None) stays as it is.
+        """
         ...
 
 
@@ -22,9 +33,9 @@ class Grouping(Protocol):
 class PerPair:
     """Each product has a row of its own: ``a_l * b_l <= delta`` for each pair l."""
 
-    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:
-        """One group per pair, under the pair's name."""
-        return [(pair.name, [pair]) for pair in pairs]
+    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
+        """One group per pair, which none joins."""
+        return [(None, [pair]) for pair in pairs]
 
 
 @dataclass(frozen=True)
@@ -43,7 +54,7 @@ class PerElement:
     Raghunathan, Jha & Romeres (2022), PyRoboCOP, doi:10.48550/arXiv.2203.10013
     """
 
-    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[str, list[CanonicalPair]]]:
+    def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
         """One group per block and label, in the order of the first pair of each."""
         found: dict[str, list[CanonicalPair]] = {}
         block_names: dict[int, str] = {}

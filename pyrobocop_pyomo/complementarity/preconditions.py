@@ -66,8 +66,8 @@ def refuse_second_delta(model: Any) -> None:
 
 
 def refuse_other_options(model: Any, record: Record, config: Any, given: dict[str, Any]) -> None:
-    """Refuse a relaxation or a grouping that differs from the one in use."""
-    for option in ("relaxation", "grouping"):
+    """Refuse a relaxation, a grouping or a lifting that differs from the one in use."""
+    for option in ("relaxation", "grouping", "lift"):
         known, wanted = getattr(record, option), config[option]
         if option in given and wanted != known:
             raise ComplementarityError(

@@ -246,14 +246,15 @@ def test_an_abstract_model_builds_its_families():
 
 @given(f=st.floats(-1, 2), h=st.floats(-3, 3), delta=st.floats(1e-6, 1))
 def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
-    """Each row is the bound of one part's product: where H has the other sign the row is idle."""
+    """Each row is the bound of one part's product; the parts are variables that start at the parts of H."""
     m = two_variables(f, h)
     m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
     relax = relaxation()
     relax.apply_to(m, delta=delta)
-    *products, lower, upper = relax.get_rows(m.cc)
+    *products, lower, upper, parts = relax.get_rows(m.cc)
     for row, residual in zip(products, relax.residuals(m), strict=True):
-        assert pyo.value(row.body) == pytest.approx(residual.product) or pyo.value(row.body) < 0 == residual.product
+        assert pyo.value(row.body) == pytest.approx(residual.product)
+    assert pyo.value(parts.body) == pytest.approx(0.0) == parts.ub
     assert (lower.lb, upper.ub) == (-1, 2)
     assert lower.body is upper.body is m.f
     assert [row.ub for row in relax.relaxed_rows(m)] == [delta, delta]
@@ -307,23 +308,23 @@ def test_a_clone_and_the_original_write_the_same_and_answer_for_themselves():
     relax.apply_to(m)
     copy = m.clone()
     assert nl_text(copy) == nl_text(m)
-    assert [source.model() for row in relax.get_rows(copy.range) for source in relax.get_source(row)] == [copy] * 4
+    assert [source.model() for row in relax.get_rows(copy.range) for source in relax.get_source(row)] == [copy] * 5
     relax.revert(copy)
     assert len(relax.relaxed_rows(m)) == 12
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"relaxation": "penalty"}, r"under Penalty\(\) its products"),
-        ({"grouping": "element"}, r"in a sum of \d+ products"),
-    ],
-)
-def test_products_of_a_range_are_neither_summed_nor_charged(options, words):
-    m, relax = mixed(), relaxation()
-    for other in (m.maybe, m.part):
-        other.deactivate()
+@pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
+def test_the_products_of_a_range_are_summed_and_charged_like_others(options):
+    """With its free side split into parts, none of which is negative, no product cancels another."""
+    m, relax = two_variables(-3, 4), relaxation()
+    m.range = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
+    m.cost = pyo.Objective(expr=m.f)
     before = state(m)
-    with pytest.raises(ComplementarityError, match=r"^'.*': is a range whose free side takes both signs; " + words):
-        relax.apply_to(m, **options)
+    token = relax.apply_to(m, delta=0.5, **options)
+    total = sum(each.product for each in relax.residuals(m))
+    if options.get("relaxation") == "penalty":
+        assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
+    else:
+        assert sum(pyo.value(row.body) for row in relax.relaxed_rows(m)) == pytest.approx(total)
+    relax.revert(m, token)
     assert state(m) == before

@@ -22,6 +22,8 @@ OPTIONS = [
     {"grouping": "element"},
     {"relaxation": "penalty"},
     {"relaxation": "scholtes", "grouping": "element", "delta": 1e-4},
+    {"lift": True},
+    {"lift": True, "grouping": "element"},
 ]
 
 
@@ -465,7 +467,6 @@ FAILURES = [
     (None, {"delta": -1}, r"delta"),
     (None, {"delta": float("inf")}, r"delta"),
     (None, {"shrink": 0.1}, r"shrink"),
-    (None, {"relaxation": Unshiftable(), "grouping": "element"}, r"2 pairs share a row.*Use grouping='pair'"),
 ]
 
 
