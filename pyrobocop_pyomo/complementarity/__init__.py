@@ -5,7 +5,7 @@ from .component import Complementarity, ComplementarityData
 from .forms import form_of
 from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 from .lifting import LiftedPair, SideVariable
-from .pairs import active_pairs, canonical_form, canonical_pair
+from .pairs import active_pairs, active_sources, canonical_form, canonical_pair
 from .relaxations import (
     AugmentedLagrangian,
     ChenHarkerKanzowSmale,
@@ -67,6 +67,7 @@ __all__ = [
     "Superlinear",
     "TwoSided",
     "active_pairs",
+    "active_sources",
     "canonical_form",
     "canonical_pair",
     "complements",
