@@ -8,7 +8,7 @@ from .grouping import Grouping, PerElement, PerPair
 from .lifting import LiftedPair, SideVariable
 from .pairs import active_pairs, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
-from .residuals import PairResidual, pair_residuals, side_values
+from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
 from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
@@ -20,6 +20,7 @@ __all__ = [
     "ComplementarityData",
     "ComplementarityToDisjunctions",
     "Complements",
+    "ComponentResidual",
     "DisjunctionToken",
     "Fixed",
     "FollowBarrier",
@@ -42,6 +43,7 @@ __all__ = [
     "canonical_form",
     "canonical_pair",
     "complements",
+    "component_residuals",
     "form_of",
     "pair_residuals",
     "side_values",
