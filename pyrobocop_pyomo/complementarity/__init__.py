@@ -2,6 +2,7 @@
 
 from .canonical import CanonicalForm, CanonicalPair, Part
 from .component import Complementarity, ComplementarityData
+from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
 from .forms import form_of
 from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 from .lifting import LiftedPair, SideVariable
@@ -23,7 +24,7 @@ from .relaxations import (
     SteffensenUlbrich,
     TwoSided,
 )
-from .residuals import PairResidual, pair_residuals, side_values
+from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
@@ -36,8 +37,11 @@ __all__ = [
     "ChenHarkerKanzowSmale",
     "Complementarity",
     "ComplementarityData",
+    "ComplementarityToDisjunctions",
     "Complements",
+    "ComponentResidual",
     "Crossed",
+    "DisjunctionToken",
     "Elastic",
     "FischerBurmeister",
     "Fixed",
@@ -71,6 +75,7 @@ __all__ = [
     "canonical_form",
     "canonical_pair",
     "complements",
+    "component_residuals",
     "form_of",
     "pair_residuals",
     "side_values",

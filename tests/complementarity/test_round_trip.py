@@ -14,7 +14,8 @@ from pyrobocop_pyomo.complementarity.relaxations.words import RELAXATIONS
 from .harness import relaxation, round_trip, state
 
 GROUPING_CHOICES = [*GROUPINGS, Crossed(summed="stage"), Crossed(summed="element")]
-CHARGES = ("penalty", "l1", "augmented-lagrangian")
+CHOICES = [word for word in RELAXATIONS if word not in ("l1", "linf")]  # which are other words for two of them
+CHARGES = ("penalty", "augmented-lagrangian")
 
 
 def contact(m, element, stage):
@@ -48,13 +49,13 @@ def two_elements():
 
 @pytest.mark.parametrize("lift", [False, True], ids=["", "lifted"])
 @pytest.mark.parametrize("grouping", GROUPING_CHOICES, ids=str)
-@pytest.mark.parametrize("choice", RELAXATIONS)
+@pytest.mark.parametrize("choice", CHOICES)
 def test_there_and_back(choice, grouping, lift):
     round_trip(two_elements(), relaxation=choice, grouping=grouping, lift=lift, delta=0.1)
 
 
 @pytest.mark.parametrize("grouping", GROUPING_CHOICES, ids=str)
-@pytest.mark.parametrize("choice", [each for each in RELAXATIONS if each not in CHARGES])
+@pytest.mark.parametrize("choice", [each for each in CHOICES if each not in CHARGES])
 def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
     m = two_elements()
     m.one, m.two = Disjunct(), Disjunct()
@@ -75,11 +76,12 @@ def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
 
 @pytest.mark.asl
 @pytest.mark.parametrize("grouping", GROUPING_CHOICES, ids=str)
-@pytest.mark.parametrize("choice", RELAXATIONS)
+@pytest.mark.parametrize("choice", CHOICES)
 def test_solved_and_back(choice, grouping):
     m = two_elements()
     before = state(m)
     result = rcp.solve(m, relaxation=choice, grouping=grouping, schedule=rcp.Geometric(), route="asl", polish=False)
-    assert result.largest_product <= 1e-7
+    # Where a relaxation leaves a pair to its signs alone, the product is as small as the barrier makes it.
+    assert result.largest_product <= (1e-6 if choice == "two-sided" else 1e-7)
     assert result.constraint_violation <= 1e-6
     assert state(m) == before
