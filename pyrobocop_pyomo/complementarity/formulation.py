@@ -97,8 +97,9 @@ def formulate(record: Record, block: Any, group: Group, pairs: list[RelaxedPair]
         bounds = made.states
     else:
         bounds = [bound_of(record)] * len(formed)
+    equality = abilities.equality and not _crosses(formed)
     for row, bound in zip(formed, bounds, strict=True):
-        _bound_row(record, block, made, row, bound)
+        _bound_row(record, block, made, row, bound, equality)
     return made
 
 
@@ -107,7 +108,7 @@ def bound_of(record: Record) -> Any:
     return record.main.delta if record.main.component("excess") is None else record.main.excess
 
 
-def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product], bound: Any) -> None:
+def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product], bound: Any, equality: bool) -> None:
     relaxation, abilities = record.relaxation, record.abilities
     shift = relaxation.shift(bound)
     if shift is not None and not abilities.several_rows:
@@ -115,7 +116,7 @@ def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product]
         # quicker to write, and whoever moves delta inside a solve moves one bound.
         residuals = [relaxation.residual(product.a, product.b, 0) for product in row]
         body = residuals[0] if len(residuals) == 1 else quicksum(residuals)
-        expression = body == shift if abilities.equality else body <= shift
+        expression = body == shift if equality else body <= shift
         made.rows.append((expression, _sources(row)))
         return
     if len(row) == 1:
@@ -134,10 +135,16 @@ def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product]
     for product, share in zip(row, shares, strict=True):
         a, b = product.a, product.b
         residual = relaxation.residual(a, b, share)
-        made.rows.append((residual == 0 if abilities.equality else residual <= 0, product.sources))
+        made.rows.append((residual == 0 if equality else residual <= 0, product.sources))
         if abilities.several_rows:
             further = relaxation.further_residuals(a, b, share)
             made.rows += [(each <= 0, product.sources) for each in further]
+
+
+def _crosses(formed: list[list[Product]]) -> bool:
+    """Whether a side is in several products: fixing them all would make sides equal to each other."""
+    sides = [id(pair) for row in formed for product in row for pair in product.a_pairs]
+    return len(set(sides)) < len(sides) or (len(formed) > 1 and len(formed[0][0].b_pairs) > 1)
 
 
 def _states(block: Any, group: Group, count: int, start: float) -> list[Any]:

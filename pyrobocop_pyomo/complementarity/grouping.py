@@ -106,7 +106,8 @@ class Crossed:
     With several stages per element it keeps switches from happening inside an element: a side that is positive at
     one stage has a partner that is zero at all of them. An element is what carries the same group label in the same
     `Complementarity` component; pairs without a label are elements of their own. The sides of a component are
-    taken as they are declared: the first ones with the second ones.
+    taken as they are declared: the first ones with the second ones. A relaxation that fixes products bounds them
+    here, unless there is one row for the element: if all products were equal, all sides would be.
 
     Attributes
     ----------

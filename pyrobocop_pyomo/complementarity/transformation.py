@@ -30,7 +30,7 @@ from .record import Application, Group, Record, record_of, record_on, records_ab
 from .relaxations import ObjectiveTerm, Scholtes, as_relaxation
 from .residuals import PairResidual, pair_residuals
 from .rows import add_statements, new_record, remove_statements
-from .updating import update
+from .updating import restart, update
 
 logger = logging.getLogger(__name__)
 
@@ -208,16 +208,11 @@ class RelaxComplementarity(Transformation):
         )
 
     def get_lifted_pairs(self, model: Any) -> list[LiftedPair]:
-        """Return the relaxed pairs with the variables that stand for their sides, in a model relaxed with ``lift``.
-
-        Raises
-        ------
-        ComplementarityError
-            If a side is no variable and was not lifted.
-        """
+        """Return the pairs that were relaxed with ``lift``, with the variables that stand for their sides."""
         return [
-            LiftedPair(relaxed.pair, _as_variable(relaxed.pair, relaxed.a), _as_variable(relaxed.pair, relaxed.b))
+            LiftedPair(relaxed.pair, _as_variable(relaxed.a), _as_variable(relaxed.b))
             for record in records_below(model)
+            if record.lift
             for relaxed in record.relaxed_pairs
         ]
 
@@ -255,6 +250,10 @@ class RelaxComplementarity(Transformation):
             If the model holds no or several relaxations, a side has no value, or multipliers are needed and missing.
         """
         return update(self._only_record(model), _finite_positive(delta), multipliers)
+
+    def restart(self, model: Any, delta: float) -> None:
+        """Go back to the first solve: set delta, and whatever `advance` has updated to its first value."""
+        restart(self._only_record(model), _finite_positive(delta))
 
     def get_delta(self, model: Any) -> Any:
         """Return the mutable parameter delta of a relaxed model."""
@@ -307,12 +306,9 @@ class RelaxComplementarity(Transformation):
         return records[0]
 
 
-def _as_variable(pair: CanonicalPair, side: Any) -> SideVariable:
+def _as_variable(side: Any) -> SideVariable:
     found = side_variable(side)
-    if found is None:
-        raise ComplementarityError(
-            f"'{pair.name}': the side '{side}' is no variable and was not lifted. Relax the model with lift=True."
-        )
+    assert found is not None, "whatever is no variable was lifted"
     return found
 
 

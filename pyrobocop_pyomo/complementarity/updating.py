@@ -37,6 +37,18 @@ def update(record: Record, delta: float, multipliers: Mapping[Any, float] | None
     return changed
 
 
+def restart(record: Record, delta: float) -> None:
+    """Set delta for a first solve, and the numbers of the relaxation to what they were before any."""
+    record.main.delta.set_value(delta)
+    for group in record.groups:
+        for state in group.states:
+            state.set_value(0.0 if record.abilities.keeps_multipliers else delta)
+        for pair in group.pairs:
+            for slack in (pair.a_slack, pair.b_slack):
+                if slack is not None:
+                    slack.set_value(delta)
+
+
 def _update_multipliers(record: Record, before: float, delta: float) -> bool:
     changed = False
     for group in record.groups:

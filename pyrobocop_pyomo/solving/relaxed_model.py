@@ -56,11 +56,10 @@ class RelaxedModel:
 
         Returns whether any number of the model changed.
         """
+        relax = TransformationFactory(TRANSFORMATION)
         if multipliers is not None:
-            return TransformationFactory(TRANSFORMATION).advance(self.model, delta, multipliers)
-        if self.delta.value == delta:
-            return False
-        self.delta.set_value(delta)
+            return relax.advance(self.model, delta, multipliers)
+        relax.restart(self.model, delta)
         return True
 
     @property

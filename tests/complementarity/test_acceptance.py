@@ -21,7 +21,7 @@ import pytest
 from pyomo.gdp import Disjunct
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import active_pairs, canonical_form
+from pyrobocop_pyomo.complementarity import active_pairs, canonical_form, component_residuals
 
 from .harness import nl_text, relaxation, sleep, state
 
@@ -336,6 +336,9 @@ def test_after_the_homotopy_every_pair_and_every_step_is_reported():
     by_hand = [min(m.gap[i].value, m.force[i].value - 1) for i in m.I]
     assert natural == pytest.approx(by_hand, abs=1e-12)
     assert 0 <= max(natural) <= sum(natural) <= 1e-3
+    (report,) = component_residuals(active_pairs(m))
+    assert (report.name, report.pairs) == ("cc", 2)
+    assert (report.largest, report.total) == pytest.approx((max(natural), sum(natural)))
     deltas = [step.delta for step in result.steps if step.delta is not None]
     assert deltas == sorted(deltas, reverse=True)
     assert deltas[0] == pytest.approx(1e-1)
