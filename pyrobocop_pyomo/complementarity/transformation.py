@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,9 +28,9 @@ from .preconditions import (
 )
 from .record import Application, Group, Record, record_of, record_on, records_above, records_below
 from .relaxations import ObjectiveTerm, Scholtes, as_relaxation
-from .relaxations.protocol import shifts_with_delta
 from .residuals import PairResidual, pair_residuals
 from .rows import add_statements, new_record, remove_statements
+from .updating import update
 
 logger = logging.getLogger(__name__)
 
@@ -229,6 +230,31 @@ class RelaxComplementarity(Transformation):
             if row.active
         ]
 
+    def advance(self, model: Any, delta: float, multipliers: Mapping[Any, float] | None = None) -> bool:
+        """Go on to the next solve: set delta, and whatever else the relaxation updates between solves.
+
+        Parameters
+        ----------
+        model : Block
+            With the values of the last solve.
+        delta : float
+            For the next one; positive.
+        multipliers : mapping, optional
+            From generated rows to their multipliers, of either sign; asked by relaxations that decide from these.
+            Default: the model's import suffix ``dual``.
+
+        Returns
+        -------
+        bool
+            Whether any number of the model changed.
+
+        Raises
+        ------
+        ComplementarityError
+            If the model holds no or several relaxations, a side has no value, or multipliers are needed and missing.
+        """
+        return update(self._only_record(model), _finite_positive(delta), multipliers)
+
     def get_delta(self, model: Any) -> Any:
         """Return the mutable parameter delta of a relaxed model."""
         return self._only_record(model).main.delta
@@ -242,7 +268,7 @@ class RelaxComplementarity(Transformation):
         return [
             row
             for record in records_below(model)
-            if shifts_with_delta(record.relaxation, record.main.delta)
+            if record.abilities.shifts
             for group in _groups_seen(record, model)
             for row in group.rows
             if row.active

@@ -124,3 +124,26 @@ class ShiftedRows:
         # Not an in-place sum per entry of `rows`: a row that is named twice is still moved once.
         values[self.rows] = values[self.rows] + (self.base - self.delta)
         return values
+
+
+def lagrangian_residual(
+    nlp: NonlinearProgram, x: FloatArray, g_multipliers: FloatArray, lower: FloatArray, upper: FloatArray
+) -> float:
+    """Size of the Lagrangian's gradient at the variables that are not fixed, relative to the mean multiplier.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+    x, lower, upper : float array, shape (n,)
+        Point, and multipliers of the variables' bounds in Ipopt's signs.
+    g_multipliers : float array, shape (m,)
+        Multipliers of the rows.
+    """
+    residual = nlp.gradient(x) - lower + upper
+    rows, columns = nlp.jacobian_structure
+    np.add.at(residual, columns, nlp.jacobian(x) * g_multipliers[rows])
+    free = nlp.x_lower < nlp.x_upper
+    # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
+    total = np.abs(g_multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
+    scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
+    return float(np.abs(residual[free]).max(initial=0.0)) / scale

@@ -20,6 +20,11 @@ class PointJudge:
     Parameters
     ----------
     model : Block
+
+    Attributes
+    ----------
+    sign : float
+        1 where the objective is minimised, -1 where it is maximised.
     """
 
     def __init__(self, model: Any) -> None:
@@ -31,6 +36,7 @@ class PointJudge:
             if not variable.fixed and variable.bounds != (None, None)
         ]
         objectives = list(model.component_data_objects(Objective, active=True))
+        self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
 
     def objective(self) -> float:

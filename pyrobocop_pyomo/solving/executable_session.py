@@ -8,11 +8,11 @@ doi:10.1007/s10107-004-0559-y).
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TextIO
 
+import numpy as np
 from pyomo.common.modeling import unique_component_name
 from pyomo.contrib.solver.common.results import TerminationCondition
 from pyomo.contrib.solver.solvers.ipopt import Ipopt
@@ -24,7 +24,8 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.routes import NO_IPOPT
-from pyrobocop_pyomo.programs.written_model import WRITER_OPTIONS
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.written_model import WRITER_OPTIONS, WrittenModel
 
 from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
 
@@ -62,7 +63,7 @@ class ExecutableSession:
 
     derivatives = "ASL"
 
-    def __init__(self, model: Any, delta: Any, options: Mapping[str, Any], tee: bool) -> None:
+    def __init__(self, model: Any, delta: Any, options: Mapping[str, Any], output: Sequence[TextIO]) -> None:
         path = find_ipopt_executable()
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
@@ -71,7 +72,7 @@ class ExecutableSession:
         self._model = model
         self._delta = delta
         self._options = dict(options)
-        self._tee = [sys.stdout] if tee else []
+        self._output = list(output)
         # The user's suffixes of the same names sleep meanwhile: otherwise theirs would be filled instead of ours.
         self._sleeping = [
             suffix for suffix in model.component_objects(Suffix, active=True) if suffix.local_name in _SUFFIXES
@@ -83,9 +84,16 @@ class ExecutableSession:
         for name, direction in _SUFFIXES.items():
             self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
 
-    def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
+    def run(
+        self,
+        delta: float | None,
+        *,
+        warm: bool = False,
+        time_limit: float | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> Run:
         """See `Session.run`."""
-        options = dict(self._options)
+        options = {**self._options, **(options or {})}
         if warm:
             options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
         return self._run("fixed delta" if delta is not None else "solve", delta, options, warm, time_limit)
@@ -129,7 +137,7 @@ class ExecutableSession:
         try:
             results = self._ipopt.solve(
                 self._model,
-                tee=self._tee,
+                tee=self._output,
                 load_solutions=False,
                 raise_exception_on_nonoptimal_result=False,
                 solver_options=dict(options),
@@ -148,17 +156,39 @@ class ExecutableSession:
         mu = options.get("mu_target") or None
         return Run(label, delta, mu, status, iterations, time.perf_counter() - started)
 
+    def written(self) -> WrittenModel | None:
+        """See `Session.written`."""
+        try:
+            return WrittenModel(self._model)
+        except SolverNotFoundError:
+            return None
+
+    def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See `Session.multipliers`."""
+        sign, own = written.sign, self._own
+        rows = np.array([-sign * own.dual.get(row, 0.0) for row in written.constraints])
+        lower = np.array([sign * own.ipopt_zL_out.get(variable, 0.0) for variable in written.variables])
+        upper = np.array([-sign * own.ipopt_zU_out.get(variable, 0.0) for variable in written.variables])
+        return rows, lower, upper
+
     def stationarity(self) -> float | None:
         """See `Session.stationarity`."""
         return None
 
-    def load_suffixes(self) -> None:
-        """See `Session.load_suffixes`."""
-        for theirs in self._sleeping:
-            if theirs.import_enabled():
-                ours = self._own.component(theirs.local_name)
+    def suffix_loader(self) -> Callable[[], None]:
+        """See `Session.suffix_loader`."""
+        found = [
+            (theirs, list(self._own.component(theirs.local_name).items()))
+            for theirs in self._sleeping
+            if theirs.import_enabled()
+        ]
+
+        def load() -> None:
+            for theirs, items in found:
                 theirs.clear()
-                theirs.update(ours.items())
+                theirs.update(items)
+
+        return load
 
     def close(self) -> None:
         """See `Session.close`."""

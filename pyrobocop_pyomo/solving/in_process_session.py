@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -13,7 +12,12 @@ from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, starting_multipliers
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import (
+    FloatArray,
+    NonlinearProgram,
+    ShiftedRows,
+    lagrangian_residual,
+)
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .session import DEFAULT_MU, WARM_START_OPTIONS, OnIteration, Run
@@ -33,8 +37,8 @@ class InProcessSession:
     derivatives : {"asl", "casadi", "mapped"} or None
     options : mapping
         Ipopt's.
-    tee : bool
-        Show Ipopt's log.
+    output : sequence of text streams
+        Where Ipopt's log goes.
     on_iteration : callable, optional
         Told of each iteration.
     """
@@ -46,7 +50,7 @@ class InProcessSession:
         rows: list[Any],
         derivatives: str | None,
         options: Mapping[str, Any],
-        tee: bool,
+        output: Sequence[TextIO],
         on_iteration: OnIteration | None = None,
     ) -> None:
         self._library = load_ipopt_library()
@@ -55,7 +59,7 @@ class InProcessSession:
         self._rows = rows
         self._derivatives = derivatives
         self._options = dict(options)
-        self._output = [sys.stdout] if tee else []
+        self._output = output
         self._on_iteration = on_iteration
         self._outcome: IpoptOutcome | None = None
         self._nlp: NonlinearProgram
@@ -70,7 +74,14 @@ class InProcessSession:
             positions = [self._written.row_of[row] for row in self._rows]
             self._nlp = ShiftedRows(self._written.nlp, positions, base=self._delta.value)
 
-    def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
+    def run(
+        self,
+        delta: float | None,
+        *,
+        warm: bool = False,
+        time_limit: float | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> Run:
         """See `Session.run`."""
         if delta is not None:
             if isinstance(self._nlp, ShiftedRows):
@@ -79,7 +90,7 @@ class InProcessSession:
                 self._delta.set_value(delta)
                 self._written.update()
                 self._nlp = self._written.nlp
-        options = dict(self._options)
+        options = {**self._options, **(options or {})}
         if warm:
             options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
         outcome = self._solve(options, warm, time_limit)
@@ -137,24 +148,30 @@ class InProcessSession:
         mu = outcome.records[-1].mu if outcome.records else None
         return Run(label, delta, mu, outcome.status, outcome.iterations, outcome.seconds, path or [])
 
+    def written(self) -> WrittenModel | None:
+        """See `Session.written`."""
+        return self._written
+
+    def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See `Session.multipliers`."""
+        if self._outcome is None or written is not self._written:
+            nlp = written.nlp
+            return np.zeros(nlp.m), np.ones(nlp.n), np.ones(nlp.n)
+        return self._outcome.g_multipliers, self._outcome.lower_multipliers, self._outcome.upper_multipliers
+
     def stationarity(self) -> float | None:
         """See `Session.stationarity`."""
         if self._outcome is None:
             return None
-        outcome, nlp = self._outcome, self._nlp
-        residual = nlp.gradient(outcome.x) - outcome.lower_multipliers + outcome.upper_multipliers
-        rows, columns = nlp.jacobian_structure
-        np.add.at(residual, columns, nlp.jacobian(outcome.x) * outcome.g_multipliers[rows])
-        multipliers = np.concatenate([outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers])
-        # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
-        scale = max(1.0, float(np.abs(multipliers).sum()) / max(nlp.n + nlp.m, 1) / 100.0)
-        free = nlp.x_lower < nlp.x_upper
-        return float(np.abs(residual[free]).max(initial=0.0)) / scale
+        outcome = self._outcome
+        return lagrangian_residual(
+            self._nlp, outcome.x, outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers
+        )
 
-    def load_suffixes(self) -> None:
-        """See `Session.load_suffixes`."""
-        if self._outcome is not None:
-            InProcessSolutionLoader(self._written, self._outcome).load_import_suffixes()
+    def suffix_loader(self) -> Callable[[], None]:
+        """See `Session.suffix_loader`."""
+        assert self._outcome is not None
+        return InProcessSolutionLoader(self._written, self._outcome).load_import_suffixes
 
     def close(self) -> None:
         """Nothing was put on the model."""

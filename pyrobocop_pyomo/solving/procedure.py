@@ -1,31 +1,35 @@
-"""`solve`: from a model with complementarity to a verified point, in one call."""
+"""`solve`: from a model with complementarity to a certified point, in one call."""
 
 from __future__ import annotations
 
 import logging
+import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any, TextIO
 
 from pyomo.core.base.block import Block
-from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.transformation import TransformationFactory
 
-from pyrobocop_pyomo.complementarity import FollowBarrier, Schedule
-from pyrobocop_pyomo.complementarity.pairs import active_sources
-from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError
+from pyrobocop_pyomo.complementarity import Schedule
+from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
-from .attempt import Attempt
+from .attempt import StepRecorder
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
+from .ladder import Ladder
 from .progress import Progress
+from .relaxed_model import RelaxedModel
+from .rungs import Rung, as_rungs
 from .session import Session
+from .settings import Settings
 from .solve_result import STEP_HEADER, SolveResult
+from .tolerances import Tolerances
 
 logger = logging.getLogger(__name__)
 
@@ -40,19 +44,33 @@ def solve(
     relaxation: Any = "scholtes",
     grouping: Any = "pair",
     schedule: Schedule | None = None,
+    rungs: str | Rung | Iterable[str | Rung] | None = None,
+    polish: bool = True,
     route: Route | str | None = None,
     options: Mapping[str, Any] | None = None,
-    tee: bool = False,
+    tee: bool | Sequence[TextIO] = False,
     time_limit: float | None = None,
     feasibility_tolerance: float = 1e-6,
     complementarity_tolerance: float = 1e-7,
     progress: bool | None = None,
 ) -> SolveResult:
-    """Relax the model's complementarity pairs, drive the relaxation to zero, and report.
+    """Solve a model with complementarity pairs: relax, continue, polish, certify, and report.
 
-    The model is checked first, then relaxed, solved by one or more runs of Ipopt, and taken back: afterwards it
-    holds the best point found and is otherwise as it was. A relaxation that the user has applied is used and kept.
-    Models without pairs are solved by one run.
+    The model is checked first, then relaxed, solved by runs of Ipopt, and taken back: afterwards it holds the best
+    point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
+    where it is not lifted. Models without pairs are solved by one run.
+
+    The rungs of the ladder are climbed until one gives a certain point, and the best point of all wins:
+
+    * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
+    * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 200 pairs;
+    * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values;
+    * "elastic": the products below a variable that is charged in the objective;
+    * "projection": the branch that the linearised constraints can be met in, from the best point so far.
+
+    Every rung is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is
+    met exactly; other branches through the point are followed as long as they descend; and the multipliers that are
+    left, or a linear program with complementarity constraints, certify that none does.
 
     Parameters
     ----------
@@ -61,15 +79,18 @@ def solve(
     relaxation, grouping : str or object
         As for ``pyrobocop.relax_complementarity``.
     schedule : Schedule, optional
-        How delta shrinks. By default it follows Ipopt's barrier parameter, ``FollowBarrier(factor=2)``, with a
-        geometric continuation from the same guess if that ends without an acceptable point.
+        How delta shrinks, in a single rung of its own instead of the ladder.
+    rungs : str, Rung or several of them, optional
+        Which rungs to climb; by default the whole ladder.
+    polish : bool
+        Finish each rung as described; without it, a point is as complementary as its relaxation.
     route : Route or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"mapped"`` or
         ``"executable"``.
     options : mapping, optional
         Ipopt's options; they win over those that are set here.
-    tee : bool
-        Show Ipopt's log.
+    tee : bool or sequence of text streams
+        Show Ipopt's log, on standard output or on these streams.
     time_limit : float, optional
         Seconds, for all runs together.
     feasibility_tolerance : float
@@ -95,50 +116,57 @@ def solve(
     ----------
     Raghunathan & Biegler, An interior point method for mathematical programs with complementarity constraints,
     SIAM J. Optim. 15 (2005), doi:10.1137/S1052623403429081;
-    Raghunathan, Jha & Romeres, ICRA 2022, sec. III-B, doi:10.1109/ICRA46639.2022.9812069
+    Raghunathan, Jha & Romeres, ICRA 2022, sec. III-B, doi:10.1109/ICRA46639.2022.9812069;
+    Nurkanovic & Leyffer (2025), A globally convergent method for computing B-stationary points of mathematical
+    programs with equilibrium constraints, doi:10.48550/arXiv.2501.13835
     """
     started = time.perf_counter()
     chosen_route = _find_route(route)
     _check_phases(model)
     judge = PointJudge(model)
     bar = Progress(progress)
-    with _relaxed(model, relaxation, grouping, _first_delta(schedule)) as (block, rows):
-        pairs = [] if block is None else TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model)
-        if pairs and isinstance(schedule, FollowBarrier) and not rows:
-            raise ComplementarityError(
-                f"'{model.name}': delta cannot follow the barrier parameter with the relaxation {relaxation!r}, "
-                "which bounds no row by it. Use schedule=Geometric(...) or Fixed(...)."
-            )
-        wanted = {**DEFAULT_OPTIONS, **(DEFAULT_PAIR_OPTIONS if pairs else {}), **(options or {})}
-        session = _open_session(model, block, rows, chosen_route, wanted, tee, _live_line(bar, model, tee))
-        logger.info("'%s': %s, derivatives by %s", model.name, session.solver, session.derivatives)
-        bar.line(f"{model.name}: {session.solver}, derivatives by {session.derivatives}")
-        bar.line(STEP_HEADER)
-        try:
-            attempt = Attempt(model, judge, pairs, session, bar, feasibility_tolerance, complementarity_tolerance)
-            attempt.go(schedule, bool(rows), started, time_limit)
-            attempt.restore_best()
-        finally:
-            session.close()
-        if attempt.best_is_last:
-            session.load_suffixes()
-            _forget_generated(model, block)
-    best = attempt.steps[attempt.best]
+    tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
+    has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
+    wanted = {**DEFAULT_OPTIONS, **(DEFAULT_PAIR_OPTIONS if has_pairs else {}), **(options or {})}
+    output = tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ())
+    settings = Settings(relaxation, grouping, chosen_route, wanted, output, tolerances, polish)
+
+    def left() -> float | None:
+        return None if time_limit is None else time_limit - (time.perf_counter() - started)
+
+    recorder = StepRecorder(judge, bar)
+    ladder = Ladder(model, judge, settings, recorder, partial(_open_session, settings, bar), left)
+    best = ladder.climb(_chosen_rungs(schedule, rungs))
+    quality = best.quality(tolerances)
     return SolveResult(
         name=model.name,
-        stop_reason=attempt.stop_reason,
-        quality=attempt.quality(),
-        objective=best.objective,
-        constraint_violation=best.constraint_violation,
-        stationarity=attempt.stationarity,
-        residuals=attempt.residuals(),
-        steps=attempt.steps,
-        best_step=attempt.best,
-        solver=session.solver,
-        derivatives=session.derivatives,
-        judging_seconds=attempt.judging_seconds,
+        stop_reason=best.reason,
+        quality=quality,
+        objective=best.step.objective,
+        constraint_violation=best.step.constraint_violation,
+        stationarity=best.stationarity,
+        certificate=best.certificate,
+        multipliers=best.multipliers,
+        residuals=recorder.residuals(),
+        steps=recorder.steps,
+        best_step=recorder.steps.index(best.step),
+        rung=best.rung,
+        decided_pairs=ladder.decided,
+        solver=ladder.solver,
+        derivatives=ladder.derivatives,
+        judging_seconds=recorder.seconds,
         seconds=time.perf_counter() - started,
     )
+
+
+def _chosen_rungs(
+    schedule: Schedule | None, rungs: str | Rung | Iterable[str | Rung] | None
+) -> tuple[Rung, ...] | None:
+    if schedule is not None and rungs is not None:
+        raise ValueError("schedule= is a rung of its own; give it or rungs=, not both.")
+    if schedule is not None:
+        return (Rung("schedule", schedule),)
+    return None if rungs is None else as_rungs(rungs)
 
 
 def _find_route(route: Route | str | None) -> Route:
@@ -174,44 +202,23 @@ def _check_phases(model: Any) -> None:
             block.check()
 
 
-def _first_delta(schedule: Schedule | None) -> float:
-    return 1e-2 if schedule is None or isinstance(schedule, FollowBarrier) else next(iter(schedule.steps()))
-
-
-@contextmanager
-def _relaxed(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[tuple[Any, list[Any]]]:
-    """Relax what is not relaxed yet; yields the generated block and the rows that a shift moves; reverts."""
-    relax = TransformationFactory("pyrobocop.relax_complementarity")
-    if active_sources(model):
-        token = relax.apply_to(model, relaxation=relaxation, grouping=grouping, delta=delta)
-        try:
-            yield token.block, relax.relaxed_rows(model)
-        finally:
-            relax.revert(model, token)
-    elif relax.get_pairs(model):
-        own = relax.get_delta(model)
-        before = own.value
-        try:
-            yield own.parent_block(), relax.relaxed_rows(model)
-        finally:
-            own.set_value(before)
+def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, options: Mapping[str, Any]) -> Session:
+    model, output = relaxed.model, settings.output
+    session: Session
+    if settings.route is Route.EXECUTABLE:
+        session = ExecutableSession(model, relaxed.delta, options, output)
     else:
-        yield None, []
+        live = None if output else _live_line(bar, model)
+        session = InProcessSession(
+            model, relaxed.delta, relaxed.shifted_rows, settings.route.derivatives, options, output, live
+        )
+    logger.info("'%s': %s, derivatives by %s", model.name, session.solver, session.derivatives)
+    bar.line(f"{model.name}: {session.solver}, derivatives by {session.derivatives}")
+    bar.line(STEP_HEADER)
+    return session
 
 
-def _open_session(
-    model: Any, block: Any, rows: list[Any], route: Route, options: Mapping[str, Any], tee: bool, on_iteration: Any
-) -> Session:
-    delta = None if block is None else block.delta
-    if route is Route.EXECUTABLE:
-        return ExecutableSession(model, delta, options, tee)
-    return InProcessSession(model, delta, rows, route.derivatives, options, tee, on_iteration)
-
-
-def _live_line(bar: Progress, model: Any, tee: bool) -> Any:
-    if tee:
-        return None  # Ipopt's own log says more
-
+def _live_line(bar: Progress, model: Any) -> Any:
     def show(record: IterationRecord) -> None:
         if record.iteration % 10 == 0:
             bar.live(
@@ -220,12 +227,3 @@ def _live_line(bar: Progress, model: Any, tee: bool) -> Any:
             )
 
     return show
-
-
-def _forget_generated(model: Any, block: Any) -> None:
-    """Multipliers of generated rows must not stay in the user's suffixes when the rows go."""
-    if block is None:
-        return
-    for suffix in model.component_objects(Suffix, active=True):
-        for component in [each for each in suffix if each is not None and each.parent_block() is block]:
-            del suffix[component]

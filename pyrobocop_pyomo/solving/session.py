@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 # What lets Ipopt start where the last run ended instead of pushing the point back into the interior.
 WARM_START_OPTIONS = {
@@ -47,20 +49,35 @@ class Session(Protocol):
     solver: str
     derivatives: str
 
-    def run(self, delta: float | None, *, warm: bool = False, time_limit: float | None = None) -> Run:
-        """Solve with a fixed delta, from the current point or warm from the last run."""
+    def run(
+        self,
+        delta: float | None,
+        *,
+        warm: bool = False,
+        time_limit: float | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> Run:
+        """Solve with a fixed delta, from the current point or warm from the last run; options of this run win."""
         ...
 
     def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
         """Solve with delta following the barrier parameter, from the current point."""
         ...
 
+    def written(self) -> WrittenModel | None:
+        """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives."""
+        ...
+
+    def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Multipliers of rows, lower and upper bounds after the last run, in the order of `written`."""
+        ...
+
     def stationarity(self) -> float | None:
         """Size of the Lagrangian's gradient at the last point, relative to the multipliers; None if unknown."""
         ...
 
-    def load_suffixes(self) -> None:
-        """Fill the suffixes that the user declared for import from the last run; may be asked after `close`."""
+    def suffix_loader(self) -> Callable[[], None]:
+        """What fills the suffixes that the user declared for import from the last run; to be called after `close`."""
         ...
 
     def close(self) -> None:

@@ -9,6 +9,10 @@ from dataclasses import dataclass, field
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+
+from .tolerances import Tolerances
 
 
 class StopReason(enum.Enum):
@@ -65,6 +69,11 @@ class Step:
     largest_natural_residual: float
     path: Sequence[tuple[float, float]] = field(default=(), repr=False)
 
+    def excess(self, tolerances: Tolerances) -> float:
+        """How far the residuals exceed the tolerances; 1 if they do not."""
+        found = max(self.constraint_violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
+        return found if found == found else float("inf")
+
     def __str__(self) -> str:
         delta = "-" if self.delta is None else f"{self.delta:.1e}"
         return (
@@ -96,12 +105,20 @@ class SolveResult:
         Largest violation of a constraint or bound, recomputed from the model's expressions.
     stationarity : float or None
         Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
+    certificate : Certificate
+        Whether another branch through the point descends.
+    multipliers : Multipliers or None
+        Of the pairs, in the order of `residuals`, and the kind of stationarity that they show.
     residuals : list of PairResidual
         Per pair, under its original name.
     steps : list of Step
         Every run of Ipopt, in order.
     best_step : int
         Which of them gave the point.
+    rung : str
+        Which rung it belongs to.
+    decided_pairs : int
+        Pairs that bounds and fixed variables had decided before.
     solver : str
         Which Ipopt was used.
     derivatives : str
@@ -118,9 +135,13 @@ class SolveResult:
     objective: float
     constraint_violation: float
     stationarity: float | None
+    certificate: Certificate
+    multipliers: Multipliers | None = field(repr=False)
     residuals: list[PairResidual] = field(repr=False)
     steps: list[Step] = field(repr=False)
     best_step: int
+    rung: str
+    decided_pairs: int
     solver: str
     derivatives: str
     judging_seconds: float

@@ -1,0 +1,1 @@
+"""Complementarity problems as numbers: branches, stationarity, and the certificate by linear programs."""

@@ -1,0 +1,246 @@
+"""From a nearly complementary point to a B-stationary one, in finitely many branches.
+
+The nonlinear program of the nearest branch is solved first, which makes the pairs exactly complementary. Then the
+linear program with complementarity constraints says whether another branch through the point descends; if so, that
+branch is solved, and so on. Every step is guarded: a point is replaced only by one that is no worse.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+
+from .branch import Branch, nearest_branch, restricted
+from .linearisation import Linearisation
+from .lpec import Descent, steepest_piece
+from .problem import ComplementarityProgram, violation
+
+
+class Certificate(enum.Enum):
+    """What is known about first-order descent at a point; the value is a sentence."""
+
+    PROVEN = "B-stationary: no branch through the point has a direction of descent."
+    DESCENT = "Not B-stationary: another branch through the point descends, but no better point was reached along it."
+    UNKNOWN = "Not examined, or the linear program with complementarity constraints was not solved in time."
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A point with its multipliers.
+
+    Attributes
+    ----------
+    x : float array, shape (n,)
+    objective : float
+        Of the minimised problem.
+    violation : float
+        Largest violation of a row or bound.
+    natural_residual : float
+        Largest ``|min(a, b)|``.
+    g_multipliers, lower_multipliers, upper_multipliers : float array
+        As Ipopt returned them, for the rows and bounds of the program.
+    branch : Branch or None
+        The branch whose nonlinear program it solves, if it does.
+    """
+
+    x: FloatArray
+    objective: float
+    violation: float
+    natural_residual: float
+    g_multipliers: FloatArray
+    lower_multipliers: FloatArray
+    upper_multipliers: FloatArray
+    branch: Branch | None = None
+
+    @property
+    def multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Multipliers of rows, lower and upper bounds."""
+        return self.g_multipliers, self.lower_multipliers, self.upper_multipliers
+
+
+def candidate_at(
+    program: ComplementarityProgram,
+    x: FloatArray,
+    multipliers: tuple[FloatArray, FloatArray, FloatArray],
+    branch: Branch | None = None,
+) -> Candidate:
+    """Judge a point by the program's own functions."""
+    return Candidate(
+        x, program.nlp.objective(x), violation(program.nlp, x), program.natural_residual(x), *multipliers, branch=branch
+    )
+
+
+class NlpSolver(Protocol):
+    """Solves a nonlinear program from a point with multipliers."""
+
+    def __call__(self, nlp: NonlinearProgram, start: Candidate) -> IpoptOutcome:
+        """Return how it ended, with the last point in any case."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a point is good enough and when to stop looking for a better one.
+
+    Attributes
+    ----------
+    feasibility : float
+        Largest violation of a row or a bound.
+    descent : float
+        Largest decrease per unit of length that still counts as none, relative to the objective's gradient.
+    objective : float
+        Smallest relative improvement that counts.
+    radius : float
+        First trust radius of the linear program.
+    smallest_radius : float
+        Where looking for descent ends.
+    rounds : int
+        Most branches solved.
+    lpec_seconds : float
+        For one linear program with complementarity constraints.
+    """
+
+    feasibility: float = 1e-6
+    descent: float = 1e-5
+    objective: float = 1e-8
+    radius: float = 1e-3
+    smallest_radius: float = 1e-6
+    rounds: int = 20
+    lpec_seconds: float = 5.0
+
+
+@dataclass(eq=False)
+class ActiveSetSearch:
+    """The finite search from branch to branch.
+
+    Parameters
+    ----------
+    program : ComplementarityProgram
+    solve : NlpSolver
+    limits : Limits
+    on_solve : callable, optional
+        Told of each branch solved: what for, the outcome, the candidate, and whether it was kept.
+    deadline : float, optional
+        Value of ``time.perf_counter()`` at which to stop.
+
+    Attributes
+    ----------
+    certificate : Certificate
+        Of the last point.
+    """
+
+    program: ComplementarityProgram
+    solve: NlpSolver
+    limits: Limits = field(default_factory=Limits)
+    on_solve: Callable[[str, IpoptOutcome, Candidate, bool], object] | None = None
+    deadline: float | None = None
+    certificate: Certificate = Certificate.UNKNOWN
+
+    def polish(self, start: Candidate) -> Candidate:
+        """Solve the branch nearest to a point, and keep the answer if it is no worse."""
+        branch = nearest_branch(self.program, start.x)
+        return self._go("polish", branch, start, start.x) or start
+
+    def project(self, start: Candidate) -> Candidate:
+        """Solve the branch that the linearised constraints can be met in, or nearly, from a point that is infeasible.
+
+        References
+        ----------
+        Nurkanovic & Leyffer (2025), sec. 5 (phase I), doi:10.48550/arXiv.2501.13835
+        """
+        best = start
+        point = Linearisation.at(self.program.nlp, start.x)
+        price = 1e3 * max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+        for radius in (1.0, 10.0, 100.0, 0.1):
+            if self._late() or best.violation <= self.limits.feasibility:
+                break
+            piece = steepest_piece(self.program, point, radius, elastic=price, time_limit=self.limits.lpec_seconds)
+            if piece is not None:
+                best = self._go("projection", piece.branch, best, start.x + piece.step) or best
+        return best
+
+    def descend(self, start: Candidate) -> Candidate:
+        """Follow descending branches from a point that solves its own, until there is none; sets `certificate`."""
+        self.certificate = Certificate.UNKNOWN
+        best, radius = start, self.limits.radius
+        if best.branch is None or best.violation > self.limits.feasibility:
+            return best
+        point = Linearisation.at(self.program.nlp, best.x)
+        tried: set[bytes] = {best.branch.key()}
+        for _ in range(self.limits.rounds):
+            if self._late():
+                return best
+            descent, gain = self._descent(point, best, radius)
+            if descent is None:
+                return best
+            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+            if gain <= self.limits.descent * scale:
+                self.certificate = Certificate.PROVEN if descent.proven else Certificate.UNKNOWN
+                return best
+            self.certificate = Certificate.DESCENT
+            better = None
+            if descent.branch.key() not in tried:
+                tried.add(descent.branch.key())
+                better = self._go("descend", descent.branch, best, best.x + descent.step)
+            if better is not None and self._improves(better, best):
+                best, radius = better, self.limits.radius
+                point = Linearisation.at(self.program.nlp, best.x)
+            else:
+                radius *= 0.1
+                if radius < self.limits.smallest_radius:
+                    return best
+        return best
+
+    def _descent(self, point: Linearisation, best: Candidate, radius: float) -> tuple[Descent | None, float]:
+        """The best piece, and by how much its decrease exceeds that of staying in the branch.
+
+        An interior-point solution is a little away from its bounds, and the linear program would gain that distance
+        in any branch.
+        """
+        seconds = self.limits.lpec_seconds
+        anywhere = steepest_piece(self.program, point, radius, time_limit=seconds)
+        if anywhere is None:
+            return None, 0.0
+        if not anywhere.open_pairs:
+            return anywhere, 0.0
+        here = steepest_piece(self.program, point, radius, held=best.branch, time_limit=seconds)
+        return anywhere, anywhere.decrease - (0.0 if here is None else here.decrease)
+
+    def _go(self, purpose: str, branch: Branch, start: Candidate, x: FloatArray) -> Candidate | None:
+        """Solve a branch; None where its answer may not replace the start."""
+        nlp = restricted(self.program, branch)
+        outcome = self.solve(nlp, replace(start, x=np.clip(x, nlp.x_lower, nlp.x_upper)))
+        if not np.isfinite(outcome.x).all():
+            return None
+        multipliers = (outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers)
+        found = candidate_at(self.program, outcome.x, multipliers, branch)
+        ended_well = outcome.status.solved or outcome.status is IpoptStatus.TINY_STEP
+        kept = ended_well and self._no_worse(found, start)
+        if self.on_solve is not None:
+            self.on_solve(purpose, outcome, found, kept)
+        return found if kept else None
+
+    def _no_worse(self, found: Candidate, start: Candidate) -> bool:
+        """Feasible, or at least more so; and then complementary where the start was not, or of no larger objective."""
+        if not found.violation <= max(self.limits.feasibility, start.violation):
+            return False
+        if start.violation > self.limits.feasibility >= found.violation:
+            return True
+        if found.natural_residual < start.natural_residual - self.limits.feasibility:
+            # A relaxed point is below what is possible; how far may depend on the multipliers.
+            return found.objective <= start.objective + 1e-2 * max(1.0, abs(start.objective))
+        return found.objective <= start.objective + 1e-7 * max(1.0, abs(start.objective))
+
+    def _improves(self, found: Candidate, best: Candidate) -> bool:
+        return found.objective < best.objective - self.limits.objective * max(1.0, abs(best.objective))
+
+    def _late(self) -> bool:
+        return self.deadline is not None and time.perf_counter() > self.deadline

@@ -1,0 +1,336 @@
+"""Which kind of stationary point a feasible point is: are there multipliers with the signs that the kind asks for?
+
+Multipliers are a matter of existence. Where they are not unique, those of a solver prove nothing by their signs, so
+they are looked for among all: by a linear program for W and S, with a binary or two per biactive pair for M, C and A.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import block_array, csr_array, eye_array
+
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, IndexArray, lagrangian_residual
+
+from .branch import BoolArray, Branch, restricted
+from .linearisation import Linearisation
+from .problem import ComplementarityProgram, Sides
+
+# Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
+# as good as dependent, and a mixed-integer program could not tell such a number from its own tolerance.
+LARGEST_MULTIPLIER = 1e5
+
+
+class Stationarity(enum.Enum):
+    """Kinds of stationary points, strongest first; the value is a sentence.
+
+    With the Lagrangian ``f + multipliers @ g - nu @ a - xi @ b`` and nu, xi the multipliers of the two sides, every
+    kind asks that nu vanish where a > 0 and xi where b > 0. They differ at biactive pairs, where a = b = 0.
+
+    References
+    ----------
+    Scheel & Scholtes (2000), Mathematical programs with complementarity constraints: stationarity, optimality, and
+    sensitivity, sec. 2.2, doi:10.1287/moor.25.1.1.15213
+    """
+
+    S = "Strongly stationary: nu >= 0 and xi >= 0 at every biactive pair, so no direction descends."
+    M = "M-stationary: at every biactive pair nu and xi are both positive, or one of them is zero."
+    C = "C-stationary: nu * xi >= 0 at every biactive pair."
+    A = "A-stationary: nu >= 0 or xi >= 0 at every biactive pair."
+    W = "Weakly stationary: there are multipliers, but not with the signs of a stronger kind."
+    NONE = "Not stationary: there are no multipliers."
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Multipliers of the strongest kind of stationarity, or the nearest to weak stationarity where there are none.
+
+    Attributes
+    ----------
+    kind : Stationarity
+    nu, xi : float array, shape (k,)
+        Of the sides a and b, in the units of the objective per unit of the side: by how much the minimised objective
+        grows where the side is held at a small positive number instead of zero.
+    rows : float array, shape (m,)
+        Of the rows; positive where an upper bound holds back, negative where a lower one does.
+    residual : float
+        What they leave of the stationarity conditions, relative to the objective's gradient.
+    """
+
+    kind: Stationarity
+    nu: FloatArray
+    xi: FloatArray
+    rows: FloatArray
+    residual: float
+
+
+class MultiplierProblem:
+    """The conditions that multipliers have to meet at one point.
+
+    Parameters
+    ----------
+    program : ComplementarityProgram
+    point : Linearisation
+        At a feasible point.
+    biactive_tolerance : float
+        A side of at most this size counts as zero.
+    active_tolerance : float
+        A row or bound this close may have a multiplier; its distance times the multiplier counts as residual.
+    """
+
+    def __init__(
+        self,
+        program: ComplementarityProgram,
+        point: Linearisation,
+        biactive_tolerance: float = 1e-6,
+        active_tolerance: float = 1e-4,
+    ) -> None:
+        self._program, self._point = program, point
+        self.pairs, self.rows = program.pairs, point.nlp.m
+        self._scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+        self._bound = LARGEST_MULTIPLIER * self._scale
+        a, b = program.a.values(point.x), program.b.values(point.x)
+        a_zero, b_zero = a <= biactive_tolerance, b <= biactive_tolerance
+        self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
+        self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
+        self.biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
+        activity = _row_activity(program, point, (self._a_pairs, self._b_pairs), active_tolerance)
+        # Columns come in five blocks, each twice: positive parts, then negative parts.
+        blocks = [
+            _active_rows(point, activity),
+            _active_bounds(program, point, (self._a_pairs, self._b_pairs), active_tolerance),
+            _sides(program.a, self._a_pairs, point.nlp.n),
+            _sides(program.b, self._b_pairs, point.nlp.n),
+            _residual(point.nlp.n),
+        ]
+        self._matrix = block_array([[sign * block.columns for block in blocks for sign in (1.0, -1.0)]], format="csr")
+        self._upper = np.minimum(
+            np.concatenate([part for block in blocks for part in (block.positive, block.negative)]), self._bound
+        )
+        self._cost = np.concatenate([part for block in blocks for part in (block.cost, block.cost)]) / self._scale
+        sizes = np.cumsum([0, *(block.cost.size for block in blocks for _ in range(2))])
+        self._parts = [slice(start, end) for start, end in itertools.pairwise(sizes)]
+        self._row_numbers = np.flatnonzero(activity.active)
+
+    def find(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
+        """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
+        asked, right, binaries, upper = self._signs(kind)
+        width = self._cost.size
+        equations = block_array([[self._matrix, csr_array((self._matrix.shape[0], binaries))]], format="csr")
+        constraints = [LinearConstraint(equations, -self._point.gradient, -self._point.gradient)]
+        if right.size:
+            constraints.append(LinearConstraint(asked, -np.inf, right))
+        answer = milp(
+            np.concatenate([self._cost, np.zeros(binaries)]),
+            integrality=np.concatenate([np.zeros(width), np.ones(binaries)]),
+            bounds=Bounds(np.zeros(width + binaries), np.concatenate([upper, np.ones(binaries)])),
+            constraints=constraints,
+            options={"time_limit": time_limit},
+        )
+        if answer.x is None:
+            return None
+        signed = [answer.x[self._parts[2 * i]] - answer.x[self._parts[2 * i + 1]] for i in range(4)]
+        nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
+        rows = np.zeros(self._point.nlp.m)
+        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
+        return Multipliers(kind, nu, xi, rows, float(answer.fun))
+
+    def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
+        """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""
+        nu = [np.searchsorted(self._a_pairs, self.biactive) + self._parts[i].start for i in (4, 5)]
+        xi = [np.searchsorted(self._b_pairs, self.biactive) + self._parts[i].start for i in (6, 7)]
+        upper = self._upper.copy()
+        count, bound, width = self.biactive.size, self._bound, self._upper.size
+        if kind is Stationarity.S:
+            upper[nu[1]] = upper[xi[1]] = 0.0
+        # Each rule: parts that add up, binaries with their factors, right-hand side; per biactive pair.
+        first, second = width + np.arange(count), width + count + np.arange(count)
+        rules: dict[Stationarity, list[tuple[list[IndexArray], list[tuple[IndexArray, float]], float]]] = {
+            # One binary: 1 asks for nu >= 0, 0 for xi >= 0.
+            Stationarity.A: [([nu[1]], [(first, bound)], bound), ([xi[1]], [(first, -bound)], 0.0)],
+            # One binary: 1 asks for both >= 0, 0 for both <= 0.
+            Stationarity.C: [
+                *[([part], [(first, bound)], bound) for part in (nu[1], xi[1])],
+                *[([part], [(first, -bound)], 0.0) for part in (nu[0], xi[0])],
+            ],
+            # Two binaries: the first asks for nu = 0, the second for xi = 0, neither for both >= 0.
+            Stationarity.M: [
+                (nu, [(first, bound)], bound),
+                (xi, [(second, bound)], bound),
+                ([nu[1], xi[1]], [(first, -bound), (second, -bound)], 0.0),
+            ],
+        }
+        asked = rules.get(kind, [])
+        binaries = count * {Stationarity.A: 1, Stationarity.C: 1, Stationarity.M: 2}.get(kind, 0)
+        entries = [
+            (rule * count + np.arange(count), columns, np.full(count, factor))
+            for rule, (parts, with_binaries, _) in enumerate(asked)
+            for columns, factor in [*((part, 1.0) for part in parts), *with_binaries]
+        ]
+        shape = (len(asked) * count, width + binaries)
+        if not entries:
+            return csr_array(shape), np.empty(0), 0, upper
+        rows, columns, values = (np.concatenate(each) for each in zip(*entries, strict=True))
+        right = np.repeat([limit for _, _, limit in asked], count)
+        return csr_array((values, (rows, columns)), shape=shape), right, binaries, upper
+
+
+def strong_multipliers(
+    program: ComplementarityProgram,
+    point: Linearisation,
+    branch: Branch,
+    solver_multipliers: tuple[FloatArray, FloatArray, FloatArray],
+    reach: float = 1e-3,
+    tolerance: float = 1e-6,
+) -> Multipliers | None:
+    """Read strong stationarity off the multipliers of a solved branch, where their signs show it.
+
+    Parameters
+    ----------
+    program : ComplementarityProgram
+    point : Linearisation
+    branch : Branch
+        Whose nonlinear program the point solves.
+    solver_multipliers : tuple of float arrays
+        Of rows, lower and upper bounds, in Ipopt's signs.
+    reach : float
+        A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
+    tolerance : float
+        Relative to the objective's gradient.
+
+    Returns
+    -------
+    Multipliers or None
+        None says nothing: other multipliers may have the signs.
+    """
+    rows, lower, upper = solver_multipliers
+    if lagrangian_residual(restricted(program, branch), point.x, rows, lower, upper) > tolerance:
+        return None
+    scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+    gradient = point.lagrangian_gradient(rows)
+    found = []
+    for sides, held, partner in (
+        (program.a, branch.a_zero & ~program.a.constant, program.b.values(point.x)),
+        (program.b, branch.b_zero & ~program.b.constant, program.a.values(point.x)),
+    ):
+        of_bounds = np.where(sides.constant, 0.0, np.where(sides.sign > 0, lower[sides.index], upper[sides.index]))
+        held_multipliers = sides.slopes(gradient)
+        if (held_multipliers[held & (partner <= reach)] < -tolerance * scale).any():
+            return None
+        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= tolerance, of_bounds, 0.0)))
+    return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
+
+
+def classify(problem: MultiplierProblem, tolerance: float = 1e-6, time_limit: float = 5.0) -> Multipliers:
+    """Find the strongest kind of stationarity that a point meets.
+
+    Parameters
+    ----------
+    problem : MultiplierProblem
+    tolerance : float
+        Largest residual, relative to the objective's gradient.
+    time_limit : float
+        Seconds for each kind.
+
+    Returns
+    -------
+    Multipliers
+        Of that kind.
+    """
+    weak = problem.find(Stationarity.W, time_limit)
+    if weak is None:
+        nothing, rows = np.zeros(problem.pairs), np.zeros(problem.rows)
+        return Multipliers(Stationarity.NONE, nothing, nothing, rows, np.inf)
+    if not weak.residual <= tolerance:
+        return Multipliers(Stationarity.NONE, weak.nu, weak.xi, weak.rows, weak.residual)
+    for kind in (Stationarity.S, Stationarity.M, Stationarity.C, Stationarity.A):
+        found = problem.find(kind, time_limit)
+        if found is not None and found.residual <= tolerance:
+            return found
+    return weak
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Columns of unknowns in the gradient of the Lagrangian, and how large their two parts may be and cost."""
+
+    columns: csr_array
+    positive: FloatArray
+    negative: FloatArray
+    cost: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Activity:
+    """Which bounds of some values are active, and how far away they are."""
+
+    at_lower: BoolArray
+    at_upper: BoolArray
+    to_lower: FloatArray
+    to_upper: FloatArray
+
+    @classmethod
+    def of(cls, values: FloatArray, lower: FloatArray, upper: FloatArray, tolerance: float) -> _Activity:
+        to_lower, to_upper = np.abs(values - lower), np.abs(upper - values)
+        return cls(to_lower <= tolerance, to_upper <= tolerance, to_lower, to_upper)
+
+    @property
+    def active(self) -> BoolArray:
+        return self.at_lower | self.at_upper
+
+    def block(self, columns: csr_array) -> _Block:
+        """The unknowns of the active ones: positive multipliers at upper bounds, negative ones at lower bounds."""
+        active, one_sided = self.active, self.at_lower ^ self.at_upper
+        distance = np.where(one_sided, np.where(self.at_lower, self.to_lower, self.to_upper), 0.0)
+        positive, negative = (np.where(each[active], np.inf, 0.0) for each in (self.at_upper, self.at_lower))
+        return _Block(columns, positive, negative, distance[active])
+
+
+def _row_activity(
+    program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray], tolerance: float
+) -> _Activity:
+    found = _Activity.of(point.rows, point.nlp.g_lower, point.nlp.g_upper, tolerance)
+    # A row that only says that a zero side is nonnegative has no multiplier of its own: it is the pair's nu or xi.
+    jacobian = point.jacobian
+    single = np.flatnonzero(np.diff(jacobian.indptr) == 1)
+    column, slope = jacobian.indices[jacobian.indptr[single]], jacobian.data[jacobian.indptr[single]]
+    for sides, pairs in zip((program.a, program.b), zero_pairs, strict=True):
+        for sign in (1.0, -1.0):
+            index = sides.index[pairs[sides.sign[pairs] == sign]]
+            of_side = np.isin(column, index)
+            found.at_lower[single[of_side & (sign * slope > 0)]] = False
+            found.at_upper[single[of_side & (sign * slope < 0)]] = False
+    return found
+
+
+def _active_rows(point: Linearisation, activity: _Activity) -> _Block:
+    return activity.block(point.jacobian[np.flatnonzero(activity.active)].T.tocsr())
+
+
+def _active_bounds(
+    program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray], tolerance: float
+) -> _Block:
+    nlp = point.nlp
+    found = _Activity.of(point.x, nlp.x_lower, nlp.x_upper, tolerance)
+    # The bound that makes a zero side nonnegative is the pair's own as well.
+    for sides, pairs in zip((program.a, program.b), zero_pairs, strict=True):
+        index, rising = sides.index[pairs], sides.sign[pairs] > 0
+        found.at_lower[index[rising]] = False
+        found.at_upper[index[~rising]] = False
+    active = np.flatnonzero(found.active)
+    return found.block(csr_array((np.ones(active.size), (active, np.arange(active.size))), shape=(nlp.n, active.size)))
+
+
+def _residual(n: int) -> _Block:
+    infinite = np.full(n, np.inf)
+    return _Block(eye_array(n, format="csr"), infinite, infinite, np.ones(n))
+
+
+def _sides(sides: Sides, pairs: np.ndarray, n: int) -> _Block:
+    columns = csr_array((-sides.sign[pairs], (sides.index[pairs], np.arange(pairs.size))), shape=(n, pairs.size))
+    free = np.full(pairs.size, np.inf)
+    return _Block(columns, free, free, np.zeros(pairs.size))

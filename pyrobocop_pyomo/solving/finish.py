@@ -1,0 +1,165 @@
+"""The end of a rung: exactly complementary, on the best branch around, with multipliers and a certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Candidate, Certificate, Limits, candidate_at
+from pyrobocop_pyomo.mpcc.branch import restricted
+from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Multipliers, classify, strong_multipliers
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, lagrangian_residual
+from pyrobocop_pyomo.programs.written_model import WrittenModel
+
+from .attempt import StepRecorder, stop_reason
+from .finding import Finding
+from .numeric_pairs import numeric_pairs
+from .relaxed_model import RelaxedModel
+from .session import WARM_START_OPTIONS, Run
+from .settings import Settings
+from .variable_values import VariableValues
+
+# Enough to leave a bound that the branch does not hold any more, little enough to stay near the point.
+POLISH_OPTIONS = {
+    **WARM_START_OPTIONS,
+    "mu_init": 1e-6,
+    "warm_start_bound_push": 1e-8,
+    "warm_start_bound_frac": 1e-8,
+    "warm_start_slack_bound_push": 1e-8,
+    "warm_start_slack_bound_frac": 1e-8,
+    "warm_start_mult_bound_push": 1e-8,
+}
+
+
+class Finish:
+    """Works on one relaxed model, as numbers.
+
+    Parameters
+    ----------
+    settings : Settings
+    relaxed : RelaxedModel
+    written : WrittenModel
+        Of the relaxed model.
+    recorder : StepRecorder
+    values : VariableValues
+        The user's variables.
+    left : callable
+        Seconds that are left, or None.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        relaxed: RelaxedModel,
+        written: WrittenModel,
+        recorder: StepRecorder,
+        values: VariableValues,
+        left: Callable[[], float | None],
+    ) -> None:
+        self._settings, self.written, self._recorder = settings, written, recorder
+        self._values, self._left = values, left
+        self._library = load_ipopt_library()
+        self._program = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
+        self._limits = Limits(feasibility=settings.tolerances.feasibility)
+        self._outcomes: dict[int, IpoptOutcome] = {}
+
+    def improve(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
+        """Polish the point on the model, follow descending branches, and certify where that ends."""
+        start = candidate_at(self._program, self.written.current_point(), self._without_relaxing_rows(multipliers))
+        search = self._search()
+        polished = search.polish(start)
+        return self._judged(finding, search, polished, start)
+
+    def project(self, finding: Finding) -> Finding:
+        """Look for a feasible branch near the point on the model."""
+        x = self.written.current_point()
+        nlp = self._program.nlp
+        start = candidate_at(self._program, x, (np.zeros(nlp.m), np.ones(nlp.n), np.ones(nlp.n)))
+        search = self._search()
+        return self._judged(replace(finding, rung="projection"), search, search.project(start), start)
+
+    def _judged(self, finding: Finding, search: ActiveSetSearch, found: Candidate, start: Candidate) -> Finding:
+        if found is start:
+            self.written.load_point(start.x)
+            return finding
+        point = Linearisation.at(self._program.nlp, found.x)
+        pair_multipliers = self._strong(found, point)
+        certificate = Certificate.PROVEN if pair_multipliers is not None else Certificate.UNKNOWN
+        if pair_multipliers is None:
+            found = search.descend(found)
+            certificate = search.certificate
+            point = Linearisation.at(self._program.nlp, found.x)
+            pair_multipliers = self._strong(found, point) or classify(
+                MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
+            )
+        self.written.load_point(found.x)
+        outcome = self._outcomes[id(found.x)]
+        step = next(step for step, candidate in self._kept if candidate is found)
+        assert found.branch is not None
+        return replace(
+            finding,
+            values=self._values.read(),
+            step=step,
+            reason=stop_reason(step),
+            stationarity=lagrangian_residual(restricted(self._program, found.branch), found.x, *found.multipliers),
+            load_suffixes=InProcessSolutionLoader(self.written, self._with_all_rows(outcome)).load_import_suffixes,
+            certificate=certificate,
+            multipliers=pair_multipliers,
+        )
+
+    def _strong(self, found: Candidate, point: Linearisation) -> Multipliers | None:
+        assert found.branch is not None
+        return strong_multipliers(self._program, point, found.branch, found.multipliers)
+
+    def _search(self) -> ActiveSetSearch:
+        self._kept: list[tuple[Any, Candidate]] = []
+        return ActiveSetSearch(self._program, self._solve, self._limits, self._record)
+
+    def _solve(self, nlp: NonlinearProgram, start: Candidate) -> IpoptOutcome:
+        options: Mapping[str, Any] = {**POLISH_OPTIONS, **self._settings.options}
+        left = self._left()
+        if left is not None:
+            options = {**options, "max_wall_time": max(left, 1e-3)}
+        if int((nlp.x_lower < nlp.x_upper).sum()) < int((nlp.g_lower == nlp.g_upper).sum()):
+            # Ipopt refuses more equations than variables that it may move, even where they agree.
+            options = {**options, "fixed_variable_treatment": "relax_bounds"}
+        return run_ipopt(
+            self._library,
+            nlp,
+            options,
+            x=start.x,
+            g_multipliers=start.g_multipliers,
+            lower_multipliers=start.lower_multipliers,
+            upper_multipliers=start.upper_multipliers,
+            output=self._settings.output,
+        )
+
+    def _record(self, purpose: str, outcome: IpoptOutcome, found: Candidate, kept: bool) -> None:
+        self.written.load_point(found.x)
+        mu = outcome.records[-1].mu if outcome.records else None
+        label = purpose if kept else f"{purpose} (not kept)"
+        step = self._recorder.record(Run(label, None, mu, outcome.status, outcome.iterations, outcome.seconds))
+        self._kept.append((step, found))
+        self._outcomes[id(found.x)] = outcome
+
+    def _without_relaxing_rows(
+        self, multipliers: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        rows = getattr(self._program.nlp, "rows", None)
+        return multipliers if rows is None else (multipliers[0][rows], *multipliers[1:])
+
+    def _with_all_rows(self, outcome: IpoptOutcome) -> IpoptOutcome:
+        rows = getattr(self._program.nlp, "rows", None)
+        if rows is None:
+            return outcome
+        every = np.zeros(self.written.nlp.m)
+        every[rows] = outcome.g_multipliers
+        return replace(outcome, g_multipliers=every)

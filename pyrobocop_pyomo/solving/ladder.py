@@ -1,0 +1,198 @@
+"""The ladder: rung after rung until a point is certain, and the best point of all rungs wins."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+
+from .assessment import PointJudge
+from .attempt import FINAL_REASONS, Attempt, StepRecorder
+from .finding import Finding
+from .finish import Finish
+from .relaxed_model import RelaxedModel, relaxed_model
+from .rungs import BARRIER, LADDER, PROJECTION, TIGHT, Rung
+from .session import Session
+from .settings import Settings
+from .variable_values import VariableValues
+
+logger = logging.getLogger(__name__)
+
+# Up to here a second solve from the user's guess costs little, and finds the better optimum now and then.
+CROSS_CHECKED_PAIRS = 200
+
+
+@dataclass(eq=False)
+class _Workplace:
+    """A relaxed model with an open session."""
+
+    relaxation: Any
+    relaxed: RelaxedModel
+    session: Session
+    values: VariableValues
+    start: list[float | None]
+
+
+class Ladder:
+    """Climbs the rungs on one model.
+
+    Parameters
+    ----------
+    model : Block
+    judge : PointJudge
+    settings : Settings
+    recorder : StepRecorder
+    open_session : callable
+        From a `RelaxedModel` and Ipopt's options to a `Session`.
+    left : callable
+        Seconds that are left, or None.
+
+    Attributes
+    ----------
+    best : Finding or None
+    decided : int
+        Pairs that the presolve decided.
+    solver, derivatives : str
+        Of the session used last.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        judge: PointJudge,
+        settings: Settings,
+        recorder: StepRecorder,
+        open_session: Callable[[RelaxedModel, Mapping[str, Any]], Session],
+        left: Callable[[], float | None],
+    ) -> None:
+        self._model, self._judge, self._settings, self._recorder = model, judge, settings, recorder
+        self._open_session, self._left = open_session, left
+        self._values = VariableValues(model)
+        self._guess = self._values.read()
+        self._place: _Workplace | None = None
+        self.best: Finding | None = None
+        self.decided = 0
+        self.solver = self.derivatives = ""
+
+    def climb(self, rungs: Sequence[Rung] | None) -> Finding:
+        """Go through the rungs until one gives a point that is certain, and put the best point on the model.
+
+        Parameters
+        ----------
+        rungs : sequence of Rung, optional
+            By default the whole ladder.
+        """
+        with contextlib.ExitStack() as stack:
+            for rung in LADDER if rungs is None else rungs:
+                if self.best is not None and not self._goes_on(rung, by_default=rungs is None):
+                    break
+                self._move_to(rung, stack)
+                assert self._place is not None
+                if not self._place.relaxed.pairs:
+                    self._climb_to(Rung("solve", None))
+                    break
+                self._climb_to(rung)
+        if self.best is None:
+            raise ComplementarityError(
+                f"'{self._model.name}': no rung could run. The projection starts from a point that another rung "
+                "left, and delta follows the barrier parameter only where it bounds rows."
+            )
+        self._values.write(self.best.values)
+        self.best.load_suffixes()
+        return self.best
+
+    def _move_to(self, rung: Rung, stack: contextlib.ExitStack) -> None:
+        """Keep the workplace, or change it for one with the relaxation that the rung asks for."""
+        relaxation = self._settings.relaxation if rung.relaxation is None else rung.relaxation
+        if self._place is not None and (rung is PROJECTION or self._place.relaxation == relaxation):
+            return
+        stack.close()
+        self._values.write(self._guess)
+        self._place = stack.enter_context(self._workplace(relaxation, rung))
+
+    @contextlib.contextmanager
+    def _workplace(self, relaxation: Any, rung: Rung) -> Iterator[_Workplace]:
+        delta = 1e-2 if rung.schedule is None else next(iter(rung.schedule.steps()))
+        with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
+            self.decided = len(relaxed.decisions)
+            session = self._open_session(relaxed, {**rung.options, **self._settings.options})
+            self.solver, self.derivatives = session.solver, session.derivatives
+            values = VariableValues(self._model)
+            try:
+                yield _Workplace(relaxation, relaxed, session, values, values.read())
+            finally:
+                session.close()
+
+    def _climb_to(self, rung: Rung) -> None:
+        place = self._place
+        assert place is not None
+        self._recorder.pairs = place.relaxed.pairs
+        finding: Finding | None
+        if rung is PROJECTION:
+            finding = self._projected(place)
+        else:
+            finding = self._attempted(rung, place)
+        if finding is None:
+            return
+        if self.best is None or finding.is_better_than(self.best, self._settings.tolerances, self._judge.sign):
+            logger.info("'%s': rung '%s' has the best point so far", self._model.name, finding.rung)
+            self.best = finding
+
+    def _attempted(self, rung: Rung, place: _Workplace) -> Finding | None:
+        if isinstance(rung.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
+            return None
+        if rung.from_guess:
+            place.values.write(place.start)
+        attempt = Attempt(place.session, self._recorder, place.values, self._settings.tolerances, self._left)
+        best = attempt.go(rung.schedule, self._options_of(rung))
+        place.values.write(best.values)
+        finding = Finding(
+            rung.name, self._values.read(), best.step, attempt.stop_reason, best.stationarity, best.load_suffixes
+        )
+        finish = self._finish(place)
+        if finish is None or attempt.stop_reason in FINAL_REASONS:
+            return finding
+        return finish.improve(finding, best.multipliers(finish.written))
+
+    def _projected(self, place: _Workplace) -> Finding | None:
+        finish = self._finish(place)
+        if self.best is None or finish is None:
+            return None
+        self._values.write(self.best.values)
+        place.relaxed.start_lifted()
+        return finish.project(self.best)
+
+    def _finish(self, place: _Workplace) -> Finish | None:
+        """What polishes and certifies; None where it is not wanted or cannot be done here."""
+        if not self._settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
+            return None
+        written = place.session.written()
+        if written is None:
+            return None
+        return Finish(self._settings, place.relaxed, written, self._recorder, self._values, self._left)
+
+    def _options_of(self, rung: Rung) -> Mapping[str, Any]:
+        if rung is TIGHT and self.best is not None:
+            # A cross-check that takes much longer than what it checks is no longer cheap.
+            limit = 50 + 3 * sum(step.iterations for step in self._recorder.steps)
+            return {"max_iter": min(limit, self._settings.options["max_iter"])}
+        return {}
+
+    def _goes_on(self, rung: Rung, *, by_default: bool) -> bool:
+        """Whether the next rung is to be climbed to."""
+        assert self.best is not None
+        left = self._left()
+        if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
+            return False
+        if not self.best.is_certain(self._settings.tolerances, self._settings.polish):
+            return True
+        if rung is not TIGHT or self.best.rung != BARRIER.name:
+            return False
+        assert self._place is not None
+        return not by_default or len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS

@@ -1,0 +1,190 @@
+"""The procedure as a Pyomo solver: ``SolverFactory("pyrobocop.mpcc")``."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pyomo.common.collections import ComponentMap
+from pyomo.common.config import ConfigValue
+from pyomo.common.timing import HierarchicalTimer
+from pyomo.contrib.solver.common.base import Availability, SolverBase
+from pyomo.contrib.solver.common.config import SolverConfig
+from pyomo.contrib.solver.common.factory import SolverFactory
+from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
+from pyomo.contrib.solver.common.solution_loader import SolutionLoader
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError
+from pyomo.core.base.block import BlockData
+from pyomo.core.base.var import Var, VarData
+
+from pyrobocop_pyomo._version import __version__
+from pyrobocop_pyomo.ipopt.routes import available_routes
+
+from .procedure import solve
+from .solve_result import Quality, SolveResult, StopReason
+
+CHOICES = {
+    "relaxation": ("scholtes", "How a product is bounded: a word or an object."),
+    "grouping": ("pair", "Which products share a bound: a word or an object."),
+    "schedule": (None, "How delta shrinks, in a single rung instead of the ladder."),
+    "rungs": (None, "Rungs to climb: words or Rung objects; by default the whole ladder."),
+    "polish": (True, "Make the pairs exact, follow descending branches and certify."),
+    "route": (None, "Which Ipopt: 'in process', 'asl', 'casadi', 'mapped', 'executable' or a Route."),
+    "feasibility_tolerance": (1e-6, "Largest violation of a constraint or bound in an acceptable point."),
+    "complementarity_tolerance": (1e-7, "Largest product of the two sides in an acceptable point."),
+    "progress": (None, "Show a line per step; by default only on a terminal."),
+}
+
+_CONDITIONS = {
+    StopReason.FINISHED: TerminationCondition.error,
+    StopReason.ITERATION_LIMIT: TerminationCondition.iterationLimit,
+    StopReason.TIME_LIMIT: TerminationCondition.maxTimeLimit,
+    StopReason.INTERRUPTED: TerminationCondition.interrupted,
+    StopReason.INFEASIBLE: TerminationCondition.locallyInfeasible,
+    StopReason.FAILED: TerminationCondition.error,
+}
+_STATUSES = {
+    Quality.OPTIMAL: SolutionStatus.optimal,
+    Quality.FEASIBLE: SolutionStatus.feasible,
+    Quality.INFEASIBLE: SolutionStatus.infeasible,
+}
+
+
+class MpccConfig(SolverConfig):
+    """Options of `Mpcc`."""
+
+    def __init__(
+        self,
+        description: str | None = None,
+        doc: str | None = None,
+        implicit: bool = False,
+        implicit_domain: Any = None,
+        visibility: int = 0,
+    ) -> None:
+        super().__init__(description, doc, implicit, implicit_domain, visibility)
+        for name, (default, meaning) in CHOICES.items():
+            self.declare(name, ConfigValue(default=default, description=meaning))
+
+
+class Mpcc(SolverBase):
+    """Solves models with complementarity pairs, as `pyrobocop_pyomo.solve` does, in the form of a Pyomo solver.
+
+    ``options`` (or ``solver_options``) go to Ipopt. The full answer is ``results.extra_info.result``, a `SolveResult`.
+    """
+
+    CONFIG = MpccConfig()
+
+    def available(self) -> Availability:
+        """Whether there is an Ipopt."""
+        return Availability.FullLicense if available_routes() else Availability.NotFound
+
+    def version(self) -> tuple[int, ...]:
+        """Version of this package."""
+        return tuple(int(part) for part in __version__.split(".")[:3])
+
+    def solve(self, model: BlockData, **kwds: Any) -> Results:
+        """Solve a Pyomo model with complementarity pairs.
+
+        Parameters
+        ----------
+        model : Block
+        **kwds
+            Options of this call: those of every Pyomo solver (``tee``, ``load_solutions``, ``time_limit``,
+            ``raise_exception_on_nonoptimal_result``, ``solver_options``), and those of `pyrobocop_pyomo.solve`.
+
+        Returns
+        -------
+        Results
+            ``extra_info.result`` is the `SolveResult`; ``extra_info.iteration_count`` counts Ipopt's iterations.
+
+        Raises
+        ------
+        NoOptimalSolutionError
+            When the point is not optimal and an exception was asked for; the results are its attribute ``results``.
+        """
+        config = self.config(value=kwds, preserve_implicit=True)
+        timer = config.timer = config.timer or HierarchicalTimer()
+        results = Results()
+        results.timing_info.start_timestamp = datetime.datetime.now(datetime.timezone.utc)
+        results.solver_name, results.solver_version, results.solver_config = self.name, self.version(), config
+        before = _values(model)
+        timer.start("solve")
+        answer = solve(
+            model,
+            options=dict(config.solver_options.value()),
+            tee=config.tee,
+            time_limit=config.time_limit,
+            **{name: config[name] for name in CHOICES},
+        )
+        timer.stop("solve")
+        found = _values(model)
+        results.solution_loader = MpccSolutionLoader(model, found)
+        _report(results, answer)
+        results.timing_info.timer = timer
+        results.timing_info.wall_time = answer.seconds
+        if config.raise_exception_on_nonoptimal_result and not answer.solved:
+            _put(before)
+            error = NoOptimalSolutionError(f"{NoOptimalSolutionError.default_message} {answer.quality.value}")
+            error.results = results
+            raise error
+        if not config.load_solutions:
+            _put(before)
+        return results
+
+
+class MpccSolutionLoader(SolutionLoader):
+    """The best point; multipliers are in the model's suffixes.
+
+    Parameters
+    ----------
+    model : Block
+    values : ComponentMap
+    """
+
+    def __init__(self, model: BlockData, values: ComponentMap) -> None:
+        self._pyomo_model = model
+        self._values = values
+
+    def get_number_of_solutions(self) -> int:
+        """Always one: the best point exists whatever stopped the procedure."""
+        return 1
+
+    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
+        """Values of variables."""
+        if vars_to_load is None:
+            return self._values
+        return ComponentMap((variable, self._values[variable]) for variable in vars_to_load)
+
+    def load_import_suffixes(self) -> None:
+        """They were filled when the model was solved."""
+
+
+def _values(model: BlockData) -> ComponentMap:
+    return ComponentMap(
+        (variable, variable.value) for variable in model.component_data_objects(Var, active=True) if not variable.fixed
+    )
+
+
+def _put(values: ComponentMap) -> None:
+    for variable, number in values.items():
+        variable.set_value(number, skip_validation=True)
+
+
+def _report(results: Results, answer: SolveResult) -> None:
+    results.solution_status = _STATUSES[answer.quality]
+    results.termination_condition = (
+        TerminationCondition.convergenceCriteriaSatisfied if answer.solved else _CONDITIONS[answer.stop_reason]
+    )
+    if answer.quality is not Quality.INFEASIBLE:
+        results.incumbent_objective = answer.objective
+    results.extra_info.add("result", ConfigValue(answer))
+    results.extra_info.iteration_count = answer.iterations
+    results.extra_info.solver_message = f"{answer.stop_reason.value} {answer.quality.value}"
+
+
+SolverFactory.register(
+    name="pyrobocop.mpcc",
+    legacy_name="pyrobocop.mpcc",
+    doc="Mathematical programs with complementarity constraints: continuation, polish and certificate",
+)(Mpcc)

@@ -1,0 +1,106 @@
+"""A model with its pairs relaxed for the time of a few solves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from pyomo.core.base.suffix import Suffix
+from pyomo.core.base.transformation import TransformationFactory
+
+from pyrobocop_pyomo.complementarity import CanonicalPair, LiftedPair, active_sources, pair_residuals
+
+from .presolve import Decision, held_at_zero, presolve
+
+TRANSFORMATION = "pyrobocop.relax_complementarity"
+
+
+@dataclass(eq=False)
+class RelaxedModel:
+    """What was generated for the pairs of a model.
+
+    Attributes
+    ----------
+    model : Block
+    block : Block or None
+        The generated block; None for a model without pairs.
+    pairs : list of CanonicalPair
+    lifted : list of LiftedPair
+        Empty where the user has relaxed the model without lifting.
+    shifted_rows : list of ConstraintData
+        Those that a shift of delta moves.
+    relaxing_rows : list of ConstraintData
+        All that relax; the rest of the model says everything but "one of both is zero".
+    decisions : list of Decision
+        What the presolve found.
+    """
+
+    model: Any
+    block: Any = None
+    pairs: list[CanonicalPair] = field(default_factory=list)
+    lifted: list[LiftedPair] = field(default_factory=list)
+    shifted_rows: list[Any] = field(default_factory=list)
+    relaxing_rows: list[Any] = field(default_factory=list)
+    decisions: list[Decision] = field(default_factory=list)
+
+    @property
+    def delta(self) -> Any:
+        """The mutable parameter, or None."""
+        return None if self.block is None else self.block.delta
+
+    def start_lifted(self) -> None:
+        """Give generated variables the values of what they stand for."""
+        for each in self.lifted:
+            (values,) = pair_residuals([each.pair])
+            for side, number in ((each.a, values.a), (each.b, values.b)):
+                if side.variable.parent_block() is self.block:
+                    side.variable.set_value(max(number, 0.0), skip_validation=True)
+
+    def forget_generated(self) -> None:
+        """Take what was generated out of the user's suffixes."""
+        if self.block is None:
+            return
+        for suffix in self.model.component_objects(Suffix, active=True):
+            for component in [each for each in suffix if each is not None and each.parent_block() is self.block]:
+                del suffix[component]
+
+
+@contextmanager
+def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[RelaxedModel]:
+    """Relax what is not relaxed yet and decide what bounds decide; afterwards the model is as it was.
+
+    A relaxation that the user has applied is used and kept.
+    """
+    relax = TransformationFactory(TRANSFORMATION)
+    if active_sources(model):
+        token = relax.apply_to(model, relaxation=relaxation, grouping=grouping, delta=delta, lift=True)
+        try:
+            relaxed = _described(model, token.block)
+            relaxed.decisions = presolve(relaxed.lifted)
+            with held_at_zero(relaxed.decisions):
+                yield relaxed
+        finally:
+            relax.revert(model, token)
+    elif relax.get_pairs(model):
+        own = relax.get_delta(model)
+        before = own.value
+        try:
+            yield _described(model, own.parent_block())
+        finally:
+            own.set_value(before)
+    else:
+        yield RelaxedModel(model)
+
+
+def _described(model: Any, block: Any) -> RelaxedModel:
+    relax = TransformationFactory(TRANSFORMATION)
+    return RelaxedModel(
+        model,
+        block,
+        relax.get_pairs(model),
+        relax.get_lifted_pairs(model),
+        relax.relaxed_rows(model),
+        relax.get_relaxation_rows(model),
+    )

@@ -1,0 +1,53 @@
+"""Small complementarity programs whose stationary points are known by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+from harness.quadratic_program import QuadraticProgram
+
+from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.mpcc.active_set import candidate_at
+from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
+
+
+def sides(index, sign=1.0, offset=0.0):
+    index = np.atleast_1d(np.asarray(index, dtype=np.intp))
+    return Sides(index, np.full(index.size, sign), np.full(index.size, offset))
+
+
+def ralph1():
+    """Minimise 2x - y over x >= 0 and 0 <= y ⟂ s = y - x >= 0: the origin is B-stationary and not S (MacMPEC)."""
+    nlp = QuadraticProgram([2, -1, 0], A=[[-1, 1, -1]], g_lower=[0], g_upper=[0], x_lower=[0, 0, 0])
+    return ComplementarityProgram(nlp, sides(1), sides(2))
+
+
+def scholtes4():
+    """Minimise x + y - z over z <= 4x, z <= 4y and 0 <= x ⟂ y >= 0: the origin is B-stationary and not S (MacMPEC)."""
+    nlp = QuadraticProgram([1, 1, -1], A=[[-4, 0, 1], [0, -4, 1]], g_upper=[0, 0], x_lower=[0, 0, -np.inf])
+    return ComplementarityProgram(nlp, sides(0), sides(1))
+
+
+def trap():
+    """Minimise x^2 + (y - 1)^2 over 0 <= x ⟂ y >= 0: the origin is M-stationary, and y descends from it."""
+    nlp = QuadraticProgram([0, -2], H=[[2, 0], [0, 2]], x_lower=[0, 0])
+    return ComplementarityProgram(nlp, sides(0), sides(1))
+
+
+def at_origin(program, branch=None):
+    nlp = program.nlp
+    multipliers = (np.zeros(nlp.m), np.zeros(nlp.n), np.zeros(nlp.n))
+    return candidate_at(program, np.zeros(nlp.n), multipliers, branch)
+
+
+def ipopt(nlp, start):
+    options = {"bound_relax_factor": 0.0, "warm_start_init_point": "yes", "mu_init": 1e-4}
+    return run_ipopt(
+        load_ipopt_library(),
+        nlp,
+        options,
+        x=start.x,
+        g_multipliers=start.g_multipliers,
+        lower_multipliers=start.lower_multipliers,
+        upper_multipliers=start.upper_multipliers,
+    )

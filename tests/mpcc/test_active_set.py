@@ -1,0 +1,99 @@
+"""From branch to branch, with a certificate at the end."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from harness.quadratic_program import QuadraticProgram
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import at_origin, ipopt, ralph1, scholtes4, sides, trap
+from scipy.optimize import linprog
+
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Certificate
+from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
+from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.lpec import steepest_piece
+from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
+from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify
+
+needs_ipopt = pytest.mark.casadi
+
+
+@needs_ipopt
+@pytest.mark.parametrize("make", [ralph1, scholtes4])
+def test_b_stationary_points_that_are_not_strongly_stationary_are_certified(make):
+    program = make()
+    search = ActiveSetSearch(program, ipopt)
+    found = search.descend(search.polish(at_origin(program)))
+    assert search.certificate is Certificate.PROVEN
+    assert found.objective == pytest.approx(0.0, abs=1e-7)
+    kind = classify(MultiplierProblem(program, Linearisation.at(program.nlp, np.zeros(3)))).kind
+    assert kind is Stationarity.M
+
+
+@needs_ipopt
+def test_an_m_stationary_point_that_is_not_b_is_left_along_the_descent_piece():
+    program = trap()
+    wrong = Branch(np.array([False]), np.array([True]))  # y held at zero: x^2 + 1 is least at the origin
+    search = ActiveSetSearch(program, ipopt)
+    found = search.descend(at_origin(program, wrong))
+    assert search.certificate is Certificate.PROVEN
+    np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-6)
+
+
+@needs_ipopt
+def test_a_polished_point_is_exactly_complementary():
+    program = trap()
+    near = at_origin(program)
+    near = type(near)(np.array([1e-4, 0.9999]), 1.0, 0.0, 1e-4, *near.multipliers)
+    found = ActiveSetSearch(program, ipopt).polish(near)
+    assert found.natural_residual == 0.0
+    np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-6)
+
+
+def test_a_polish_that_ends_badly_is_not_kept():
+    program = trap()
+    start = at_origin(program, nearest_branch(program, np.zeros(2)))
+
+    def fails(nlp, start):
+        outcome = ipopt(nlp, start)
+        return type(outcome)(**{**vars(outcome), "x": np.array([0.0, 7.0])})
+
+    assert ActiveSetSearch(program, fails).polish(start) is start
+
+
+@given(data=st.data())
+@settings(max_examples=60)
+def test_the_linear_program_agrees_with_the_enumeration_of_branches(data):
+    """With k pairs and random rows through the origin: the least of 2^k linear programs."""
+    k = data.draw(st.integers(1, 3))
+    numbers = st.integers(-3, 3).map(float)
+    c = np.array(data.draw(st.lists(numbers, min_size=2 * k, max_size=2 * k)))
+    A = np.array([data.draw(st.lists(numbers, min_size=2 * k, max_size=2 * k)) for _ in range(2)])
+    nlp = QuadraticProgram(c, A=A, g_upper=[0.0, 0.5], x_lower=np.zeros(2 * k))
+    program = ComplementarityProgram(nlp, sides(np.arange(k)), sides(k + np.arange(k)))
+    found = steepest_piece(program, Linearisation.at(nlp, np.zeros(2 * k)), radius=0.1)
+    best = 0.0
+    for choice in itertools.product([True, False], repeat=k):
+        zero = np.concatenate([choice, np.logical_not(choice)])
+        bounds = [(0.0, 0.0 if each else 0.1) for each in zero]
+        best = min(best, linprog(c, A_ub=A, b_ub=[0.0, 0.5], bounds=bounds).fun)
+    assert found.proven
+    assert found.decrease * 0.1 == pytest.approx(-best, abs=1e-7)
+    np.testing.assert_allclose(np.minimum(found.step[:k], found.step[k:]), 0.0, atol=1e-7)
+
+
+def test_a_side_that_is_a_number_decides_its_pair():
+    """One positive: the other is zero. Zero: the other stays free."""
+    numbers = Sides(np.array([-1, -1, 0]), np.ones(3), np.array([2.0, 0.0, 0.0]))
+    variables = sides([1, 2, 3])
+    program = ComplementarityProgram(QuadraticProgram(np.zeros(4)), numbers, variables)
+    for wanted in ([True, True, True], [False, False, True]):
+        branch = branch_with(program, np.array(wanted))
+        assert branch.a_zero.tolist() == [False, True, True]
+        assert branch.b_zero.tolist() == [True, False, False]
+    nlp = restricted(program, branch)
+    assert (nlp.x_lower == nlp.x_upper).tolist() == [True, True, False, False]
