@@ -1,16 +1,18 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
+from .canonical import CanonicalForm, CanonicalPair, Part
 from .component import Complementarity, ComplementarityData
+from .forms import form_of
 from .grouping import Grouping, PerElement, PerPair
-from .pairs import CanonicalPair, active_pairs, canonical_pair
+from .pairs import active_pairs, canonical_form, canonical_pair
 from .relaxations import ObjectiveTerm, Penalty, Relaxation, Scholtes
-from .residuals import PairResidual, pair_residuals
+from .residuals import PairResidual, pair_residuals, side_values
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule
-from .sides import canonical_side
 from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
 
 __all__ = [
+    "CanonicalForm",
     "CanonicalPair",
     "Complementarity",
     "ComplementarityData",
@@ -21,6 +23,7 @@ __all__ = [
     "Grouping",
     "ObjectiveTerm",
     "PairResidual",
+    "Part",
     "Penalty",
     "PerElement",
     "PerPair",
@@ -30,8 +33,10 @@ __all__ = [
     "Schedule",
     "Scholtes",
     "active_pairs",
+    "canonical_form",
     "canonical_pair",
-    "canonical_side",
     "complements",
+    "form_of",
     "pair_residuals",
+    "side_values",
 ]

@@ -10,7 +10,8 @@ from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
-from .pairs import BLOCK_TYPES, CanonicalPair
+from .canonical import CanonicalForm, CanonicalPair
+from .pairs import BLOCK_TYPES
 
 BLOCK_NAME = "relaxed_complementarity"
 
@@ -47,8 +48,8 @@ class Record(AutoSlots.Mixin):
         From the model, and from each disjunct with pairs of its own, to the generated block there.
     groups : dict
         From the group's name to its pairs and its row.
-    pairs, side_rows, group_names : ComponentMap
-        From the pair's source to its canonical form, to the rows that enforce its sides, to its group.
+    forms, side_rows, group_names : ComponentMap
+        From the statement to its canonical form, to the rows that enforce its sides, to the groups of its pairs.
     sources : ComponentMap
         From each generated row to the sources of its pairs.
     """
@@ -56,6 +57,7 @@ class Record(AutoSlots.Mixin):
     __slots__ = (
         "applications",
         "blocks",
+        "forms",
         "group_names",
         "grouping",
         "groups",
@@ -63,7 +65,6 @@ class Record(AutoSlots.Mixin):
         "next_application",
         "next_positions",
         "objective",
-        "pairs",
         "relaxation",
         "side_rows",
         "sources",
@@ -77,12 +78,18 @@ class Record(AutoSlots.Mixin):
         self.applications: dict[int, Application] = {}
         self.groups: dict[str, Group] = {}
         self.blocks = ComponentMap()
+        self.forms = ComponentMap()
         self.group_names = ComponentMap()
-        self.pairs = ComponentMap()
         self.side_rows = ComponentMap()
         self.sources = ComponentMap()
         self.next_application = 0
         self.next_positions: dict[str, int] = {}
+
+    @property
+    def pairs(self) -> list[CanonicalPair]:
+        """All relaxed pairs; a range has two, an equality none."""
+        forms: Iterator[CanonicalForm] = self.forms.values()
+        return [pair for form in forms for pair in form.pairs]
 
     def take_position(self, component: str) -> int:
         """Return an index that no row of this component had before, also not one that was taken away."""

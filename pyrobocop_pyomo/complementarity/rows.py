@@ -11,8 +11,9 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .pairs import CanonicalPair
+from .canonical import CanonicalForm, CanonicalPair, Part
 from .record import BLOCK_NAME, Group, Record, record_of
+from .relaxations import Scholtes
 
 
 def new_record(delta: float, relaxation: Any, grouping: Any, objective: Any) -> Record:
@@ -28,45 +29,52 @@ def new_record(delta: float, relaxation: Any, grouping: Any, objective: Any) -> 
     return record
 
 
-def add_pairs(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> None:
-    """Add rows (or the objective's terms) for the pairs.
+def add_forms(record: Record, model: Any, forms: Sequence[CanonicalForm]) -> None:
+    """Add rows (or the objective's terms) for the pairs of statements, and the rows that they need beside them.
 
     Whatever can fail is computed before the first component of the model is touched.
     """
-    groups = _planned(record, model, pairs)
-    objective = _charged(record, [*record.pairs.values(), *pairs]) if record.objective is not None else None
-    sides = [(pair, row) for pair in pairs for row in (pair.a_row, pair.b_row) if row is not None]
+    pairs = [pair for form in forms for pair in form.pairs]
+    homes = _homes(model, forms)
+    groups = _planned(record, model, pairs, homes)
+    objective = _charged(record, [*record.pairs, *pairs]) if record.objective is not None else None
 
-    fresh = _blocks_for(record, model, [group.home for _, group, _ in groups])
+    fresh = _blocks_for(record, model, list(homes.values()))
+    for form in forms:
+        record.forms[form.source] = form
+        record.side_rows[form.source] = []
+        record.group_names[form.source] = []
     for name, group, expression in groups:
         _set_row(record, name, group, expression)
-    homes = {id(pair): group.home for _, group, _ in groups for pair in group.pairs}
-    for pair in pairs:
-        record.pairs[pair.source] = pair
-        record.side_rows[pair.source] = []
-    for pair, expression in sides:
-        block = record.blocks[homes[id(pair)]]
-        position = record.take_position("sides")
-        block.sides[position] = expression
-        row = block.sides[position]
-        record.side_rows[pair.source].append(row)
-        record.sources[row] = [pair.source]
+    for form in forms:
+        block = record.blocks[homes[id(form.source)]]
+        for expression in _side_rows(form):
+            position = record.take_position("sides")
+            block.sides[position] = expression
+            row = block.sides[position]
+            record.side_rows[form.source].append(row)
+            record.sources[row] = [form.source]
     if objective is not None:
         _set_objective(record, objective)
     for home, block in fresh:
         home.add_component(unique_component_name(home, BLOCK_NAME), block)
 
 
-def remove_pairs(record: Record, sources: Sequence[Any]) -> None:
-    """Take the rows of these pairs away; where nothing is left, everything generated goes."""
+def _side_rows(form: CanonicalForm) -> list[Any]:
+    rows = [row for pair in form.pairs for row in (pair.a_row, pair.b_row)]
+    return [row for row in (*rows, *form.rows) if row is not None]
+
+
+def remove_forms(record: Record, sources: Sequence[Any]) -> None:
+    """Take the rows of these statements away; where nothing is left, everything generated goes."""
     gone = {id(source) for source in sources}
-    if len(gone) == len(record.pairs):
+    if len(gone) == len(record.forms):
         for block in record.blocks.values():
             block.parent_block().del_component(block)
         if record.objective is not None:
             record.objective.activate()
         return
-    for name in dict.fromkeys(record.group_names[source] for source in sources):
+    for name in dict.fromkeys(name for source in sources for name in record.group_names[source]):
         group = record.groups[name]
         group.pairs = [pair for pair in group.pairs if id(pair.source) not in gone]
         if group.pairs:
@@ -77,21 +85,31 @@ def remove_pairs(record: Record, sources: Sequence[Any]) -> None:
     for source in sources:
         for row in record.side_rows[source]:
             _delete_row(record, row)
-        for known in (record.side_rows, record.pairs, record.group_names):
+        for known in (record.side_rows, record.forms, record.group_names):
             del known[source]
     if record.objective is not None:
-        _set_objective(record, _charged(record, record.pairs.values()))
+        _set_objective(record, _charged(record, record.pairs))
 
 
-def _planned(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> list[tuple[str, Group, Any]]:
+def _homes(model: Any, forms: Iterable[CanonicalForm]) -> dict[int, Any]:
+    """From the id of each statement to the block that its rows belong on."""
+    found: dict[int, Any] = {}
+    by_parent: dict[int, Any] = {}
+    for form in forms:
+        parent = form.source.parent_block()
+        if id(parent) not in by_parent:
+            by_parent[id(parent)] = _home(parent, model)
+        found[id(form.source)] = by_parent[id(parent)]
+    return found
+
+
+def _planned(
+    record: Record, model: Any, pairs: Sequence[CanonicalPair], homes: dict[int, Any]
+) -> list[tuple[str, Group, Any]]:
     """Say which group changes or appears, and what its row will be."""
     by_home: dict[int, tuple[Any, list[CanonicalPair]]] = {}
-    homes: dict[int, Any] = {}
     for pair in pairs:
-        parent = pair.source.parent_block()
-        home = homes.get(id(parent))
-        if home is None:
-            home = homes[id(parent)] = _home(parent, model)
+        home = homes[id(pair.source)]
         by_home.setdefault(id(home), (home, []))[1].append(pair)
     planned = []
     for home, members in by_home.values():
@@ -128,8 +146,11 @@ def _home(block: Any, model: Any) -> Any:
 
 def _row(record: Record, name: str, pairs: Sequence[CanonicalPair]) -> Any:
     relaxation, delta = record.relaxation, record.main.delta
+    _refuse_parts(relaxation, name, pairs)
     if record.objective is not None:
         return None
+    if pairs[0].b_part is not Part.WHOLE:
+        return pairs[0].product <= delta
     shift = relaxation.shift(delta)
     if shift is not None:
         # The shift is the row's bound and not a term of its body: the body stays a plain product, which is
@@ -143,6 +164,18 @@ def _row(record: Record, name: str, pairs: Sequence[CanonicalPair]) -> Any:
             "one delta. Use grouping='pair'."
         )
     return relaxation.residual(pairs[0].a, pairs[0].b, delta) <= 0
+
+
+def _refuse_parts(relaxation: Any, name: str, pairs: Sequence[CanonicalPair]) -> None:
+    """Refuse what would misread ``(F - l) * H <= delta``, which is negative where H is, and not zero."""
+    part = next((pair for pair in pairs if pair.b_part is not Part.WHOLE), None)
+    if part is None or (len(pairs) == 1 and isinstance(relaxation, Scholtes)):
+        return
+    why = f"under {relaxation}" if len(pairs) == 1 else f"in a sum of {len(pairs)} products, '{name}'"
+    raise ComplementarityError(
+        f"'{part.source.name}': is a range whose free side takes both signs; {why} its products would cancel "
+        "others or reward a violation. Use relaxation='scholtes' with grouping='pair'."
+    )
 
 
 def _blocks_for(record: Record, model: Any, homes: Sequence[Any]) -> list[tuple[Any, Any]]:
@@ -172,7 +205,8 @@ def _set_row(record: Record, name: str, group: Group, expression: Any) -> None:
             group.row.set_value(expression)
         record.sources[group.row] = [pair.source for pair in group.pairs]
     for pair in group.pairs:
-        record.group_names[pair.source] = name
+        if name not in record.group_names[pair.source]:
+            record.group_names[pair.source].append(name)
 
 
 def _delete_row(record: Record, row: Any) -> None:
