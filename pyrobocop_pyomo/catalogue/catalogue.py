@@ -8,9 +8,14 @@ from . import (
     academic,
     bilevel_linear,
     bilevel_quadratic,
+    contact,
     degenerate,
     equilibrium,
+    forms,
     generated,
+    infeasible,
+    mixed,
+    obstacle,
 )
 from .entries import MpccProblem
 
@@ -21,6 +26,11 @@ _FAMILIES = (
     bilevel_quadratic,
     generated,
     equilibrium,
+    forms,
+    contact,
+    obstacle,
+    mixed,
+    infeasible,
 )
 
 

@@ -33,7 +33,9 @@ def _data(leader: int, followers: int, seed: int) -> tuple[Any, ...]:
 
 
 def _affine(matrix: Any, variables: Any, rest: Any) -> list[Any]:
-    return [sum(float(c) * v for c, v in zip(row, variables, strict=True)) + r for row, r in zip(matrix, rest, strict=True)]
+    return [
+        sum(float(c) * v for c, v in zip(row, variables, strict=True)) + r for row, r in zip(matrix, rest, strict=True)
+    ]
 
 
 def _frame(leader: int, followers: int, seed: int) -> tuple[Any, ...]:
@@ -41,7 +43,7 @@ def _frame(leader: int, followers: int, seed: int) -> tuple[Any, ...]:
     model = pyo.ConcreteModel()
     model.x = pyo.Var(range(leader), bounds=(0, 2), initialize=1)
     model.y = pyo.Var(range(followers), bounds=(0, None), initialize=1)
-    leading = _affine(n, list(model.x.values()), q)
+    leading = _affine(n, list(model.x.values()), [float(number) for number in q])
     sides = _affine(m, list(model.y.values()), leading)
     state_pairs(model, [(model.y[i], side) for i, side in enumerate(sides)])
     return model, random, sides, x, y, (n, m, w)
@@ -88,8 +90,13 @@ QPEC = frozenset({"quadratic", "convex", "generated", "biactive"})
 PLANTED = ((2, 4, 1), (4, 8, 2), (8, 30, 3), (20, 100, 4), (30, 300, 5))
 ALIGNED = ((3, 6, 11), (5, 15, 12), (10, 60, 13), (20, 150, 14))
 # (leader, followers, seed): best value, found by branch and bound over the pairs
-CROSSED = {(2, 4, 21): 0.0, (3, 6, 22): 0.0, (4, 8, 23): 0.0, (5, 10, 24): 0.0, (4, 12, 25): 0.0}
-CROSSED_LINEAR = {(2, 4, 31): 0.0, (3, 6, 32): 0.0, (4, 8, 33): 0.0, (5, 10, 34): 0.0, (4, 12, 35): 0.0}
+CROSSED = {(2, 4, 21): 1.60035282, (3, 6, 22): 1.29574483, (4, 8, 23): 1.52510585, (5, 10, 24): 0.909237303, (4, 12, 25): 1.70441245}
+CROSSED_LINEAR = {(2, 4, 31): -1.06488621, (3, 6, 32): -2.28160546, (4, 8, 33): -2.60997093, (5, 10, 34): -0.630588334, (4, 12, 35): -8.56462164}
+
+
+def _point(leader: int, followers: int, seed: int) -> dict[str, float]:
+    _, _, _, _, x, y, _ = _data(leader, followers, seed)
+    return {f"{name}[{i}]": float(v) for name, values in (("x", x), ("y", y)) for i, v in enumerate(values)}
 
 
 def _size(followers: int) -> frozenset[str]:
@@ -99,12 +106,14 @@ def _size(followers: int) -> frozenset[str]:
 PROBLEMS = (
     *(
         MpccProblem(f"planted qpec {n}x{k}", partial(_planted, n, k, seed), 0.0, tags=QPEC | _size(k),
-                    source=JIANG_RALPH, notes="A third of the pairs is biactive at the solution; the cost is zero there.")
+                    source=JIANG_RALPH, answer=_point(n, k, seed),
+                    notes="A third of the pairs is biactive at the solution; the cost is zero there.")
         for n, k, seed in PLANTED
     ),
     *(
         MpccProblem(f"aligned qpec {n}x{k}", partial(_aligned, n, k, seed), 0.0, tags=QPEC | _size(k),
-                    source=JIANG_RALPH, notes="S-stationary with a third of the pairs biactive; all multipliers positive.")
+                    source=JIANG_RALPH, answer=_point(n, k, seed),
+                    notes="S-stationary with a third of the pairs biactive; all multipliers positive.")
         for n, k, seed in ALIGNED
     ),
     *(

@@ -8,6 +8,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 from pyomo.core.expr import EqualityExpression
+from pyomo.core.expr.relational_expr import RelationalExpression
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
@@ -103,7 +104,7 @@ def _side(side: Any, choice: str | None) -> tuple[float, Any, float]:
         body = side
         if choice is not None:
             low, high = (low, None) if choice == "lower" else (None, high)
-    elif getattr(side, "is_relational", bool)():
+    elif isinstance(side, RelationalExpression):
         low, body, high = _relation(list(side.args), isinstance(side, EqualityExpression))
     else:
         low, body, high = None, side, None
