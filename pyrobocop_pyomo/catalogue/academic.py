@@ -151,5 +151,5 @@ PROBLEMS = (
     MpccProblem("disk", _disk, -4.0, source="by inspection: (0, 2)", tags=ACADEMIC, answer={"x": 0, "y": 2}),
     MpccProblem("stable set", _three_in_a_row, -5.0, source="by inspection: x2 = x4 = 1",
                 tags=ACADEMIC | {"linear"}, answer={"x[1]": 0, "x[2]": 1, "x[3]": 0, "x[4]": 1},
-                notes="The inner variables are in two pairs each. x1 and x3, or x1 and x4, make a local solution with -4."),
+                notes="The inner variables are in two pairs each; x1 and x3, or x1 and x4, are worth -4."),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from .stating import state_follower, state_pairs
 
 BILEVEL = frozenset({"bilevel"})
 CONVEX = frozenset({"bilevel", "convex"})
-MUU_QUY = "Muu & Quy, Acta Math. Vietnamica / Vietnam J. Math. (2003), examples of a global method for bilevel programs"
+MUU_QUY = "Muu & Quy, J. Global Optim. 26 (2003) 199-219"
 
 
 def _scalars(start: float, upper: float | None = None) -> tuple[Any, Any, Any]:
@@ -181,7 +181,7 @@ def _stackelberg1() -> Any:
 PROBLEMS = (
     MpccProblem("bard1", _bard1, 17.0, tags=CONVEX, source=MACMPEC.format("bard1m"), answer={"x": 1, "y": 0}),
     MpccProblem("bard2", _bard2, 6600.0, tags=CONVEX | {"maximise"}, source=MACMPEC.format("bard2m"),
-                notes="MacMPEC gives 6598."),
+                notes="Bounds of the followers are in their conditions, the upper ones included."),
     MpccProblem("bard3", _bard3, -12.678711, tags=BILEVEL, source=MACMPEC.format("bard3")),
     MpccProblem("bilevel1", _bilevel1, 0.0, tags=CONVEX, source=MACMPEC.format("bilevel1"),
                 notes="(25, 30, 5, 10) with cost 5 is a well-known local solution."),

@@ -45,9 +45,7 @@ def _sliding_step() -> Any:
     m.right, m.left = pyo.Var(bounds=(0, None), initialize=0), pyo.Var(bounds=(0, None), initialize=0)
     m.speed = pyo.Var(bounds=(0, None), initialize=0)
     m.motion = pyo.Constraint(expr=m.v == 3 + 0.1 * (m.push + m.right - m.left))
-    state_pairs(
-        m, [(m.right, m.speed + m.v), (m.left, m.speed - m.v), (m.speed, 8 - m.right - m.left)]
-    )
+    state_pairs(m, [(m.right, m.speed + m.v), (m.left, m.speed - m.v), (m.speed, 8 - m.right - m.left)])
     m.cost = pyo.Objective(expr=10 * (m.v - 1) ** 2 + 0.01 * m.push**2)
     return m
 
@@ -88,18 +86,18 @@ def _four_point_foot() -> Any:
     """A foot on four unilateral springs carries a load; where to put it so that one given corner bears nothing?"""
     m = pyo.ConcreteModel()
     corners = {1: (1, 1), 2: (-1, 1), 3: (-1, -1), 4: (1, -1)}
-    m.load = pyo.Var(["x", "y"], bounds=(-0.9, 0.9), initialize=0)
+    m.pull = pyo.Var(["x", "y"], bounds=(-0.9, 0.9), initialize=0)
     m.pose = pyo.Var(["z", "roll", "pitch"], initialize=0)
     m.force = pyo.Var(corners, bounds=(0, None), initialize=1)
     for name, weights, total in (
         ("vertical", dict.fromkeys(corners, 1), 4.0),
-        ("about_y", {i: c[0] for i, c in corners.items()}, 4.0 * m.load["x"]),
-        ("about_x", {i: c[1] for i, c in corners.items()}, 4.0 * m.load["y"]),
+        ("about_y", {i: c[0] for i, c in corners.items()}, 4.0 * m.pull["x"]),
+        ("about_x", {i: c[1] for i, c in corners.items()}, 4.0 * m.pull["y"]),
     ):
         m.add_component(name, pyo.Constraint(expr=sum(w * m.force[i] for i, w in weights.items()) == total))
     depth = {i: m.pose["z"] + c[0] * m.pose["roll"] + c[1] * m.pose["pitch"] for i, c in corners.items()}
     state_pairs(m, [(m.force[i], 0.5 * m.force[i] - depth[i]) for i in corners])
-    m.cost = pyo.Objective(expr=m.force[3] ** 2 + 0.1 * m.load["x"] ** 2 + 0.1 * (m.load["y"] - 0.1) ** 2)
+    m.cost = pyo.Objective(expr=m.force[3] ** 2 + 0.1 * m.pull["x"] ** 2 + 0.1 * (m.pull["y"] - 0.1) ** 2)
     return m
 
 
@@ -117,11 +115,11 @@ def _outrata_like() -> Any:
 
 
 PROBLEMS = (
-    MpccProblem("gripper", _gripper, 0.0, tags=CONVEX, source=OWN),
-    MpccProblem("sliding step", _sliding_step, 0.0, tags=CONVEX, source=f"{OWN}; {STEWART}"),
-    MpccProblem("bouncing mass", _bouncing_mass, 0.0, tags=CONVEX, source=f"{OWN}; {STEWART}"),
-    MpccProblem("blocks in a row", _stack, 0.0, tags=CONVEX, source=OWN),
-    MpccProblem("four-point foot", _four_point_foot, 0.0, tags=CONVEX, source=OWN),
+    MpccProblem("gripper", _gripper, 3.92, tags=CONVEX, source=OWN),
+    MpccProblem("sliding step", _sliding_step, 1.3090909, tags=CONVEX, source=f"{OWN}; {STEWART}"),
+    MpccProblem("bouncing mass", _bouncing_mass, 0.205176941, tags=CONVEX, source=f"{OWN}; {STEWART}"),
+    MpccProblem("blocks in a row", _stack, 0.03710425, tags=CONVEX, source=OWN),
+    MpccProblem("four-point foot", _four_point_foot, 27 / 700, tags=CONVEX, source=OWN),
     MpccProblem("outrata31", _outrata_like, 3.2077, tags=CONTACT, source="MacMPEC (S. Leyffer), outrata31; Outrata, "
-                "SIAM J. Optim. 4 (1994), doi:10.1137/0804019"),
+                "SIAM J. Optim. 4 (1994), doi:10.1137/0804019", notes="The state's two equations are rows here."),
 )  # fmt: skip

@@ -76,7 +76,7 @@ def _flat_side() -> Any:
 
 def _dempe() -> Any:
     m = pyo.ConcreteModel()
-    m.x, m.z = pyo.Var(initialize=1), pyo.Var(initialize=1)
+    m.x, m.z = pyo.Var(initialize=1), pyo.Var(initialize=0.5)
     m.w = pyo.Var(bounds=(0, None), initialize=1)
     m.cost = pyo.Objective(expr=(m.x - 3.5) ** 2 + (m.z + 4) ** 2)
     m.stationary = pyo.Constraint(expr=m.z - 3 + 2 * m.z * m.w == 0)
@@ -139,8 +139,9 @@ def _kojima_shindo() -> Any:
 
 
 PROBLEMS = (
-    MpccProblem("ralph1", _ralph1, 0.0, source=MACMPEC.format("ralph1"), tags=DEGENERATE | {"convex", "linear", "b-not-s"},
-                answer={"x": 0, "y": 0}, notes="B-stationary but not S: the product form has no multipliers."),
+    MpccProblem("ralph1", _ralph1, 0.0, source=MACMPEC.format("ralph1"), answer={"x": 0, "y": 0},
+                tags=DEGENERATE | {"convex", "linear", "b-not-s"},
+                notes="B-stationary but not S: the product form has no multipliers."),
     MpccProblem("ralph2", _ralph2, 0.0, source=MACMPEC.format("ralph2"), tags=DEGENERATE, answer={"x": 0, "y": 0},
                 notes="Not convex, but strongly convex on each axis; the product form is unbounded for x y > 0."),
     MpccProblem("scholtes4", _scholtes4, 0.0, source=f"{MACMPEC.format('scholtes4')}; Scheel & Scholtes, "
@@ -160,9 +161,10 @@ PROBLEMS = (
     MpccProblem("flat side", _flat_side, 0.01, tags=DEGENERATE - {"biactive"}, answer={"x": 1, "y": 0},
                 source="by inspection", notes="The gradient of y^2 vanishes at the solution."),
     MpccProblem("dempe", _dempe, 28.25, source=MACMPEC.format("dempe"), tags=DEGENERATE | {"not attained"},
-                notes="An infimum: z tends to 0 and the multiplier w to infinity; reached to any accuracy."),
+                notes="An infimum: z tends to 0 and the multiplier w to infinity; reached to any accuracy. z = 1 is "
+                "an inflection of the cost along the boundary, and stationary."),
     MpccProblem("only the corner", _only_the_corner, 0.0, tags=DEGENERATE | {"convex", "linear"},
-                answer={"x": 0, "y": 0}, source="by inspection", notes="One feasible point, no interior in any branch."),
+                answer={"x": 0, "y": 0}, source="by inspection", notes="One feasible point, hence no interior."),
     MpccProblem("two corners", _two_corners, 0.6875, tags=DEGENERATE - {"biactive"}, source="enumerated by hand",
                 notes="x1 pays only together with x3: 0.25 - 0.5 x3 + (x3 - 1)^2 + 1 at x3 = 1.25."),
     MpccProblem("redundant rows", _redundant_rows, 0.5, tags=DEGENERATE - {"biactive"} | {"convex"},

@@ -164,19 +164,25 @@ PROBLEMS = (
     *(
         MpccProblem(f"oligopoly {gamma}, {capacity:g}", partial(_oligopoly, gamma, capacity), best, tags=EQUILIBRIUM,
                     source=MURPHY, notes="Firm 1 leads; fractional powers, bounds of the followers in the pairs.")
-        for gamma, capacity, best in ((1.0, 150.0, 0.0), (1.0, 20.0, 0.0), (1.1, 60.0, 0.0), (1.3, 30.0, 0.0))
+        for gamma, capacity, best in (
+            (1.0, 150.0, -343.345262),
+            (1.0, 20.0, -765.365809),
+            (1.1, 60.0, -203.155074),
+            (1.3, 30.0, -80.7859718),
+        )
     ),
-    MpccProblem("toll road", _toll, 0.0, tags=EQUILIBRIUM | {"maximise"}, source="written for this catalogue"),
-    MpccProblem("braess", _braess, 0.0, tags=EQUILIBRIUM | {"convex", "linear"},
+    MpccProblem("toll road", _toll, 3.0, tags=EQUILIBRIUM | {"maximise"}, source="written for this catalogue"),
+    MpccProblem("braess", _braess, 498.0, tags=EQUILIBRIUM | {"convex", "linear"},
                 source="Braess, Unternehmensforschung 12 (1968), doi:10.1007/BF01918335"),
-    MpccProblem("network design", _network_design, 0.0, tags=EQUILIBRIUM, source="written for this catalogue; kind: "
-                "Marcotte, Math. Programming 34 (1986), doi:10.1007/BF01580580"),
-    MpccProblem("electricity, two nodes", _two_node_electricity, 0.0, tags=EQUILIBRIUM | {"maximise"},
+    MpccProblem("network design", _network_design, 119.789327, tags=EQUILIBRIUM,
+                source="own; kind: Marcotte, Math. Programming 34 (1986), doi:10.1007/BF01580580"),
+    MpccProblem("electricity, two nodes", _two_node_electricity, 1210.0, tags=EQUILIBRIUM | {"maximise"},
                 source="written for this catalogue; kind: Hobbs, Metzler & Pang, IEEE Trans. Power Systems 15 (2000), "
                 "doi:10.1109/59.867153"),
-    MpccProblem("spatial prices", _spatial_price, 0.0, tags=EQUILIBRIUM | {"convex"},
+    MpccProblem("spatial prices", _spatial_price, 32 / 3, tags=EQUILIBRIUM | {"convex"},
                 source="written for this catalogue"),
     MpccProblem("nash1", _nash1, 0.0, tags=EQUILIBRIUM, source="MacMPEC (S. Leyffer), problem nash1; Harker, "
                 "European J. Oper. Res. 54 (1991), doi:10.1016/0377-2217(91)90325-P"),
-    MpccProblem("three customers", _ration, 0.0, tags=EQUILIBRIUM | {"maximise"}, source="written for this catalogue"),
+    MpccProblem("three customers", _ration, 105.125, tags=EQUILIBRIUM | {"maximise"},
+                source="written for this catalogue"),
 )  # fmt: skip

@@ -97,7 +97,8 @@ def _median() -> Any:
 
 PROBLEMS = (
     MpccProblem("projection on a box", _box_projection, 0.5, tags=CONVEX, source="written for this catalogue"),
-    MpccProblem("saturated controller", _saturated_controller, 12.2313934, tags=MIXED, source="written for this catalogue"),
+    MpccProblem("saturated controller", _saturated_controller, 12.2313934, tags=MIXED,
+                source="written for this catalogue"),
     MpccProblem("coulomb friction", _coulomb, 25 / 41, tags=CONVEX, source="written for this catalogue"),
     MpccProblem("range against a sign", _range_against_sign, 2.0, tags=CONVEX, source="by inspection",
                 answer={"x": 3, "y": 0}),

@@ -81,7 +81,7 @@ class Branching:
             results.solution_loader.load_vars()
         except Exception:  # no point at all: too few degrees of freedom, proven infeasible
             return math.inf
-        point = judge(self.model, [])
+        point = judge(self.model)  # of the rows that are active in this node
         return self.sign * point.objective if point.violation <= FEASIBLE else math.inf
 
     def values(self) -> list[float | None]:
@@ -102,7 +102,7 @@ def enumerate_branches(model: Any, starts: int = 3, spread: float = 1.0, seed: i
     return branching.sign * best, branching.solves
 
 
-def branch_and_bound(model: Any, limit: int = 4000, gap: float = 1e-7) -> tuple[float, int]:
+def branch_and_bound(model: Any, limit: int = 4000, gap: float = 1e-6) -> tuple[float, int]:
     """Exact for problems whose nodes are all convex; (best objective, number of solves).
 
     Raises
@@ -124,12 +124,23 @@ def branch_and_bound(model: Any, limit: int = 4000, gap: float = 1e-7) -> tuple[
             continue
         undecided = [i for i in range(len(branching.pairs)) if i not in decided]
         worst = max(undecided, key=lambda i: branching.pairs[i].natural(), default=None)
-        if worst is None or branching.pairs[worst].natural() <= 1e-7:
+        violated = 0.0 if worst is None else branching.pairs[worst].natural()
+        if violated <= 1e-7:
             best = objective
             continue
         children = [(objective, {**decided, worst: branch}) for branch in range(len(branching.choices[worst]))]
         waiting += _nearest_last(branching, worst, children)
+        if violated <= 1e-3:  # almost complementary: the branch that it is nearest to bounds the rest
+            nearest = {
+                i: _nearest_last(branching, i, [(0.0, {i: b}) for b in _branches(branching, i)])[-1][1][i]
+                for i in range(len(branching.pairs))
+            }
+            best = min(best, branching.solve(nearest))
     return branching.sign * best, branching.solves
+
+
+def _branches(branching: Branching, pair: int) -> range:
+    return range(len(branching.choices[pair]))
 
 
 def _nearest_last(branching: Branching, pair: int, children: Iterable[Any]) -> list[Any]:

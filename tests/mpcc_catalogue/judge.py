@@ -148,27 +148,47 @@ class Point:
         return gap <= tolerance * max(1.0, abs(best))
 
 
-def judge(model: Any, pairs: list[ReadPair] | None = None) -> Point:
-    """Evaluate the point on a model; a value that is missing or not finite makes it infinitely bad."""
-    pairs = read_pairs(model) if pairs is None else pairs
-    try:
-        worst = [
-            _outside(row.lb, pyo.value(row.body), row.ub)
-            for row in model.component_data_objects(pyo.Constraint, active=True)
-        ]
-        worst += [_outside(v.lb, v.value, v.ub) for v in model.component_data_objects(pyo.Var) if v.value is not None]
-        for pair in pairs:
-            worst += [_outside(low, pyo.value(body), high) for low, body, high in pair.hull()]
-        naturals = [pair.natural() for pair in pairs]
-        products = [pair.product() for pair in pairs]
-        objectives = [pyo.value(o) for o in model.component_data_objects(pyo.Objective, active=True)]
-    except (ValueError, ZeroDivisionError, OverflowError, TypeError):
-        return Point(math.inf, math.inf, math.inf, math.inf)
-    numbers = [objectives[0] if objectives else 0.0, max(worst, default=0.0)]
-    numbers += [max(products, default=0.0), max(naturals, default=0.0)]
-    if not all(map(math.isfinite, [*numbers, *worst, *naturals])):
-        return Point(math.inf, math.inf, math.inf, math.inf)
-    return Point(*numbers)
+class Judge:
+    """Remembers the statement of a model, so that what a method adds to the model does not count.
+
+    Parameters
+    ----------
+    model : ConcreteModel
+        Before any method has touched it.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self.pairs = read_pairs(model)
+        self.maximise = maximises(model)
+        objectives = model.component_data_objects(pyo.Objective, active=True)
+        self._objective = next((each.expr for each in objectives), 0.0)
+        self._ranges = [(row.lb, row.body, row.ub) for row in model.component_data_objects(pyo.Constraint, active=True)]
+        self._ranges += [(v.lb, v, v.ub) for v in model.component_data_objects(pyo.Var)]
+        self._ranges += [piece for pair in self.pairs for piece in pair.hull()]
+
+    def point(self) -> Point:
+        """Evaluate the point on the model; a value that is not finite makes it infinitely bad."""
+        try:
+            worst = [_outside(low, _number(body), high) for low, body, high in self._ranges]
+            numbers = [_number(self._objective), max(worst, default=0.0)]
+            numbers.append(max((pair.product() for pair in self.pairs), default=0.0))
+            numbers.append(max((pair.natural() for pair in self.pairs), default=0.0))
+        except (ValueError, ZeroDivisionError, OverflowError, TypeError):
+            return Point(math.inf, math.inf, math.inf, math.inf)
+        if not all(map(math.isfinite, [*numbers, *worst])):
+            return Point(math.inf, math.inf, math.inf, math.inf)
+        return Point(*map(float, numbers))
+
+
+def judge(model: Any) -> Point:
+    """Evaluate the point on a model that no method has touched."""
+    return Judge(model).point()
+
+
+def _number(expression: Any) -> float:
+    if getattr(expression, "is_variable_type", bool)() and expression.value is None:
+        return 0.0  # a variable without a value is in no row and no cost: the solvers leave it out
+    return float(pyo.value(expression))
 
 
 def _outside(low: float | None, number: float, high: float | None) -> float:
