@@ -18,7 +18,7 @@ pytestmark = pytest.mark.casadi
 
 # Bounded from below by the problem without complementarity, and reached by the point that was planted.
 PLANTED = ("planted qpec", "aligned qpec", "membrane")
-LONG = {"bard2", "string over a floor 31", "packaging 5", "electricity, two nodes", "saturated controller"}
+LONG = {"string over a floor 31", "electricity, two nodes", "saturated controller"}
 
 
 def how(problem: MpccProblem) -> str:
