@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pyomo.environ as pyo
 import pytest
 from scipy.optimize import brentq, minimize_scalar
 
@@ -56,6 +57,28 @@ def test_branch_and_bound_finds_the_best_value(problem: MpccProblem) -> None:
 @pytest.mark.parametrize("problem", problems("branches"))
 def test_no_branch_from_any_start_is_better_and_one_is_as_good(problem: MpccProblem) -> None:
     found, _ = enumerate_branches(problem.build())
+    agrees(problem, found)
+
+
+def told_in_part() -> list[object]:
+    """Problems whose answer names some of the variables only: the leader's and the follower's, without multipliers."""
+    return [
+        pytest.param(problem, id=problem.name)
+        for problem in mpcc_problems()
+        if problem.answer
+        and how(problem) in ("tree", "branches")
+        and any(v.name not in problem.answer for v in problem.build().component_data_objects(pyo.Var))
+    ]
+
+
+@pytest.mark.parametrize("problem", told_in_part())
+def test_the_best_value_is_reached_where_the_answer_says(problem: MpccProblem) -> None:
+    model = problem.build()
+    model.answer = pyo.ConstraintList()
+    for name, number in problem.answer.items():
+        model.answer.add((number - 1e-6, model.find_component(name), number + 1e-6))
+    search = branch_and_bound if how(problem) == "tree" else enumerate_branches
+    found, _ = search(model)
     agrees(problem, found)
 
 
