@@ -6,8 +6,9 @@
 multiplies all sides of an element with each other; "detected" writes pairs of sums per element, its left end
 included, and lets the boundaries of the elements move.
 
-"error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed; "motion" the largest
-difference from the true motion under the plan's own controls, every switch located. "solved" judges all of them.
+"error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
+"motion" the largest difference from the true motion under the plan's own controls, every switch located. "solved"
+judges all of them.
 """
 
 from __future__ import annotations

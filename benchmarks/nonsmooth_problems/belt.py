@@ -1,8 +1,8 @@
 """Ride a moving belt: a mass at rest is put onto it, and has to stand still again further on, with least effort.
 
 ``v' = u + a sign(V - v)`` with the speed V of the belt. Friction drags the mass along until it sticks; riding is
-free; to stop, the actuator works against friction. Over a braking time tau the effort of a steady force is
-``tau (V / tau + a)^2``: the best brake has ``tau = V / a``, a force of 2 a and the effort ``4 V a``. The distance is the one
+free; to stop, the actuator works against friction. Over a braking time tau the effort of a steady force is ``tau (V /
+tau + a)^2``: the best brake has ``tau = V / a``, a force of 2 a and the effort ``4 V a``. The distance is the one
 that this ride covers.
 """
 
@@ -25,7 +25,9 @@ DISTANCE = BELT * HORIZON - BELT**2 / FRICTION
 def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """Rest to rest over DISTANCE."""
     m = pyo.ConcreteModel(name="belt")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t / HORIZON)
     b.v = rcp.State(initial=0, final=0, guess=0.5)
     b.u = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant")

@@ -1,7 +1,7 @@
 """Swing up a pole on a cart that dry friction holds: nothing moves until the force exceeds it.
 
-With pole of length one and mass 1/5 of the cart's, gravity 10 and ``F = u - 2 sign(v)``. What the optimum is, nobody knows: the plan is judged
-by the motion under its own forces.
+With pole of length one and mass 1/5 of the cart's, gravity 10 and ``F = u - 2 sign(v)``. What the optimum is, nobody
+knows: the plan is judged by the motion under its own forces.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def accelerations(force, angle, rate, sine, cosine):
 def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """From hanging to standing, at rest, least squared force."""
     m = pyo.ConcreteModel(name="cart-pole with friction")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, final=0, bounds=(-2, 2))
     b.angle = rcp.State(initial=0, final=pi, bounds=(-2 * pi, 2 * pi), guess=lambda t: pi * t / HORIZON)
     b.v = rcp.State(initial=0, final=0)
@@ -60,7 +62,7 @@ SYSTEM = Filippov(_rates, surface=lambda x: x[2], gradient=lambda x: np.array([0
 
 
 def deviation(m: pyo.ConcreteModel) -> float:
-    """From the motion under the plan's own force, each element from its own start: a standing pole falls off any plan."""
+    """From the motion under the plan's own force, each element from its own start: a pole falls off any plan."""
     trajectory = m.phase.trajectory()
     states = at_boundaries(trajectory, "x", "angle", "v", "rate")
     forces, times = held(trajectory, "u"), trajectory.grid.mesh.boundaries

@@ -1,8 +1,8 @@
-"""A disc makes its way between two others that lie symmetrically: three bodies in the plane, contact only, viscous floor.
+"""A disc makes its way between two others that lie symmetrically, on a viscous floor.
 
-The pusher's force is the control, ``p' = u - f_1 (q_1 - p) - f_2 (q_2 - p)``; a pushed disc moves as ``q_i' = f_i (q_i - p)``, with
-``0 <= f_i ⟂ |q_i - p|^2 - 1 >= 0`` for discs of diameter one. Least ``integral of |u|^2`` from one side to the other. The problem
-is symmetric, and a symmetric guess has a symmetric answer.
+The pusher's force is the control, ``p' = u - f_1 (q_1 - p) - f_2 (q_2 - p)``; a pushed disc moves as ``q_i' = f_i
+(q_i - p)``, with ``0 <= f_i ⟂ |q_i - p|^2 - 1 >= 0`` for discs of diameter one. Least ``integral of |u|^2`` from one
+side to the other. The problem is symmetric, and a symmetric guess has a symmetric answer.
 """
 
 from __future__ import annotations
@@ -21,12 +21,16 @@ HORIZON, REACH, ASIDE = 4.0, 1.5, 0.6
 def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """From (-REACH, 0) to (REACH, 0), past discs at (0, ASIDE) and (0, -ASIDE)."""
     m = pyo.ConcreteModel(name="discs")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=-REACH, final=REACH, guess=lambda t: REACH * (2 * t / HORIZON - 1))
     b.y = rcp.State(initial=0, final=0)
     for i, side in ((1, 1.0), (2, -1.0)):
         b.declare(f"x_{i}", rcp.State(initial=0))
-        b.declare(f"y_{i}", rcp.State(initial=side * ASIDE, guess=lambda t, side=side: side * (ASIDE + 0.4 * t / HORIZON)))
+        b.declare(
+            f"y_{i}", rcp.State(initial=side * ASIDE, guess=lambda t, side=side: side * (ASIDE + 0.4 * t / HORIZON))
+        )
         b.declare(f"force_{i}", rcp.Algebraic(bounds=(0, None)))
     b.u_x = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant", guess=0.5)
     b.u_y = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant")
@@ -46,7 +50,9 @@ def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect:
     @b.complementarity
     def contacts(b, t):
         gaps = [sum(each**2 for each in offset(b, t, i)) - 1 for i in (1, 2)]
-        return [rcp.complements(gap >= 0, getattr(b, f"force_{i}")[t] >= 0) for i, gap in zip((1, 2), gaps, strict=True)]
+        return [
+            rcp.complements(gap >= 0, getattr(b, f"force_{i}")[t] >= 0) for i, gap in zip((1, 2), gaps, strict=True)
+        ]
 
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u_x[t] ** 2 + b.u_y[t] ** 2))
     if detect:
@@ -55,13 +61,15 @@ def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect:
 
 
 def catch_up(boundaries, controls: np.ndarray, steps: int = 200) -> np.ndarray:
-    """Moreau's catching-up: many small steps, each free and then projected out of the overlaps, shape ``(N + 1, 6)``."""
+    """Moreau's catching-up: small free steps, each projected out of the overlaps, shape ``(N + 1, 6)``."""
     p, q = np.array([-REACH, 0.0]), np.array([[0.0, ASIDE], [0.0, -ASIDE]])
     states = [np.concatenate([p, *q])]
     for width, u in zip(np.diff(boundaries), controls, strict=True):
         for _ in range(steps):
             p = p + width / steps * u
-            for _ in range(50):  # both discs of an overlap give way by half; two contacts disturb each other, hence repeat
+            for _ in range(
+                50
+            ):  # both discs of an overlap give way by half; two contacts disturb each other, hence repeat
                 offsets = q - p
                 distances = np.linalg.norm(offsets, axis=1)
                 overlaps = np.maximum(1 - distances, 0)

@@ -67,7 +67,10 @@ class Filippov:
                     return self.rates(x, u, self._sliding_step(x, u))
 
                 # Sliding ends where one of the two motions no longer leads to the surface.
-                events = [_event(lambda t, x: self._approach(x, u, 1.0), 1), _event(lambda t, x: self._approach(x, u, 0.0), -1)]
+                events = [
+                    _event(lambda t, x: self._approach(x, u, 1.0), 1),
+                    _event(lambda t, x: self._approach(x, u, 0.0), -1),
+                ]
             else:
 
                 def rates(t, x, step=mode):

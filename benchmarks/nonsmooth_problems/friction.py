@@ -1,6 +1,7 @@
 """A block on a rough floor, from rest to rest in minimal time: ``v' = u - sign(v)``, ``|u| <= 3``.
 
-Friction helps to brake: the best plan accelerates with 2 and brakes with 4, and stops exactly where friction would hold it.
+Friction helps to brake: the best plan accelerates with 2 and brakes with 4, and stops exactly where friction would
+hold it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect:
     """Rest to rest over DISTANCE."""
     m = pyo.ConcreteModel(name="braking with friction")
     duration = rcp.Duration(bounds=(0.5, 10), guess=3)
-    m.phase = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t)
     b.v = rcp.State(initial=0, final=0, guess=1)
     b.u = rcp.Control(bounds=(-LARGEST, LARGEST), parametrization="piecewise_constant")

@@ -1,7 +1,8 @@
 """A hop straight up: body and foot with an actuator between them, and a floor that can only push.
 
-``v_b' = u - g``, ``m v_f' = n - u - m g`` with ``0 <= n ⟂ y_f >= 0``; at the end the body is at a height and the foot drawn up under it. Least
-``integral of u^2``. Nothing says when the foot leaves the floor; the reference optimises that instant between two smooth phases.
+``v_b' = u - g``, ``m v_f' = n - u - m g`` with ``0 <= n ⟂ y_f >= 0``; at the end the body is at a height and the foot
+drawn up under it. Least ``integral of u^2``. Nothing says when the foot leaves the floor; the reference optimises
+that instant between two smooth phases.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ HORIZON, START, GOAL, FOOT_GOAL, FOOT_MASS, GRAVITY, LONGEST = 0.8, 0.5, 1.2, 0.
 def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """Forces per mass of the body and per 10 m/s^2, so that standing takes a force of one."""
     m = pyo.ConcreteModel(name="hop")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.y_b = rcp.State(initial=START, final=GOAL, guess=lambda t: START + (GOAL - START) * t / HORIZON)
     b.v_b = rcp.State(initial=0)
     b.y_f = rcp.State(initial=0, final=FOOT_GOAL, guess=lambda t: max(0.0, t - 0.3))
@@ -35,7 +38,6 @@ def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect:
     def newton(b, t):
         foot = (b.floor[t] - b.u[t]) / FOOT_MASS - 1
         return {b.y_b: b.v_b[t], b.v_b: GRAVITY * (b.u[t] - 1), b.y_f: b.v_f[t], b.v_f: GRAVITY * foot}
-
 
     @b.complementarity
     def floor_pushes(b, t):

@@ -1,13 +1,13 @@
 """A relay with memory as complementarity: the step of a play operator.
 
-Let z follow a signal s with play: it stays put while ``s - on <= z <= s - off`` and is dragged along by the side that it
-touches. Then z passes zero upwards exactly where s rises to `on`, and downwards where s falls to `off`: the Heaviside step
-of z is the delayed relay. The play is a sweeping process,
+Let z follow a signal s with play: it stays put while ``s - on <= z <= s - off`` and is dragged along by the side that
+it touches. Then z passes zero upwards exactly where s rises to `on`, and downwards where s falls to `off`: the
+Heaviside step of z is the delayed relay. The play is a sweeping process,
 
     z' = p - n,   0 <= p ⟂ z - (s - on) >= 0,   0 <= n ⟂ (s - off) - z >= 0,
 
-so that both are stated with four pairs and no jump of a state. Where the signal turns back exactly on a threshold, because of the
-switch itself, z rests at zero and the step may be anything: a signal has to pass its thresholds.
+so that both are stated with four pairs and no jump of a state. Where the signal turns back exactly on a threshold,
+because of the switch itself, z rests at zero and the step may be anything: a signal has to pass its thresholds.
 
 Brokate & Sprekels, Hysteresis and Phase Transitions (1996), ch. 2, doi:10.1007/978-1-4612-4048-8 (play and relay)
 """

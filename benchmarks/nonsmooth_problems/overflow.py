@@ -1,7 +1,10 @@
-"""Two tanks: the first one runs over into the second, which leaks: ``g' = u - q``, ``h' = q - h``, ``0 <= q ⟂ 1 - g >= 0``.
+"""Two tanks: the first one runs over into the second, which leaks.
 
-Fill the second up to 1/2 by the end with least ``integral of u^2``. The first must be filled up over a time tau, which costs
-``1 / tau``; then what flows in flows over, and ``h' = u - h`` from 0 to H in ``s = T - tau`` costs ``2 H^2 / (1 - exp(-2 s))``.
+``g' = u - q`` and ``h' = q - h``, with ``0 <= q ⟂ 1 - g >= 0``.
+
+Fill the second up to 1/2 by the end with least ``integral of u^2``. The first must be filled up over a time tau,
+which costs ``1 / tau``; then what flows in flows over, and ``h' = u - h`` from 0 to H in ``s = T - tau`` costs ``2
+H^2 / (1 - exp(-2 s))``.
 """
 
 from __future__ import annotations
@@ -23,7 +26,9 @@ HORIZON, LEVEL = 2.0, 0.5
 def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """The first tank holds a volume of one."""
     m = pyo.ConcreteModel(name="overflow")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.g = rcp.State(initial=0, guess=0.5)
     b.h = rcp.State(initial=0, final=LEVEL, guess=lambda t: LEVEL * t / HORIZON)
     b.u = rcp.Control(bounds=(0, 5), parametrization="piecewise_constant")
@@ -42,6 +47,7 @@ def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect:
 
 def optimum() -> float:
     """The best time to run over, by a search over one number."""
+
     def cost(tau: float) -> float:
         return 1 / tau + 2 * LEVEL**2 / (1 - exp(-2 * (HORIZON - tau)))
 

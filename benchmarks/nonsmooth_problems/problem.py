@@ -1,4 +1,4 @@
-"""What every problem of this folder offers: a model, what is known about its answer, and a judgement by independent numbers."""
+"""What every problem here offers: a model, what is known about its answer, a judgement by independent numbers."""
 
 from __future__ import annotations
 

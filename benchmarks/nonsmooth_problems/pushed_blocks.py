@@ -1,8 +1,8 @@
 """One block pushes another through a viscous fluid: ``x' = u - f``, ``y' = f``, with ``0 <= f ⟂ y - x - 1 >= 0``.
 
-Min ``integral of u^2`` such that the second block, which nothing else can move, gets from 2 to 3; the first one starts at 0.
-First it travels alone over the gap of one, then both travel together at half the speed per force: with the time tau
-of contact the cost is ``1 / tau + 4 / (T - tau)``, least at ``tau = T / 3``, which gives ``9 / T``.
+Min ``integral of u^2`` such that the second block, which nothing else can move, gets from 2 to 3; the first one
+starts at 0. First it travels alone over the gap of one, then both travel together at half the speed per force: with
+the time tau of contact the cost is ``1 / tau + 4 / (T - tau)``, least at ``tau = T / 3``, which gives ``9 / T``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ HORIZON = 3.0
 def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """The contact force exists only where there is no gap."""
     m = pyo.ConcreteModel(name="pushed blocks")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, guess=lambda t: 2 * t / HORIZON)
     b.y = rcp.State(initial=2, final=3, guess=lambda t: 2 + t / HORIZON)
     b.u = rcp.Control(bounds=(-5, 5), parametrization="piecewise_constant")

@@ -1,4 +1,6 @@
-"""The best gain of a relay controller: ``x'' = -sign(x + c x')`` from x = 1 at rest, min ``integral of x^2 + x'^2`` over c.
+"""The best gain of a relay controller.
+
+``x'' = -sign(x + c x')`` from x = 1 at rest; min ``integral of x^2 + x'^2`` over c.
 
 A small gain lets the motion cross the surface again and again, a large one makes it slide slowly along ``x = -c x'``.
 The reference minimises the same cost over simulations that locate each switch.
@@ -25,7 +27,9 @@ HORIZON, GAINS = 4.0, (0.2, 3.0)
 def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """The gain is the only thing to choose."""
     m = pyo.ConcreteModel(name="relay feedback")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=1, guess=lambda t: np.exp(-t))
     b.v = rcp.State(initial=0, guess=lambda t: -np.exp(-t))
     b.gain = rcp.Parameter(bounds=GAINS, guess=1)
@@ -50,6 +54,7 @@ def simulate(gain: float, boundaries) -> np.ndarray:
 @cache
 def optimum() -> float:
     """The best of all gains; a scan first, since crossing and sliding may each have their own minimum."""
+
     def cost(gain: float) -> float:
         return float(simulate(gain, [0.0, HORIZON])[-1, 2])
 

@@ -1,8 +1,8 @@
 """Choose the start of ``x' = 2 - sign(x)``: the smallest problem on which a fixed mesh misleads an optimiser.
 
-Min ``integral of x^2 + (x(2) - 5/3)^2`` over ``x(0)``. While an element has x changing its sign, the discretised cost, seen as
-a function of x(0), has a slope that is wrong however fine the mesh is, and a local minimum in every element; only a
-relaxation that lets go of the switch finds the way past them.
+Min ``integral of x^2 + (x(2) - 5/3)^2`` over ``x(0)``. While an element has x changing its sign, the discretised
+cost, seen as a function of x(0), has a slope that is wrong however fine the mesh is, and a local minimum in every
+element; only a relaxation that lets go of the switch finds the way past them.
 
 Stewart & Anitescu, Optimal control of systems with discontinuous differential equations, Numer. Math. 114 (2010),
 doi:10.1007/s00211-009-0262-2
@@ -27,7 +27,9 @@ HORIZON, TARGET = 2.0, 5 / 3
 def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """The start is free; there is no control."""
     m = pyo.ConcreteModel(name="signum")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=(-2, 0), guess=0)
     add_step(b, "positive", lambda b, t: b.x[t])
     b.ode(lambda b, t: {b.x: 3 - 2 * b.positive[t]})

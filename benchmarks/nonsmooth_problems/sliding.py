@@ -1,8 +1,9 @@
 """Reach a point as soon as possible: above a surface and, once it has caught the motion, along it.
 
-``x' = -sign(x) + u`` and ``y' = 1 + sign(x) / 2`` with ``|u| <= 1/2``: nothing can leave the surface x = 0, on which the
-motion slides with ``sign(x)`` replaced by u. It is fastest to come down as slowly as possible and then to slide with
-``y' = 1 + u / 2``. The same problem is written in two ways: by the Heaviside step, and by Stewart's shares of two modes.
+``x' = -sign(x) + u`` and ``y' = 1 + sign(x) / 2`` with ``|u| <= 1/2``: nothing can leave the surface x = 0, on which
+the motion slides with ``sign(x)`` replaced by u. It is fastest to come down as slowly as possible and then to slide
+with ``y' = 1 + u / 2``. The same problem is written in two ways: by the Heaviside step, and by Stewart's shares of
+two modes.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def build(
     """In minimal time from START to (0, GOAL)."""
     m = pyo.ConcreteModel(name=f"sliding by {writing}")
     duration = rcp.Duration(bounds=(0.5, 10), guess=3)
-    m.phase = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=START[0], final=0, guess=lambda t: 1 - t)
     b.y = rcp.State(initial=START[1], final=GOAL, guess=lambda t: GOAL * t)
     b.u = rcp.Control(bounds=(-LARGEST, LARGEST), parametrization="piecewise_constant")
@@ -70,6 +73,4 @@ def deviation(m: pyo.ConcreteModel) -> float:
 
 
 STEP = NonsmoothProblem("sliding by step", build, deviation, optimum, accuracy=(0.01, 0.03))
-MODES = NonsmoothProblem(
-    "sliding by modes", partial(build, writing="modes"), deviation, optimum, accuracy=(0.01, 0.03)
-)
+MODES = NonsmoothProblem("sliding by modes", partial(build, writing="modes"), deviation, optimum, accuracy=(0.01, 0.03))

@@ -1,7 +1,7 @@
 """Discontinuous functions, stated with complementarity: the Heaviside step, and Stewart's convex combination of modes.
 
-At a discontinuity Filippov's convention holds: the step may take any value between 0 and 1, and on a surface that attracts from
-both sides it takes the one value that keeps the motion there.
+At a discontinuity Filippov's convention holds: the step may take any value between 0 and 1, and on a surface that
+attracts from both sides it takes the one value that keeps the motion there.
 """
 
 from __future__ import annotations

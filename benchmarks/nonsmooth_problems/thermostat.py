@@ -1,8 +1,8 @@
 """A room with a thermostat: the heater goes off above 21 degrees and on again below 19. Nothing is left to choose.
 
-``T' = r - (T - 10) / 2`` with the heat r of a radiator, ``r' = 5 (P w - r)``, and a delayed relay w. The room goes on warming up for a
-while when the heater goes off, so that each threshold is really passed. A power to choose would make it another problem:
-an optimiser lets the room touch 21 degrees without passing, where the relay may be anything.
+``T' = r - (T - 10) / 2`` with the heat r of a radiator, ``r' = 5 (P w - r)``, and a delayed relay w. The room goes on
+warming up for a while when the heater goes off, so that each threshold is really passed. A power to choose would make
+it another problem: an optimiser lets the room touch 21 degrees without passing, where the relay may be anything.
 """
 
 from __future__ import annotations

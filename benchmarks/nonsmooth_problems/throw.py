@@ -1,12 +1,12 @@
-"""Throw a puck so that it comes to rest at a target, with least energy: flight, impact without rebound, sliding with friction.
+"""Throw a puck so that it comes to rest at a target, with least energy: flight, impact, sliding with friction.
 
-``x' = v, y' = w, v' = f, w' = n - g`` with ``0 <= n ⟂ y >= 0`` and Coulomb friction ``|f| <= mu n``. Nothing is controlled after the throw. At
-the impact the floor takes the vertical speed w within one step, and friction up to ``mu w`` of the horizontal one; then the puck
-slides. A throw with (v, w) from the floor thus gets to ``2 v w / g + (v - mu w)^2 / (2 mu g) = (v + mu w)^2 / (2 mu g)``: what
-reaches a distance d is the line ``v + mu w = sqrt(2 mu g d)``.
+``x' = v, y' = w, v' = f, w' = n - g`` with ``0 <= n ⟂ y >= 0`` and Coulomb friction ``|f| <= mu n``. Nothing is
+controlled after the throw. At the impact the floor takes the vertical speed w within one step, and friction up to
+``mu w`` of the horizontal one; then the puck slides. A throw with (v, w) from the floor thus gets to ``2 v w / g + (v
+- mu w)^2 / (2 mu g) = (v + mu w)^2 / (2 mu g)``: what reaches a distance d is the line ``v + mu w = sqrt(2 mu g d)``.
 
-Implicit Euler with the gap itself in the pair is the time stepping of an inelastic impact: the force of one step stands for the
-impulse, and more stages would ask the gap to be smooth there.
+Implicit Euler with the gap itself in the pair is the time stepping of an inelastic impact: the force of one step
+stands for the impulse, and more stages would ask the gap to be smooth there.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
 from .problem import NonsmoothProblem, at_boundaries
-from .switches import add_step
 
 HORIZON, DISTANCE, FRICTION, GRAVITY = 1.0, 1.0, 0.4, 10.0
 
@@ -26,7 +25,9 @@ HORIZON, DISTANCE, FRICTION, GRAVITY = 1.0, 1.0, 0.4, 10.0
 def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """Forces per weight of the puck; the throw is its initial velocity."""
     m = pyo.ConcreteModel(name="throw")
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t / HORIZON)
     b.y = rcp.State(initial=0, guess=lambda t: 0.2)
     b.v = rcp.State(initial=(0.1, 5), final=0, guess=1.5)

@@ -1,7 +1,7 @@
 """A car whose turbo charger multiplies its acceleration by three above a speed: from rest to rest in minimal time.
 
-Nurkanović, Sperl, Albrecht & Diehl, Finite Elements with Switch Detection for direct optimal control of nonsmooth systems,
-Numer. Math. 156 (2024), doi:10.1007/s00211-024-01412-z, treat such switched dynamics.
+Nurkanović, Sperl, Albrecht & Diehl, Finite Elements with Switch Detection for direct optimal control of nonsmooth
+systems, Numer. Math. 156 (2024), doi:10.1007/s00211-024-01412-z, treat such switched dynamics.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect:
     """Speeds in units of 10 m/s, distances in units of 100 m, so that all numbers are about one."""
     m = pyo.ConcreteModel(name="turbo car")
     duration = rcp.Duration(bounds=(1, 40), guess=15)
-    m.phase = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, final=DISTANCE / 100, guess=lambda t: DISTANCE / 100 * t)
     b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST / 10), guess=1)
     b.u = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")  # of the plain acceleration

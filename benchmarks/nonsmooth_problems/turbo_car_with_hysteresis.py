@@ -22,7 +22,9 @@ def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect:
     """Speeds in units of 10 m/s, distances in units of 100 m."""
     m = pyo.ConcreteModel(name="turbo car with hysteresis")
     duration = rcp.Duration(bounds=(1, 40), guess=15)
-    m.phase = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None)
+    m.phase = b = rcp.PhaseBlock(
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+    )
     b.x = rcp.State(initial=0, final=DISTANCE / 100, guess=lambda t: DISTANCE / 100 * t)
     b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST / 10), guess=1)
     b.u = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")
