@@ -49,9 +49,8 @@ def main() -> None:
     arguments = parser.parse_args()
     names = ["sliding by step", "pushed blocks"] if arguments.quick else arguments.problems
     elements = 10 if arguments.quick else arguments.elements
-    stages = {} if arguments.stages is None else {"stages": arguments.stages}
 
-    print(f"{elements} elements; Radau, two stages, but one where bodies collide\n")
+    print(f"{elements} elements of Radau with two stages, one where bodies collide and pairs are not crossed\n")
     table = Table(
         [
             ("problem", "<26"), ("writing", "<8"), ("schedule", "<11"), ("solved", "<6"), ("iterations", ">10d"),
@@ -64,6 +63,9 @@ def main() -> None:
     for name in names:
         problem = PROBLEMS[name]
         for writing, (detect, grouping) in writings().items():
+            # A single stage has nothing to be crossed with.
+            stages = {} if writing == "pair" else {"stages": 2}
+            stages |= {} if arguments.stages is None else {"stages": arguments.stages}
             for word, schedule in SCHEDULES.items():
                 show_progress(f"{name}, {writing}, {word}")
                 model: pyo.ConcreteModel = problem.build(elements, detect=detect, **stages)

@@ -18,7 +18,7 @@ from .problem import NonsmoothProblem, at_boundaries, held
 HORIZON, REACH, ASIDE = 4.0, 1.5, 0.6
 
 
-def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
     """From (-REACH, 0) to (REACH, 0), past discs at (0, ASIDE) and (0, -ASIDE)."""
     m = pyo.ConcreteModel(name="discs")
     m.phase = b = rcp.PhaseBlock(

@@ -16,6 +16,10 @@ TOLERANCES = {"rtol": 1e-10, "atol": 1e-12, "method": "DOP853"}
 MOST_SWITCHES = 200
 
 
+class Chattering(RuntimeError):
+    """A motion switches more often than can be followed."""
+
+
 @dataclass(frozen=True)
 class Filippov:
     """One switching surface between two smooth motions.
@@ -84,7 +88,7 @@ class Filippov:
             start = float(answer.t[-1])
             if end - start < 1e-12:
                 return x
-        raise RuntimeError(f"more than {MOST_SWITCHES} switches before t = {end:g}: the motion chatters")
+        raise Chattering(f"more than {MOST_SWITCHES} switches before t = {end:g}")
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
+
+from .filippov import Chattering
 
 
 @dataclass(frozen=True)
@@ -68,20 +71,34 @@ class NonsmoothProblem:
     optimum: Callable[[], float] | None
     accuracy: tuple[float, float]
 
-    def judge(self, model: pyo.ConcreteModel, tolerance: float = 1e-6) -> Judgement:
-        """Judge the values on a model of this problem."""
-        verified = model.phase.trajectory().verify()
-        violation = max(verified.defect, verified.continuity, verified.equations, verified.bounds)
+    def judge(self, model: pyo.ConcreteModel, tolerance: float = 1e-6, residual: float = 1e-6) -> Judgement:
+        """Judge the values on a model of this problem.
+
+        Parameters
+        ----------
+        model : ConcreteModel
+            From `build`, with values.
+        tolerance, residual : float
+            Largest allowed violation and natural residual.
+        """
         (objective,) = (pyo.value(each) for each in model.component_data_objects(pyo.Objective, active=True))
+        try:
+            verified = model.phase.trajectory().verify()
+        except rcp.PyRobocopError as error:  # boundaries that moved past each other make no trajectory
+            return Judgement(inf, inf, objective, None, inf, (str(error),))
+        violation = max(verified.defect, verified.continuity, verified.equations, verified.bounds)
         best = None if self.optimum is None else self.optimum()
         error = None if best is None else (objective - best) / abs(best)
-        deviation = self.deviation(model)
+        try:
+            deviation = self.deviation(model)
+        except Chattering:
+            deviation = inf
         coarseness = 50 / model.phase.trajectory().grid.mesh.elements
         allowed_error, allowed_deviation = (coarseness * each for each in self.accuracy)
         faults = []
         for what, number, allowed in (
             ("violation", violation, tolerance),
-            ("natural residual", verified.natural_residual, tolerance),
+            ("natural residual", verified.natural_residual, residual),
             ("objective error", 0.0 if error is None else abs(error), allowed_error),
             ("deviation", deviation, allowed_deviation),
         ):

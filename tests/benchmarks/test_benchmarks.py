@@ -74,3 +74,13 @@ def test_growth_is_about_linear_and_a_phase_costs_less_than_pyomo_dae() -> None:
 def test_a_re_solve_costs_little_beyond_ipopt() -> None:
     (row,) = [line.split() for line in run_quick("receding_horizon").splitlines() if line.split()[0] == "20"]
     assert 1.0 <= float(row[3]) < 2.0  # a coarse mesh on a busy machine: the real figures are those of the full run
+
+
+def test_nonsmooth_problems_are_solved_where_the_switches_are_softened_first() -> None:
+    table = run_quick("nonsmooth_control")
+    rows = [line for line in table.splitlines() if line.startswith(("sliding by step", "pushed blocks"))]
+    assert len(rows) % 8 == 0
+    softened = [line for line in rows if "x 0.1" in line]
+    assert len(softened) >= 4
+    assert all(" yes " in line for line in softened)
+    assert "solved, of 2" in table
