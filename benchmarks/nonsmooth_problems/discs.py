@@ -60,7 +60,7 @@ def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect:
     return m
 
 
-def catch_up(boundaries, controls: np.ndarray, steps: int = 200) -> np.ndarray:
+def catch_up(boundaries, controls: np.ndarray, steps: int = 100) -> np.ndarray:
     """Moreau's catching-up: small free steps, each projected out of the overlaps, shape ``(N + 1, 6)``."""
     p, q = np.array([-REACH, 0.0]), np.array([[0.0, ASIDE], [0.0, -ASIDE]])
     states = [np.concatenate([p, *q])]

@@ -41,7 +41,7 @@ def test_sliding_ends_when_the_control_wins(hold: float, leave: float) -> None:
 
 
 def test_endless_switching_is_refused() -> None:
-    """A bouncing ball without a surface to slide on: a repelled motion that is thrown back ever faster."""
+    """A strong relay acts on the position: nothing damps the tiny oscillation, and no sliding begins."""
     zeno = Filippov(
         rates=lambda x, u, w: np.array([x[1], -1e6 * (2 * w - 1)]),
         surface=lambda x: x[0],
