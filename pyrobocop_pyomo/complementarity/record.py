@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,18 +10,73 @@ from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
-from .pairs import BLOCK_TYPES, CanonicalPair
+from .canonical import CanonicalForm, CanonicalPair
+from .pairs import BLOCK_TYPES
 
 BLOCK_NAME = "relaxed_complementarity"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
+class RelaxedPair:
+    """A pair, and what stands for its sides in the generated rows.
+
+    Attributes
+    ----------
+    pair : CanonicalPair
+    a, b : Pyomo expression
+        The sides themselves, or generated variables.
+    group : Group
+        With which other pairs it is relaxed.
+    a_slack, b_slack : ParamData or None
+        How far the side may be negative, where the relaxation decides that for each side.
+    """
+
+    pair: CanonicalPair
+    a: Any
+    b: Any
+    group: Any = None
+    a_slack: Any = None
+    b_slack: Any = None
+
+
+@dataclass(eq=False, slots=True)
 class Group:
-    """Pairs under one row; the row is None where the relaxation charges the objective instead."""
+    """Pairs that are relaxed together, and all that was generated for them.
+
+    Attributes
+    ----------
+    home : Block
+        The model or a disjunct.
+    name : hashable or None
+        None where no pair can join later.
+    pairs : list of RelaxedPair
+    rows : list of ConstraintData
+        That relax, in the order of the products; none where the objective pays.
+    shares : list of VarData
+        What each product gets of delta, where residuals cannot be added up.
+    budgets : list of ConstraintData
+        Say that the shares sum up to delta at most.
+    states : list of ParamData
+        A bound per row, or a multiplier per product, where the relaxation keeps one.
+    """
 
     home: Any
-    row: Any = None
-    pairs: list[CanonicalPair] = field(default_factory=list)
+    name: Hashable | None
+    pairs: list[RelaxedPair] = field(default_factory=list)
+    rows: list[Any] = field(default_factory=list)
+    shares: list[Any] = field(default_factory=list)
+    budgets: list[Any] = field(default_factory=list)
+    states: list[Any] = field(default_factory=list)
+
+
+@dataclass(eq=False, slots=True)
+class RelaxedStatement:
+    """A declared statement, its pairs, and what was generated for its sides alone."""
+
+    form: CanonicalForm
+    pairs: list[RelaxedPair]
+    rows: list[Any] = field(default_factory=list)
+    variables: list[Any] = field(default_factory=list)
 
 
 @dataclass(eq=False)
@@ -45,50 +100,62 @@ class Record(AutoSlots.Mixin):
         The generated block that holds delta; None on a block that this package did not generate.
     blocks : ComponentMap
         From the model, and from each disjunct with pairs of its own, to the generated block there.
-    groups : dict
-        From the group's name to its pairs and its row.
-    pairs, side_rows, group_names : ComponentMap
-        From the pair's source to its canonical form, to the rows that enforce its sides, to its group.
-    sources : ComponentMap
-        From each generated row to the sources of its pairs.
+    abilities : Abilities
+        Of the relaxation.
+    groups : list of Group
+        In the order of their first pairs.
+    named_groups : dict
+        Of those groups that other pairs may join, from the name.
+    statements : ComponentMap
+        From the source to what became of it.
+    origins : dict
+        From component and index of a generated row to the sources of its pairs.
     """
 
     __slots__ = (
+        "abilities",
         "applications",
         "blocks",
-        "group_names",
         "grouping",
         "groups",
+        "lift",
         "main",
+        "named_groups",
         "next_application",
         "next_positions",
         "objective",
-        "pairs",
+        "origins",
         "relaxation",
-        "side_rows",
-        "sources",
+        "statements",
     )
 
     def __init__(self) -> None:
         self.main: Any = None
         self.relaxation: Any = None
+        self.abilities: Any = None
         self.grouping: Any = None
+        self.lift = False
         self.objective: Any = None
         self.applications: dict[int, Application] = {}
-        self.groups: dict[str, Group] = {}
+        self.groups: list[Group] = []
+        self.named_groups: dict[Hashable, Group] = {}
         self.blocks = ComponentMap()
-        self.group_names = ComponentMap()
-        self.pairs = ComponentMap()
-        self.side_rows = ComponentMap()
-        self.sources = ComponentMap()
+        self.statements = ComponentMap()
+        self.origins: dict[tuple[str, int], list[Any]] = {}
         self.next_application = 0
         self.next_positions: dict[str, int] = {}
 
     def take_position(self, component: str) -> int:
-        """Return an index that no row of this component had before, also not one that was taken away."""
+        """Return an index that no part of this component had before, also not one that was taken away."""
         position = self.next_positions.get(component, 0)
         self.next_positions[component] = position + 1
         return position
+
+    @property
+    def relaxed_pairs(self) -> Iterator[RelaxedPair]:
+        """All pairs, in the order in which they came."""
+        for statement in self.statements.values():
+            yield from statement.pairs
 
 
 Block.register_private_data_initializer(Record)

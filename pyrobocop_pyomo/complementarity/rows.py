@@ -2,119 +2,157 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from pyomo.common.modeling import unique_component_name
-from pyomo.core import Block, Constraint, NonNegativeIntegers, NonNegativeReals, Objective, Param, quicksum
+from pyomo.core import Block, NonNegativeReals, Param, Var
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .pairs import CanonicalPair
-from .record import BLOCK_NAME, Group, Record, record_of
+from .canonical import CanonicalForm
+from .charge import charged_objective, set_objective
+from .formulation import Formulation, formulate
+from .generated import OCCASIONAL, component_of, new_row, put, take_away
+from .record import BLOCK_NAME, Group, Record, RelaxedPair, record_of
+from .relaxations.protocol import Abilities
+from .side_rows import PreparedStatement, prepare
 
 
-def new_record(delta: float, relaxation: Any, grouping: Any, objective: Any) -> Record:
+def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objective: Any) -> Record:
     """Make a generated block that is in no model yet, with delta on it, and return its record."""
     block = Block(concrete=True)
     # Zero is allowed: products bounded by zero are the pairs themselves, and some solvers can hold them.
     block.delta = Param(initialize=delta, mutable=True, domain=NonNegativeReals, doc="bound of the products")
+    excess = getattr(relaxation, "excess_bound", None)
+    if excess is not None:
+        block.excess = Var(bounds=(0, excess), initialize=min(1.0, excess), doc="bound of the products, paid for")
     record = record_of(block)
     record.main = block
     record.relaxation = relaxation
+    record.abilities = Abilities.of(relaxation, block.delta)
     record.grouping = grouping
+    record.lift = lift
     record.objective = objective
     return record
 
 
-def add_pairs(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> None:
-    """Add rows (or the objective's terms) for the pairs.
+def add_statements(record: Record, model: Any, forms: Sequence[CanonicalForm]) -> None:
+    """Add rows (or the objective's terms) for the statements.
 
     Whatever can fail is computed before the first component of the model is touched.
     """
-    groups = _planned(record, model, pairs)
-    objective = _charged(record, [*record.pairs.values(), *pairs]) if record.objective is not None else None
-    sides = [(pair, row) for pair in pairs for row in (pair.a_row, pair.b_row) if row is not None]
-
-    fresh = _blocks_for(record, model, [group.home for _, group, _ in groups])
-    for name, group, expression in groups:
-        _set_row(record, name, group, expression)
-    homes = {id(pair): group.home for _, group, _ in groups for pair in group.pairs}
-    for pair in pairs:
-        record.pairs[pair.source] = pair
-        record.side_rows[pair.source] = []
-    for pair, expression in sides:
-        block = record.blocks[homes[id(pair)]]
-        position = record.take_position("sides")
-        block.sides[position] = expression
-        row = block.sides[position]
-        record.side_rows[pair.source].append(row)
-        record.sources[row] = [pair.source]
+    fresh: list[tuple[Any, Any]] = []
+    _block_on(record, model, model, fresh)
+    try:
+        prepared, formulations = _planned(record, model, forms, fresh)
+        objective = None
+        if record.objective is not None:
+            objective = charged_objective(record, formulations)
+    except BaseException:
+        for home, _ in fresh:
+            del record.blocks[home]
+        _drop_empty(record)
+        raise
+    for each in prepared:
+        _put_statement(record, each)
+    for formulation in formulations:
+        _put_group(record, formulation)
     if objective is not None:
-        _set_objective(record, objective)
+        set_objective(record, objective)
     for home, block in fresh:
         home.add_component(unique_component_name(home, BLOCK_NAME), block)
 
 
-def remove_pairs(record: Record, sources: Sequence[Any]) -> None:
-    """Take the rows of these pairs away; where nothing is left, everything generated goes."""
+def remove_statements(record: Record, sources: Sequence[Any]) -> None:
+    """Take away what was generated for these sources; where nothing is left, everything generated goes."""
     gone = {id(source) for source in sources}
-    if len(gone) == len(record.pairs):
+    if len(gone) == len(record.statements):
         for block in record.blocks.values():
             block.parent_block().del_component(block)
         if record.objective is not None:
             record.objective.activate()
         return
-    for name in dict.fromkeys(record.group_names[source] for source in sources):
-        group = record.groups[name]
-        group.pairs = [pair for pair in group.pairs if id(pair.source) not in gone]
-        if group.pairs:
-            _set_row(record, name, group, _row(record, name, group.pairs))
-        else:
-            _delete_row(record, group.row)
-            del record.groups[name]
+    groups: dict[int, Group] = {}
     for source in sources:
-        for row in record.side_rows[source]:
-            _delete_row(record, row)
-        for known in (record.side_rows, record.pairs, record.group_names):
-            del known[source]
+        statement = record.statements.pop(source)
+        for data in (*statement.rows, *statement.variables):
+            take_away(record, data)
+        groups.update((id(pair.group), pair.group) for pair in statement.pairs)
+        for pair in statement.pairs:
+            for slack in (pair.a_slack, pair.b_slack):
+                if slack is not None:
+                    take_away(record, slack)
+    dissolved = set()
+    for group in groups.values():
+        left = [pair for pair in group.pairs if id(pair.pair.source) not in gone]
+        # A group without pairs has no rows either: formulating it takes the old ones away.
+        formulation = formulate(record, record.blocks[group.home], group, left) if left else Formulation(group, [])
+        _put_group(record, formulation)
+        if not left:
+            dissolved.add(id(group))
+            if group.name is not None:
+                del record.named_groups[group.name]
+    record.groups = [group for group in record.groups if id(group) not in dissolved]
+    _drop_empty(record)
     if record.objective is not None:
-        _set_objective(record, _charged(record, record.pairs.values()))
+        set_objective(record, charged_objective(record, ()))
 
 
-def _planned(record: Record, model: Any, pairs: Sequence[CanonicalPair]) -> list[tuple[str, Group, Any]]:
-    """Say which group changes or appears, and what its row will be."""
-    by_home: dict[int, tuple[Any, list[CanonicalPair]]] = {}
+def _planned(
+    record: Record, model: Any, forms: Sequence[CanonicalForm], fresh: list[tuple[Any, Any]]
+) -> tuple[list[PreparedStatement], list[Formulation]]:
+    """Say what each statement and each group that changes or appears needs."""
+    prepared = []
+    by_home: dict[int, tuple[Any, list[RelaxedPair]]] = {}
     homes: dict[int, Any] = {}
-    for pair in pairs:
-        parent = pair.source.parent_block()
+    for form in forms:
+        parent = form.source.parent_block()
         home = homes.get(id(parent))
         if home is None:
             home = homes[id(parent)] = _home(parent, model)
-        by_home.setdefault(id(home), (home, []))[1].append(pair)
-    planned = []
+            by_home.setdefault(id(home), (home, []))
+        each = prepare(record, _block_on(record, model, home, fresh), home, form)
+        prepared.append(each)
+        by_home[id(home)][1].extend(each.statement.pairs)
+    formulations = []
     for home, members in by_home.values():
-        if record.objective is not None and home is not model:
+        if members and home is not model and record.abilities.charges_products:
             raise ComplementarityError(
-                f"'{members[0].name}': lies in the disjunct '{home.name}', and a term of the objective would count "
-                "whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
+                f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
+                "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
             )
-        groups = record.grouping.groups(members)
-        count = sum(len(added) for _, added in groups)
-        if count != len(members):
-            raise ComplementarityError(
-                f"'{model.name}': {record.grouping} put {count} pairs into groups, "
-                f"of {len(members)} pairs. A grouping returns every pair once."
-            )
-        for name, added in groups:
-            if home is not model:
-                # A grouping of somebody else may give one name to pairs of several disjuncts.
-                name = f"{home.name}: {name}"
-            known = record.groups.get(name)
-            group = Group(home, known.row if known else None, [*(known.pairs if known else ()), *added])
-            planned.append((name, group, _row(record, name, group.pairs)))
-    return planned
+        block = record.blocks[home]
+        for group, pairs in _grouped(record, model, home, members):
+            formulations.append(formulate(record, block, group, pairs))
+    return prepared, formulations
+
+
+def _grouped(
+    record: Record, model: Any, home: Any, members: list[RelaxedPair]
+) -> list[tuple[Group, list[RelaxedPair]]]:
+    """Ask the grouping; returns the groups, known or new, with all their pairs."""
+    relaxed = {id(member.pair): member for member in members}
+    groups = record.grouping.groups([member.pair for member in members])
+    count = sum(len(added) for _, added in groups)
+    named = {id(pair) for _, added in groups for pair in added}
+    if count != len(members) or len(named) != count or not named <= relaxed.keys():
+        raise ComplementarityError(
+            f"'{model.name}': {record.grouping} put {count} pairs into groups, "
+            f"of {len(members)} pairs. A grouping returns every pair once."
+        )
+    found = []
+    for name, added in groups:
+        if name is not None and home is not model:
+            # A grouping of somebody else may give one name to pairs of several disjuncts.
+            name = (home.name, name)
+        group = None if name is None else record.named_groups.get(name)
+        if group is None:
+            group = Group(home, name)
+        joined = [relaxed[id(pair)] for pair in added]
+        found.append((group, [*group.pairs, *joined] if group.pairs else joined))
+    return found
 
 
 def _home(block: Any, model: Any) -> Any:
@@ -126,73 +164,88 @@ def _home(block: Any, model: Any) -> Any:
     return model
 
 
-def _row(record: Record, name: str, pairs: Sequence[CanonicalPair]) -> Any:
-    relaxation, delta = record.relaxation, record.main.delta
-    if record.objective is not None:
-        return None
-    shift = relaxation.shift(delta)
-    if shift is not None:
-        # The shift is the row's bound and not a term of its body: the body stays a plain product, which is
-        # quicker to write, and whoever moves delta inside a solve moves one bound.
-        if len(pairs) == 1:
-            return relaxation.residual(pairs[0].a, pairs[0].b, 0) <= shift
-        return quicksum([relaxation.residual(pair.a, pair.b, 0) for pair in pairs]) <= shift
-    if len(pairs) > 1:
-        raise ComplementarityError(
-            f"'{name}': {len(pairs)} pairs share a row, but the residuals of {relaxation} cannot be added up under "
-            "one delta. Use grouping='pair'."
-        )
-    return relaxation.residual(pairs[0].a, pairs[0].b, delta) <= 0
-
-
-def _blocks_for(record: Record, model: Any, homes: Sequence[Any]) -> list[tuple[Any, Any]]:
-    """Make the generated blocks that are missing; they are attached when they are complete."""
-    fresh = []
-    for home in [model, *homes]:
-        if home in record.blocks:
-            continue
+def _block_on(record: Record, model: Any, home: Any, fresh: list[tuple[Any, Any]]) -> Any:
+    """The generated block of a home; a missing one is made, and attached when it is complete."""
+    block = record.blocks.get(home)
+    if block is None:
         block = record.main if home is model else Block(concrete=True)
         record_of(block).main = record.main
-        block.rows = Constraint(NonNegativeIntegers)
-        block.sides = Constraint(NonNegativeIntegers)
+        component_of(block, "rows")
+        component_of(block, "sides")
         record.blocks[home] = block
         fresh.append((home, block))
-    return fresh
+    return block
 
 
-def _set_row(record: Record, name: str, group: Group, expression: Any) -> None:
-    record.groups[name] = group
-    if expression is not None:
-        if group.row is None:
-            rows = record.blocks[group.home].rows
-            position = record.take_position("rows")
-            rows[position] = expression
-            group.row = rows[position]
-        else:
-            group.row.set_value(expression)
-        record.sources[group.row] = [pair.source for pair in group.pairs]
-    for pair in group.pairs:
-        record.group_names[pair.source] = name
+def _drop_empty(record: Record) -> None:
+    """Take away components that were made for something and hold nothing (any more)."""
+    for block in record.blocks.values():
+        for name in OCCASIONAL:
+            component = block.component(name)
+            if component is not None and not component:
+                block.del_component(component)
 
 
-def _delete_row(record: Record, row: Any) -> None:
-    if row is not None:
-        del record.sources[row]
-        del row.parent_component()[row.index()]
+def _put_statement(record: Record, prepared: PreparedStatement) -> None:
+    statement = prepared.statement
+    source = statement.form.source
+    record.statements[source] = statement
+    if prepared.variables:
+        for variable in prepared.variables:
+            put(record, "lifted", variable)
+        statement.variables = prepared.variables
+    for slack in prepared.slacks:
+        put(record, "states", slack)
+    if prepared.sides or prepared.definitions:
+        block = record.blocks[prepared.home]
+        for name, expressions in (("sides", prepared.sides), ("definitions", prepared.definitions)):
+            for expression in expressions:
+                row = new_row(component_of(block, name), expression)
+                put(record, name, row, [source])
+                statement.rows.append(row)
 
 
-def _charged(record: Record, pairs: Iterable[CanonicalPair]) -> Any:
-    # A factor of one is dropped by Pyomo itself.
-    products = [pair.weight * (pair.a * pair.b) for pair in pairs]
-    term = record.relaxation.coefficient(record.main.delta) * quicksum(products)
-    # The user's objective enters by name: what is later assigned to it is followed.
-    return record.objective + term if record.objective.is_minimizing() else record.objective - term
+def _put_group(record: Record, formulation: Formulation) -> None:
+    """Give a group its rows: those that it has are rewritten, what is missing is added, what is left over goes."""
+    group = formulation.group
+    block = record.blocks[group.home]
+    if not group.pairs:
+        record.groups.append(group)
+        if group.name is not None:
+            record.named_groups[group.name] = group
+    for pair in formulation.pairs:
+        pair.group = group
+    group.pairs = formulation.pairs
+    group.rows = _rewritten(record, block, "rows", group.rows, formulation.rows)
+    if formulation.shares or group.shares:
+        group.shares = _kept(record, "shares", group.shares, formulation.shares)
+        for share, lower in zip(group.shares, formulation.share_bounds, strict=True):
+            share.setlb(lower)
+        group.budgets = _rewritten(record, block, "budgets", group.budgets, formulation.budgets)
+    if formulation.states or group.states:
+        group.states = _kept(record, "states", group.states, formulation.states)
 
 
-def _set_objective(record: Record, expression: Any) -> None:
-    block = record.main
-    if block.component("objective") is None:
-        block.objective = Objective(expr=expression, sense=record.objective.sense)
-        record.objective.deactivate()
-    else:
-        block.objective.set_value(expression)
+def _rewritten(
+    record: Record, block: Any, name: str, rows: list[Any], wanted: Sequence[tuple[Any, list[Any]]]
+) -> list[Any]:
+    component = component_of(block, name)
+    for row, (expression, sources) in zip(rows, wanted, strict=False):
+        row.set_value(expression)
+        record.origins[name, row.index()] = sources
+    for row in rows[len(wanted) :]:
+        take_away(record, row)
+    kept = rows[: len(wanted)]
+    for expression, sources in wanted[len(rows) :]:
+        row = new_row(component, expression)
+        put(record, name, row, sources)
+        kept.append(row)
+    return kept
+
+
+def _kept(record: Record, name: str, old: list[Any], wanted: list[Any]) -> list[Any]:
+    for data in wanted[len(old) :]:
+        put(record, name, data)
+    for data in old[len(wanted) :]:
+        take_away(record, data)
+    return wanted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +14,11 @@ from pyomo.core.base import Transformation, TransformationFactory
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
+from .canonical import CanonicalPair
 from .grouping import PerPair, as_grouping
-from .pairs import CanonicalPair, active_sources, canonical_pair
+from .lifting import LiftedPair, SideVariable, side_variable
+from .pair_checks import refuse_discrete, refuse_nan
+from .pairs import active_sources, canonical_form
 from .preconditions import (
     only_objective,
     refuse_nothing,
@@ -23,10 +26,11 @@ from .preconditions import (
     refuse_second_delta,
     refuse_unusable,
 )
-from .record import Application, Record, record_of, record_on, records_above, records_below
+from .record import Application, Group, Record, record_of, record_on, records_above, records_below
 from .relaxations import ObjectiveTerm, Scholtes, as_relaxation
 from .residuals import PairResidual, pair_residuals
-from .rows import add_pairs, new_record, remove_pairs
+from .rows import add_statements, new_record, remove_statements
+from .updating import update
 
 logger = logging.getLogger(__name__)
 
@@ -67,9 +71,11 @@ class RelaxComplementarity(Transformation):
     generated sits on one block with the mutable parameter ``delta``; only the rows of pairs inside a
     `Disjunct` sit on a block in that disjunct, so that they hold only where it is chosen.
 
-    Options of ``apply_to`` and ``create_using``: ``relaxation`` ("scholtes", "penalty" or an object),
-    ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2) and ``targets``
-    (blocks, components or single pairs; default all). An application to a model that is relaxed already
+    Options of ``apply_to`` and ``create_using``: ``relaxation`` (a word such as "scholtes" or "penalty", or an
+    object), ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2), ``lift`` (False) and
+    ``targets`` (blocks, components or single pairs; default all). With ``lift``, a generated variable ``s >= 0``
+    with the row ``s == side`` stands for each side that is more than a variable with a sign and an offset, so that
+    products are bilinear; it starts at the value of the side. An application to a model that is relaxed already
     adds what is new, under the same delta. A block that is deactivated afterwards takes its own constraints
     out of the model but not the generated rows of its pairs: revert before, or deactivate first.
     """
@@ -88,6 +94,14 @@ class RelaxComplementarity(Transformation):
         ConfigValue(default=1e-2, domain=_finite_positive, description="First bound of the products."),
     )
     CONFIG.declare(
+        "lift",
+        ConfigValue(
+            default=False,
+            domain=bool,
+            description="Let a generated variable stand for each side that is no variable.",
+        ),
+    )
+    CONFIG.declare(
         "targets",
         ConfigValue(default=None, description="Blocks, Complementarity components or pairs to take; default all."),
     )
@@ -103,16 +117,18 @@ class RelaxComplementarity(Transformation):
                 refuse_nothing(model, sources, config.targets)
                 refuse_second_delta(model)
                 objective = only_objective(model) if isinstance(config.relaxation, ObjectiveTerm) else None
-                record = new_record(config.delta, config.relaxation, config.grouping, objective)
+                record = new_record(config.delta, config.relaxation, config.grouping, config.lift, objective)
             else:
                 refuse_other_options(model, record, config, options)
             return self._relax(model, record, sources, config.delta if "delta" in options else None)
 
     def _relax(self, model: Any, record: Record, sources: list[Any], delta: float | None) -> RelaxationToken:
         # A pair that is known already was activated again by hand: it only has to go back to sleep.
-        pairs = [canonical_pair(source) for source in sources if source not in record.pairs]
-        if pairs:
-            add_pairs(record, model, pairs)
+        forms = [canonical_form(source) for source in sources if source not in record.statements]
+        refuse_discrete(forms)
+        refuse_nan(forms)
+        if forms:
+            add_statements(record, model, forms)
         previous = None
         if delta is not None and record.applications:
             previous = record.main.delta.value
@@ -120,8 +136,8 @@ class RelaxComplementarity(Transformation):
         _put_to_sleep(sources)
         application = record.next_application
         record.next_application += 1
-        record.applications[application] = Application([pair.source for pair in pairs], sources, previous)
-        logger.debug("'%s': relaxed %d complementarity pairs", model.name, len(pairs))
+        record.applications[application] = Application([form.source for form in forms], sources, previous)
+        logger.debug("'%s': relaxed %d complementarity statements", model.name, len(forms))
         return RelaxationToken(model, record.main, application)
 
     def revert(self, model: Any, token: RelaxationToken | None = None) -> None:
@@ -160,7 +176,7 @@ class RelaxComplementarity(Transformation):
                 if application.previous_delta is not None:
                     record.main.delta.set_value(application.previous_delta)
                 if application.sources:
-                    remove_pairs(record, application.sources)
+                    remove_statements(record, application.sources)
                 for source in application.deactivated:
                     source.activate()
 
@@ -168,20 +184,77 @@ class RelaxComplementarity(Transformation):
         """Return the pairs, as declared, that a generated row, side or objective came from."""
         record = _record_of_row(row)
         if record is not None and row is record.main.component("objective"):
-            return [pair.source for pair in record.pairs.values()]
-        if record is None or row not in record.sources:
+            return list(record.statements)
+        sources = None if record is None else record.origins.get((row.parent_component().local_name, row.index()))
+        if sources is None:
             raise ComplementarityError(f"'{row.name}': was not generated by pyrobocop.relax_complementarity.")
-        return list(record.sources[row])
+        return list(sources)
 
     def get_rows(self, source: Any) -> list[Any]:
-        """Return the generated rows of a pair: the one that bounds its product, then those of its sides."""
+        """Return the generated rows of a pair: those that relax its products, then those of its sides."""
         for record in records_above(source):
-            if source in record.pairs:
-                row = record.groups[record.group_names[source]].row
-                return [*([] if row is None else [row]), *record.side_rows[source]]
+            statement = record.statements.get(source)
+            if statement is None:
+                continue
+            rows = []
+            for group in {id(pair.group): pair.group for pair in statement.pairs}.values():
+                for row in (*group.rows, *group.budgets):
+                    origin = record.origins[row.parent_component().local_name, row.index()]
+                    if any(each is source for each in origin):
+                        rows.append(row)
+            return rows + statement.rows
         raise ComplementarityError(
             f"'{source.name}': is not relaxed. Apply pyrobocop.relax_complementarity to its model first."
         )
+
+    def get_lifted_pairs(self, model: Any) -> list[LiftedPair]:
+        """Return the relaxed pairs with the variables that stand for their sides, in a model relaxed with ``lift``.
+
+        Raises
+        ------
+        ComplementarityError
+            If a side is no variable and was not lifted.
+        """
+        return [
+            LiftedPair(relaxed.pair, _as_variable(relaxed.pair, relaxed.a), _as_variable(relaxed.pair, relaxed.b))
+            for record in records_below(model)
+            for relaxed in record.relaxed_pairs
+        ]
+
+    def get_relaxation_rows(self, model: Any) -> list[Any]:
+        """Return the active rows that relax products, and not those that keep or define sides."""
+        return [
+            row
+            for record in records_below(model)
+            for group in _groups_seen(record, model)
+            for row in (*group.rows, *group.budgets)
+            if row.active
+        ]
+
+    def advance(self, model: Any, delta: float, multipliers: Mapping[Any, float] | None = None) -> bool:
+        """Go on to the next solve: set delta, and whatever else the relaxation updates between solves.
+
+        Parameters
+        ----------
+        model : Block
+            With the values of the last solve.
+        delta : float
+            For the next one; positive.
+        multipliers : mapping, optional
+            From generated rows to their multipliers, of either sign; asked by relaxations that decide from these.
+            Default: the model's import suffix ``dual``.
+
+        Returns
+        -------
+        bool
+            Whether any number of the model changed.
+
+        Raises
+        ------
+        ComplementarityError
+            If the model holds no or several relaxations, a side has no value, or multipliers are needed and missing.
+        """
+        return update(self._only_record(model), _finite_positive(delta), multipliers)
 
     def get_delta(self, model: Any) -> Any:
         """Return the mutable parameter delta of a relaxed model."""
@@ -193,25 +266,28 @@ class RelaxComplementarity(Transformation):
 
     def relaxed_rows(self, model: Any) -> list[Any]:
         """Return the active rows ``... <= shift(delta)`` whose bound may move while a solver runs."""
-        found = []
-        for record in records_below(model):
-            if record.objective is not None or record.relaxation.shift(record.main.delta) is None:
-                continue
-            awake = {id(home) for home, block in record.blocks.items() if _seen_by_a_solver(block, model)}
-            found += [group.row for group in record.groups.values() if id(group.home) in awake and group.row.active]
-        return found
+        return [
+            row
+            for record in records_below(model)
+            if record.abilities.shifts
+            for group in _groups_seen(record, model)
+            for row in group.rows
+            if row.active
+        ]
 
     def get_pairs(self, model: Any) -> list[CanonicalPair]:
         """Return all pairs of a model in canonical form: the relaxed ones, then those still active."""
-        known: dict[int, CanonicalPair] = {}
+        known: dict[int, tuple[CanonicalPair, ...]] = {}
         for record in records_below(model):
-            known.update((id(pair.source), pair) for pair in record.pairs.values())
+            known.update((id(source), each.form.pairs) for source, each in record.statements.items())
         for record in records_above(model):
-            known.update((id(pair.source), pair) for pair in record.pairs.values() if _is_inside(pair.source, model))
+            known.update(
+                (id(source), each.form.pairs) for source, each in record.statements.items() if _is_inside(source, model)
+            )
         for source in active_sources(model):
             if id(source) not in known:
-                known[id(source)] = canonical_pair(source)
-        return list(known.values())
+                known[id(source)] = canonical_form(source).pairs
+        return [pair for pairs in known.values() for pair in pairs]
 
     def residuals(self, model: Any) -> list[PairResidual]:
         """Evaluate all pairs, relaxed or still active, at the current values.
@@ -229,6 +305,21 @@ class RelaxComplementarity(Transformation):
             names = ", ".join(f"'{record.main.name}'" for record in records) or "none"
             raise ComplementarityError(f"'{model.name}': expected one relaxation in it, found {names}.")
         return records[0]
+
+
+def _as_variable(pair: CanonicalPair, side: Any) -> SideVariable:
+    found = side_variable(side)
+    if found is None:
+        raise ComplementarityError(
+            f"'{pair.name}': the side '{side}' is no variable and was not lifted. Relax the model with lift=True."
+        )
+    return found
+
+
+def _groups_seen(record: Record, model: Any) -> list[Group]:
+    """The groups whose generated block a solver sees."""
+    awake = {id(home) for home, block in record.blocks.items() if _seen_by_a_solver(block, model)}
+    return [group for group in record.groups if id(group.home) in awake]
 
 
 def _record_of_row(row: Any) -> Record | None:

@@ -12,11 +12,8 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.transformation import TransformationFactory
 
-from pyrobocop_pyomo.complementarity import (
-    FollowBarrier,
-    Schedule,
-    active_pairs,
-)
+from pyrobocop_pyomo.complementarity import FollowBarrier, Schedule
+from pyrobocop_pyomo.complementarity.pairs import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
@@ -107,7 +104,7 @@ def solve(
     bar = Progress(progress)
     with _relaxed(model, relaxation, grouping, _first_delta(schedule)) as (block, rows):
         pairs = [] if block is None else TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model)
-        if block is not None and isinstance(schedule, FollowBarrier) and not rows:
+        if pairs and isinstance(schedule, FollowBarrier) and not rows:
             raise ComplementarityError(
                 f"'{model.name}': delta cannot follow the barrier parameter with the relaxation {relaxation!r}, "
                 "which bounds no row by it. Use schedule=Geometric(...) or Fixed(...)."
@@ -185,7 +182,7 @@ def _first_delta(schedule: Schedule | None) -> float:
 def _relaxed(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[tuple[Any, list[Any]]]:
     """Relax what is not relaxed yet; yields the generated block and the rows that a shift moves; reverts."""
     relax = TransformationFactory("pyrobocop.relax_complementarity")
-    if active_pairs(model):
+    if active_sources(model):
         token = relax.apply_to(model, relaxation=relaxation, grouping=grouping, delta=delta)
         try:
             yield token.block, relax.relaxed_rows(model)

@@ -1,0 +1,94 @@
+"""Sides as variables: which side is one already, and the generated variable that stands for any other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.core.base.var import VarData
+from pyomo.core.expr import LinearExpression, MonomialTermExpression, SumExpression
+from pyomo.core.expr.numvalue import native_numeric_types, value
+
+from .canonical import CanonicalPair
+from .side_checks import is_plain_variable
+
+
+@dataclass(frozen=True, eq=False)
+class SideVariable:
+    """A side that is a variable but for its sign and an offset: ``side = sign * (variable - offset)``.
+
+    Attributes
+    ----------
+    variable : VarData
+        Of the user, or generated.
+    sign : float
+        +1 or -1.
+    offset : number or Pyomo expression
+        Without variables; may hold mutable parameters.
+    """
+
+    variable: Any
+    sign: float
+    offset: Any
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedPair:
+    """A pair whose sides are variables.
+
+    Attributes
+    ----------
+    pair : CanonicalPair
+        As stated; its sides are the original expressions.
+    a, b : SideVariable
+        What stands for the sides in the generated rows. Of a part of a side, the variable of that part.
+    """
+
+    pair: CanonicalPair
+    a: SideVariable
+    b: SideVariable
+
+
+def side_variable(side: Any) -> SideVariable | None:
+    """Read ``x``, ``-x``, ``x - c`` or ``c - x`` as a variable; None when the side is anything else.
+
+    A variable is recognised by structure and not by what is fixed at the moment, so the answer stays true when
+    variables are fixed or unfixed later.
+    """
+    term = _signed_variable(side)
+    if term is not None:
+        return SideVariable(term[0], term[1], 0.0)
+    if side.__class__ not in (LinearExpression, SumExpression):
+        return None
+    arguments = side.args
+    if len(arguments) != 2:
+        return None
+    for varying, constant in (arguments, arguments[::-1]):
+        if constant.__class__ in native_numeric_types or not constant.is_potentially_variable():
+            term = _signed_variable(varying)
+            if term is not None:
+                variable, sign = term
+                # sign * (x - offset) = sign * x + constant
+                return SideVariable(variable, sign, -constant if sign > 0 else constant)
+    return None
+
+
+def _signed_variable(term: Any) -> tuple[Any, float] | None:
+    if isinstance(term, VarData) or is_plain_variable(term):
+        return term, 1.0
+    if term.__class__ is MonomialTermExpression:
+        coefficient, variable = term.args
+        if coefficient.__class__ in native_numeric_types and coefficient in (1, -1):
+            return variable, float(coefficient)
+    return None
+
+
+def part_values(side: Any) -> tuple[float, float]:
+    """Return ``max(side, 0)`` and ``max(-side, 0)`` at the current values; zeros where the side has no value."""
+    try:
+        number = value(side, exception=False)
+    except (ArithmeticError, ValueError):  # outside of a function's domain
+        number = None
+    if number is None or isinstance(number, complex) or number != number:
+        return 0.0, 0.0
+    return max(float(number), 0.0), max(-float(number), 0.0)

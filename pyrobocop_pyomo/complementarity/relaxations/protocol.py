@@ -1,0 +1,127 @@
+"""What a relaxation is: small protocols, of which an object meets those that it needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+
+@runtime_checkable
+class Relaxation(Protocol):
+    """What bounds the products of pairs by rows ``residual(a, b, delta) <= 0``.
+
+    Floats, arrays and Pyomo expressions all go through the same line, so a relaxation can be tested
+    without a model and without a solver. Three further members are optional:
+
+    ``equality`` : bool
+        True when the row is ``residual(a, b, delta) == 0``; default False.
+    ``further_residuals(a, b, delta)`` : tuple
+        What must not be positive beside the residual; default none.
+    ``side_slack(delta)``
+        How far below zero a side may fall, or None when no row is to keep its sign; default 0. A bound that the
+        user put on a variable is never touched: where it keeps the sign already, it keeps it exactly.
+    """
+
+    def residual(self, a: Any, b: Any, delta: Any) -> Any:
+        """Return what must not be positive, for sides within their signs."""
+        ...
+
+    def shift(self, delta: Any) -> Any:
+        """Return s(delta) if ``residual(a, b, delta) == residual(a, b, 0) - s(delta)``, else None.
+
+        Such a row can follow delta inside a solve: only its bound moves, Jacobian and Hessian stay. And such
+        residuals are added up over a group under one delta; of others, each product gets a share of delta.
+        """
+        ...
+
+
+@runtime_checkable
+class ObjectiveTerm(Protocol):
+    """What adds ``coefficient(delta) * sum_l w_l * a_l * b_l`` to a minimised objective.
+
+    Two further members are optional:
+
+    ``charge(product, multiplier)``
+        What stands in place of the product; it comes with `next_multiplier`.
+    ``excess_bound`` : float
+        With it the objective pays for one generated variable t, ``0 <= t <= excess_bound``, in place of the
+        products, and the object is a `Relaxation` as well, whose rows get t for delta.
+    """
+
+    def coefficient(self, delta: Any) -> Any:
+        """Return the factor before the sum."""
+        ...
+
+
+@runtime_checkable
+class KeepsMultipliers(Protocol):
+    """An objective term with a number for each product that is updated after each solve."""
+
+    def charge(self, product: Any, multiplier: Any) -> Any:
+        """Return what one product costs, before the coefficient."""
+        ...
+
+    def next_multiplier(self, multiplier: float, product: float, delta: float, next_delta: float) -> float:
+        """Return the number for the solve with `next_delta`, given the product after the one with `delta`."""
+        ...
+
+
+@runtime_checkable
+class KeepsBounds(Protocol):
+    """A relaxation with a bound for each row and a slack for each side, updated after each solve."""
+
+    def next_bound(self, bound: float, delta: float, products: list[tuple[float, float]], multiplier: float) -> float:
+        """Return the bound of a row for the solve with `delta`, given the values of its sides and its multiplier."""
+        ...
+
+    def next_slack(self, slack: float, delta: float, side: float, partner: float, multiplier: float) -> float:
+        """Return how far a side may be negative in the solve with `delta`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """What a relaxation can do, asked once: looking at a protocol for each pair would cost more than the pair.
+
+    Attributes
+    ----------
+    equality : bool
+        Its rows are equalities.
+    several_rows : bool
+        A product has further rows.
+    charges_products : bool
+        The products themselves enter the objective.
+    keeps_multipliers, keeps_bounds : bool
+        It has numbers that are updated between solves.
+    shifts : bool
+        delta moves the bounds of the rows and nothing else of the model.
+    """
+
+    equality: bool
+    several_rows: bool
+    charges_products: bool
+    keeps_multipliers: bool
+    keeps_bounds: bool
+    shifts: bool
+
+    @classmethod
+    def of(cls, relaxation: Any, delta: Any) -> Abilities:
+        """Ask a relaxation; `delta` is the parameter of the model."""
+        charges = isinstance(relaxation, ObjectiveTerm)
+        several = hasattr(relaxation, "further_residuals")
+        keeps_bounds = isinstance(relaxation, KeepsBounds)
+        elsewhere = charges or several or keeps_bounds or hasattr(relaxation, "side_slack")
+        return cls(
+            equality=bool(getattr(relaxation, "equality", False)),
+            several_rows=several,
+            charges_products=charges and not hasattr(relaxation, "excess_bound"),
+            keeps_multipliers=isinstance(relaxation, KeepsMultipliers),
+            keeps_bounds=keeps_bounds,
+            shifts=not elsewhere and isinstance(relaxation, Relaxation) and relaxation.shift(delta) is not None,
+        )
+
+
+def side_slack(relaxation: Any, delta: Any) -> Any:
+    """How far a side may be negative; None when nothing keeps its sign."""
+    slack = getattr(relaxation, "side_slack", None)
+    return 0 if slack is None else slack(delta)

@@ -1,0 +1,147 @@
+"""Lifting: which sides are variables already, and what the generated ones do."""
+
+from __future__ import annotations
+
+import pickle
+
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyomo.gdp import Disjunct, Disjunction
+
+from pyrobocop_pyomo.complementarity import Complementarity, complements
+from pyrobocop_pyomo.complementarity.lifting import side_variable
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .harness import nl_text, relaxation, state
+
+numbers = st.floats(-5, 5)
+
+
+def mixed(values=(2.0, 3.0, 1.0)):
+    """Plain variables, shifted and reversed ones, and expressions, on either side."""
+    m = pyo.ConcreteModel(name="mixed")
+    m.x = pyo.Var(bounds=(0, 10), initialize=values[0])
+    m.y, m.z = pyo.Var(initialize=values[1]), pyo.Var(initialize=values[2])
+    m.p = pyo.Param(initialize=0.5, mutable=True)
+    m.plain = Complementarity(expr=complements(m.x >= 0, m.y >= m.p))
+    m.reversed = Complementarity(expr=complements(m.x <= 10, m.y + m.z >= m.p))
+    m.curved = Complementarity(expr=complements(m.x * m.y >= 1, m.z <= 4))
+    m.cost = pyo.Objective(expr=m.x + m.y**2)
+    return m
+
+
+def side_value(side):
+    return side.sign * (side.variable.value - pyo.value(side.offset))
+
+
+@pytest.mark.parametrize(
+    ("build", "sign", "offset"),
+    [
+        (lambda m: m.x, 1, 0),
+        (lambda m: -m.x, -1, 0),
+        (lambda m: m.x - 3, 1, 3),
+        (lambda m: 3 - m.x, -1, 3),
+        (lambda m: m.x - m.p, 1, 0.5),
+        (lambda m: m.p - m.x, -1, 0.5),
+        (lambda m: m.x - 2 * m.p**2, 1, 0.5),
+    ],
+)
+@given(number=numbers)
+def test_a_signed_and_shifted_variable_is_recognised(build, sign, offset, number):
+    m = mixed()
+    m.x.set_value(number, skip_validation=True)
+    side = side_variable(build(m))
+    assert (side.variable, side.sign, pyo.value(side.offset)) == (m.x, sign, offset)
+    assert side_value(side) == pytest.approx(pyo.value(build(m)), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "build",
+    [lambda m: 2 * m.x, lambda m: m.x + m.y, lambda m: m.p * m.x, lambda m: m.x**2, lambda m: m.x * m.y - 1],
+)
+def test_anything_else_is_no_variable(build):
+    assert side_variable(build(mixed())) is None
+
+
+@given(values=st.tuples(st.floats(0, 10), numbers, numbers))
+def test_lifted_sides_start_at_the_nonnegative_part_of_their_value(values):
+    m = mixed(values)
+    relax = relaxation()
+    relax.apply_to(m, lift=True)
+    for lifted in relax.get_lifted_pairs(m):
+        for side, stated in ((lifted.a, lifted.pair.a), (lifted.b, lifted.pair.b)):
+            own = any(side.variable is each for each in (m.x, m.y, m.z))
+            expected = pyo.value(stated) if own else max(pyo.value(stated), 0.0)
+            assert side_value(side) == pytest.approx(expected, abs=1e-12)
+
+
+def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():
+    m = mixed()
+    relax = relaxation()
+    token = relax.apply_to(m, lift=True)
+    assert len(token.block.lifted) == 2
+    assert all(variable.lb == 0 and variable.ub is None for variable in token.block.lifted.values())
+    assert {row.body.polynomial_degree() for row in relax.relaxed_rows(m)} == {2}
+    # y >= p, z <= 4 and x <= 10: plain variables, of which only x has the bound itself.
+    assert len(token.block.sides) == 2
+    assert len(token.block.definitions) == 2
+    for row in token.block.definitions.values():
+        assert row.equality
+        assert relax.get_source(row)[0] in (m.reversed, m.curved)
+        assert row in relax.get_rows(relax.get_source(row)[0])
+
+
+def test_the_relaxation_rows_are_those_of_products_alone():
+    m = mixed()
+    relax = relaxation()
+    token = relax.apply_to(m, lift=True)
+    assert relax.get_relaxation_rows(m) == relax.relaxed_rows(m) == list(token.block.rows.values())
+    next(iter(token.block.rows.values())).deactivate()
+    assert len(relax.get_relaxation_rows(m)) == 2
+
+
+def test_a_side_without_a_value_starts_at_zero():
+    m = mixed()
+    m.z.set_value(None)
+    token = relaxation().apply_to(m, lift=True)
+    assert sorted(variable.value for variable in token.block.lifted.values()) == [0, 5]
+
+
+def test_without_lifting_a_side_that_is_no_variable_is_named():
+    m = mixed()
+    relax = relaxation()
+    relax.apply_to(m, targets=m.plain)
+    assert len(relax.get_lifted_pairs(m)) == 1
+    relax.apply_to(m)
+    with pytest.raises(ComplementarityError, match=r"'reversed': the side .* is no variable.*lift=True"):
+        relax.get_lifted_pairs(m)
+
+
+@pytest.mark.parametrize(
+    "copy", [lambda m: m.clone(), lambda m: pickle.loads(pickle.dumps(m))], ids=["clone", "pickle"]
+)
+def test_copies_have_lifted_pairs_of_their_own(copy):
+    m = mixed()
+    relax = relaxation()
+    relax.apply_to(m, lift=True)
+    other = copy(m)
+    assert nl_text(other) == nl_text(m)
+    for lifted in relax.get_lifted_pairs(other):
+        assert lifted.a.variable.model() is lifted.b.variable.model() is other
+
+
+def test_a_pair_of_a_disjunct_is_lifted_there():
+    m = mixed()
+    m.one, m.two = Disjunct(), Disjunct()
+    m.one.contact = Complementarity(expr=complements(m.y + m.z >= 0, m.x >= 0))
+    m.either = Disjunction(expr=[m.one, m.two])
+    before = state(m)
+    relax = relaxation()
+    token = relax.apply_to(m, lift=True, targets=m.one)
+    (lifted,) = relax.get_lifted_pairs(m)
+    assert lifted.a.variable.parent_block().parent_block() is m.one
+    assert token.block.component("lifted") is None
+    relax.revert(m, token)
+    assert state(m) == before
