@@ -14,6 +14,7 @@ import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
 from .problem import NonsmoothProblem, at_boundaries, held
+from .switches import add_pair
 
 HORIZON, REACH, ASIDE = 4.0, 1.5, 0.6
 
@@ -47,12 +48,13 @@ def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect:
             rates[b.x], rates[b.y] = rates[b.x] - push_x, rates[b.y] - push_y
         return rates
 
-    @b.complementarity
-    def contacts(b, t):
-        gaps = [sum(each**2 for each in offset(b, t, i)) - 1 for i in (1, 2)]
-        return [
-            rcp.complements(gap >= 0, getattr(b, f"force_{i}")[t] >= 0) for i, gap in zip((1, 2), gaps, strict=True)
-        ]
+    for i in (1, 2):
+        add_pair(
+            b,
+            f"contact_{i}",
+            lambda b, t, i=i: sum(each**2 for each in offset(b, t, i)) - 1,
+            lambda b, t, i=i: getattr(b, f"force_{i}")[t],
+        )
 
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u_x[t] ** 2 + b.u_y[t] ** 2))
     if detect:

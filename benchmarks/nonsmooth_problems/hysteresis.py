@@ -19,7 +19,7 @@ from typing import Any
 
 import pyrobocop_pyomo as rcp
 
-from .switches import Rule, add_step
+from .switches import Rule, add_pair, add_step
 
 
 def add_delayed_relay(
@@ -34,13 +34,9 @@ def add_delayed_relay(
     b.declare(rise, rcp.Algebraic(bounds=(0, None)))
     b.declare(fall, rcp.Algebraic(bounds=(0, None)))
 
-    def play(b, t):
-        return [
-            rcp.complements(getattr(b, z)[t] - signal(b, t) + on >= 0, getattr(b, rise)[t] >= 0),
-            rcp.complements(signal(b, t) - off - getattr(b, z)[t] >= 0, getattr(b, fall)[t] >= 0),
-        ]
-
-    play.__name__ = f"{name}_play"
-    b.complementarity(play)
+    add_pair(b, f"{name}_drag_up", lambda b, t: getattr(b, z)[t] - signal(b, t) + on, lambda b, t: getattr(b, rise)[t])
+    add_pair(
+        b, f"{name}_drag_down", lambda b, t: signal(b, t) - off - getattr(b, z)[t], lambda b, t: getattr(b, fall)[t]
+    )
     add_step(b, name, lambda b, t: getattr(b, z)[t], guess=0.5)
     return lambda b, t: {getattr(b, z): getattr(b, rise)[t] - getattr(b, fall)[t]}

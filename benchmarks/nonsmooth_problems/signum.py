@@ -35,7 +35,7 @@ def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect:
     b.ode(lambda b, t: {b.x: 3 - 2 * b.positive[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2) + (b.x[b.time.last()] - TARGET) ** 2)
     if detect:
-        detect_switches(m, at_start={("positive_switch", 1): -b.x[b.time.first()]})
+        detect_switches(m, at_start={("positive_off", None): -b.x[b.time.first()]})
     return m
 
 

@@ -14,6 +14,19 @@ import pyrobocop_pyomo as rcp
 Rule = Callable[[Any, float], Any]
 
 
+def add_pair(b: rcp.PhaseBlock, name: str, continuous: Rule, other: Rule) -> None:
+    """State ``0 <= continuous ⟂ other >= 0`` as a component of its own.
+
+    What is crossed over an element are the sides of one component: two pairs in one would be crossed with each other.
+    """
+
+    def pair(b, t):
+        return rcp.complements(continuous(b, t) >= 0, other(b, t) >= 0)
+
+    pair.__name__ = name
+    b.complementarity(pair)
+
+
 def add_step(b: rcp.PhaseBlock, name: str, switching: Rule, guess: float = 0.5) -> None:
     """Declare ``b.<name>[t]``: 1 where ``switching(b, t) > 0``, 0 where it is negative, anything between at zero.
 
@@ -33,16 +46,10 @@ def add_step(b: rcp.PhaseBlock, name: str, switching: Rule, guess: float = 0.5) 
     def parts(b, t):
         return switching(b, t) == getattr(b, above)[t] - getattr(b, below)[t]
 
-    def pairs(b, t):
-        step = getattr(b, name)[t]
-        return [
-            rcp.complements(getattr(b, above)[t] >= 0, 1 - step >= 0),
-            rcp.complements(getattr(b, below)[t] >= 0, step >= 0),
-        ]
-
-    parts.__name__, pairs.__name__ = f"{name}_parts", f"{name}_switch"
+    parts.__name__ = f"{name}_parts"
     b.residual(parts)
-    b.complementarity(pairs)
+    add_pair(b, f"{name}_on", lambda b, t: getattr(b, above)[t], lambda b, t: 1 - getattr(b, name)[t])
+    add_pair(b, f"{name}_off", lambda b, t: getattr(b, below)[t], lambda b, t: getattr(b, name)[t])
 
 
 def add_modes(b: rcp.PhaseBlock, name: str, indicators: Sequence[Rule]) -> None:
@@ -73,12 +80,7 @@ def add_modes(b: rcp.PhaseBlock, name: str, indicators: Sequence[Rule]) -> None:
             sum(getattr(b, share)[t] for share in shares) == 1,
         ]
 
-    def pairs(b, t):
-        return [
-            rcp.complements(getattr(b, excess)[t] >= 0, getattr(b, share)[t] >= 0)
-            for share, excess in zip(shares, excesses, strict=True)
-        ]
-
-    simplex.__name__, pairs.__name__ = f"{name}_simplex", f"{name}_choice"
+    simplex.__name__ = f"{name}_simplex"
     b.residual(simplex)
-    b.complementarity(pairs)
+    for share, excess in zip(shares, excesses, strict=True):
+        add_pair(b, f"{share}_chosen", lambda b, t, e=excess: getattr(b, e)[t], lambda b, t, s=share: getattr(b, s)[t])

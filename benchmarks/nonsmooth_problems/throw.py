@@ -18,6 +18,7 @@ import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
 from .problem import NonsmoothProblem, at_boundaries
+from .switches import add_pair
 
 HORIZON, DISTANCE, FRICTION, GRAVITY = 1.0, 1.0, 0.4, 10.0
 
@@ -42,14 +43,12 @@ def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect:
         friction = b.friction_up[t] - b.friction_down[t]
         return {b.x: b.v[t], b.y: b.w[t], b.v: GRAVITY * friction, b.w: GRAVITY * (b.normal[t] - 1)}
 
-    @b.complementarity
-    def contact(b, t):
-        return [
-            rcp.complements(b.y[t] >= 0, b.normal[t] >= 0),
-            rcp.complements(b.speed[t] + b.v[t] >= 0, b.friction_up[t] >= 0),
-            rcp.complements(b.speed[t] - b.v[t] >= 0, b.friction_down[t] >= 0),
-            rcp.complements(b.speed[t] >= 0, FRICTION * b.normal[t] - b.friction_up[t] - b.friction_down[t] >= 0),
-        ]
+    add_pair(b, "contact", lambda b, t: b.y[t], lambda b, t: b.normal[t])
+    add_pair(b, "backward", lambda b, t: b.speed[t] + b.v[t], lambda b, t: b.friction_up[t])
+    add_pair(b, "forward", lambda b, t: b.speed[t] - b.v[t], lambda b, t: b.friction_down[t])
+    add_pair(
+        b, "cone", lambda b, t: b.speed[t], lambda b, t: FRICTION * b.normal[t] - b.friction_up[t] - b.friction_down[t]
+    )
 
     start = b.time.first()
     m.energy = pyo.Objective(expr=0.5 * (b.v[start] ** 2 + b.w[start] ** 2))
