@@ -2,8 +2,7 @@
 
     python benchmarks/nonsmooth_control.py [--quick] [--problems NAME ...] [--elements N] [--stages S]
 
-"pair" writes each pair at each collocation point of a uniform mesh; "crossed", where the package knows this grouping,
-multiplies all sides of an element with each other; "detected" writes pairs of sums per element, its left end
+"pair" writes each pair at each collocation point of a uniform mesh; "crossed" multiplies all sides of an element with each other; "detected" writes pairs of sums per element, its left end
 included, and lets the boundaries of the elements move.
 
 "error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
@@ -20,22 +19,17 @@ from nonsmooth_problems import PROBLEMS
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity.grouping import GROUPINGS
+from pyrobocop_pyomo.complementarity.schedules import Superlinear
 
 SCHEDULES = {
     "default": None,
     "follow": rcp.FollowBarrier(factor=2.0),
     "x 0.1": rcp.Geometric(first=1.0, factor=0.1, last=1e-8),
     "1e-8": rcp.Fixed(1e-8),
+    "superlinear": Superlinear(first=1.0, last=1e-8),
 }
-if hasattr(rcp, "Superlinear"):
-    SCHEDULES["superlinear"] = rcp.Superlinear()
-
-
-def writings() -> dict[str, tuple[bool, str]]:
-    """Name, whether switches are detected, grouping."""
-    found = {"pair": (False, "pair"), "crossed": (False, "crossed"), "detected": (True, "pair")}
-    return {name: each for name, each in found.items() if each[1] in GROUPINGS}
+# Name: whether switches are detected, grouping.
+WRITINGS = {"pair": (False, "pair"), "crossed": (False, "crossed"), "detected": (True, "pair")}
 
 
 def main() -> None:
@@ -43,10 +37,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="two problems, 10 elements")
     parser.add_argument("--problems", nargs="+", choices=list(PROBLEMS), default=list(PROBLEMS), metavar="NAME")
-    parser.add_argument("--elements", type=int, default=30)
+    parser.add_argument("--schedules", nargs="+", choices=list(SCHEDULES), default=list(SCHEDULES), metavar="NAME")
+    parser.add_argument("--elements", type=int, default=20)
     parser.add_argument("--stages", type=int, default=None, help="default: that of each problem")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds per run")
     arguments = parser.parse_args()
+    schedules = {word: SCHEDULES[word] for word in arguments.schedules}
     names = ["sliding by step", "pushed blocks"] if arguments.quick else arguments.problems
     elements = 10 if arguments.quick else arguments.elements
 
@@ -62,11 +58,11 @@ def main() -> None:
     counts: dict[tuple[str, str], int] = {}
     for name in names:
         problem = PROBLEMS[name]
-        for writing, (detect, grouping) in writings().items():
+        for writing, (detect, grouping) in WRITINGS.items():
             # A single stage has nothing to be crossed with.
             stages = {} if writing == "pair" else {"stages": 2}
             stages |= {} if arguments.stages is None else {"stages": arguments.stages}
-            for word, schedule in SCHEDULES.items():
+            for word, schedule in schedules.items():
                 show_progress(f"{name}, {writing}, {word}")
                 model: pyo.ConcreteModel = problem.build(elements, detect=detect, **stages)
                 result = rcp.solve(
@@ -81,10 +77,10 @@ def main() -> None:
                 )  # fmt: skip
 
     print(f"\nsolved, of {len(names)}\n")
-    summary = Table([("writing", "<10"), *((word, ">12d") for word in SCHEDULES)])
+    summary = Table([("writing", "<10"), *((word, ">12d") for word in schedules)])
     summary.header()
-    for writing in writings():
-        summary.add(writing, *(counts[writing, word] for word in SCHEDULES))
+    for writing in WRITINGS:
+        summary.add(writing, *(counts[writing, word] for word in schedules))
 
 
 if __name__ == "__main__":
