@@ -2,8 +2,9 @@
 
     python benchmarks/nonsmooth_control.py [--quick] [--problems NAME ...] [--elements N] [--stages S]
 
-"pair" writes each pair at each collocation point of a uniform mesh; "crossed" multiplies all sides of an element with each other; "detected" writes pairs of sums per element, its left end
-included, and lets the boundaries of the elements move.
+"pair" writes each pair at each collocation point of a uniform mesh; "crossed" multiplies the sides of all points of an
+element with each other; "detected" writes pairs of sums per element, its left end included, and lets the boundaries of
+the elements move.
 
 "error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
 "motion" the largest difference from the true motion under the plan's own controls, every switch located. "solved"
