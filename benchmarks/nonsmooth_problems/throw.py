@@ -5,8 +5,8 @@ controlled after the throw. At the impact the floor takes the vertical speed w w
 ``mu w`` of the horizontal one; then the puck slides. A throw with (v, w) from the floor thus gets to ``2 v w / g + (v
 - mu w)^2 / (2 mu g) = (v + mu w)^2 / (2 mu g)``: what reaches a distance d is the line ``v + mu w = sqrt(2 mu g d)``.
 
-Implicit Euler with the gap itself in the pair is the time stepping of an inelastic impact: the force of one step
-stands for the impulse, and more stages would ask the gap to be smooth there.
+Implicit Euler with the gap itself in the pair is the time stepping of an inelastic impact: the force of one step stands
+for the impulse.
 """
 
 from __future__ import annotations

@@ -18,8 +18,7 @@ pytestmark = pytest.mark.casadi
 FROM_SOFT_TO_HARD = rcp.Geometric(first=1.0, factor=0.1, last=1e-8)
 # Products of 1e-8 leave 1e-4 where both sides of a pair are zero.
 BIACTIVE = 1e-4
-# These do not take their switches at element boundaries: an impact needs the one stage that holds its impulse, and the
-# thermostat does not converge that way.
+# The continuation from soft to hard does not converge for these with their switches at element boundaries.
 AT_POINTS = ("throw", "thermostat")
 
 
