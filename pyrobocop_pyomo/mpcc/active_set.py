@@ -178,14 +178,19 @@ class ActiveSetSearch:
                 best = self._go("projection", piece.branch, best, start.x + piece.step) or best
         return best
 
-    def explore(self, start: Candidate) -> Candidate:
+    def explore(self, start: Candidate, tried: set[bytes]) -> Candidate:
         """Try the pieces that look best from a B-stationary point when the trust region reaches far.
 
         Where objective and rows are linear, the linear program with a large enough trust region knows the global
         optimum; elsewhere it names branches worth solving. Each improvement starts the search anew.
+
+        Parameters
+        ----------
+        start : Candidate
+        tried : set
+            Keys of branches to leave out; grows by those that are tried.
         """
         best = start
-        tried: set[bytes] = set()
         improved = True
         while improved and best.branch is not None and not self._late():
             improved = False

@@ -139,7 +139,7 @@ class Attempt:
 
     def _follow(self, schedule: FollowBarrier, options: Mapping[str, Any]) -> None:
         step = None
-        for run in self._session.follow(schedule, time_limit=self._left()):
+        for run in self._session.follow(schedule, time_limit=self._left(), options=options):
             step = self._take(run)
         # The rows may have moved in the very last iterations; products above their final bound say so.
         if step is not None and step.status.solved and step.largest_product > 10 * schedule.floor:
