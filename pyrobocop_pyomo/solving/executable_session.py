@@ -179,6 +179,18 @@ class ExecutableSession:
         """See `Session.stationarity`."""
         return None
 
+    def rewinder(self) -> Callable[[], None]:
+        """See `Session.rewinder`."""
+        suffixes = [self._own.component(name) for name in ("dual", "ipopt_zL_out", "ipopt_zU_out")]
+        kept = [(suffix, list(suffix.items())) for suffix in suffixes]
+
+        def rewind() -> None:
+            for suffix, items in kept:
+                suffix.clear()
+                suffix.update(items)
+
+        return rewind
+
     def suffix_loader(self) -> Callable[[], None]:
         """See `Session.suffix_loader`."""
         found = [

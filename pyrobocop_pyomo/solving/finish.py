@@ -165,8 +165,10 @@ class Finish:
         self._solved: list[tuple[Step, IpoptOutcome, Candidate]] = []
         return ActiveSetSearch(self._program, self._solve, self._limits, self._record)
 
-    def _solve(self, nlp: NonlinearProgram, start: Candidate) -> IpoptOutcome:
+    def _solve(self, nlp: NonlinearProgram, start: Candidate, iterations: int | None) -> IpoptOutcome:
         options: Mapping[str, Any] = {**POLISH_OPTIONS, **self._settings.options}
+        if iterations is not None:
+            options = {**options, "max_iter": min(iterations, options["max_iter"])}
         left = self._left()
         if left is not None:
             options = {**options, "max_wall_time": max(left, 1e-3)}

@@ -169,6 +169,15 @@ class InProcessSession:
             self._nlp, outcome.x, outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers
         )
 
+    def rewinder(self) -> Callable[[], None]:
+        """See `Session.rewinder`."""
+        outcome = self._outcome
+
+        def rewind() -> None:
+            self._outcome = outcome
+
+        return rewind
+
     def suffix_loader(self) -> Callable[[], None]:
         """See `Session.suffix_loader`."""
         assert self._outcome is not None

@@ -81,6 +81,10 @@ class Session(Protocol):
         """Size of the Lagrangian's gradient at the last point, relative to the multipliers; None if unknown."""
         ...
 
+    def rewinder(self) -> Callable[[], None]:
+        """What lets the next warm run start with the multipliers that are the last ones now."""
+        ...
+
     def suffix_loader(self) -> Callable[[], None]:
         """What fills the suffixes that the user declared for import from the last run; to be called after `close`."""
         ...
