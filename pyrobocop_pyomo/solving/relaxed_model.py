@@ -58,14 +58,6 @@ class RelaxedModel:
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 
-    def forget_generated(self) -> None:
-        """Take what was generated out of the user's suffixes."""
-        if self.block is None:
-            return
-        for suffix in self.model.component_objects(Suffix, active=True):
-            for component in [each for each in suffix if each is not None and each.parent_block() is self.block]:
-                del suffix[component]
-
 
 @contextmanager
 def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[RelaxedModel]:
@@ -104,3 +96,11 @@ def _described(model: Any, block: Any) -> RelaxedModel:
         relax.relaxed_rows(model),
         relax.get_relaxation_rows(model),
     )
+
+
+def forget_removed(model: Any) -> None:
+    """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
+    root = model.model()
+    for suffix in model.component_objects(Suffix, active=True):
+        for component in [each for each in suffix if each is not None and each.model() is not root]:
+            del suffix[component]
