@@ -11,12 +11,12 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
+from .canonical import CanonicalForm
 from .charge import charged_objective, set_objective
 from .formulation import Formulation, formulate
 from .generated import OCCASIONAL, component_of, new_row, put, take_away
-from .pairs import CanonicalForm
 from .record import BLOCK_NAME, Group, Record, RelaxedPair, record_of
-from .relaxations.protocol import charges_products
+from .relaxations.protocol import Abilities
 from .side_rows import PreparedStatement, prepare
 
 
@@ -31,6 +31,7 @@ def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objecti
     record = record_of(block)
     record.main = block
     record.relaxation = relaxation
+    record.abilities = Abilities.of(relaxation, block.delta)
     record.grouping = grouping
     record.lift = lift
     record.objective = objective
@@ -117,7 +118,7 @@ def _planned(
         by_home[id(home)][1].extend(each.statement.pairs)
     formulations = []
     for home, members in by_home.values():
-        if members and home is not model and charges_products(record.relaxation):
+        if members and home is not model and record.abilities.charges_products:
             raise ComplementarityError(
                 f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
                 "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."

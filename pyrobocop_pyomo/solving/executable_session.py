@@ -171,6 +171,13 @@ class ExecutableSession:
         upper = np.array([-sign * own.ipopt_zU_out.get(variable, 0.0) for variable in written.variables])
         return rows, lower, upper
 
+    def row_multipliers(self) -> Mapping[Any, float]:
+        """See `Session.row_multipliers`."""
+        return self._own.dual
+
+    def refresh(self) -> None:
+        """The model is written again for each run in any case."""
+
     def stationarity(self) -> float | None:
         """See `Session.stationarity`."""
         return None

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 import numpy as np
+from pyomo.common.collections import ComponentMap
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
@@ -158,6 +159,17 @@ class InProcessSession:
             nlp = written.nlp
             return np.zeros(nlp.m), np.ones(nlp.n), np.ones(nlp.n)
         return self._outcome.g_multipliers, self._outcome.lower_multipliers, self._outcome.upper_multipliers
+
+    def row_multipliers(self) -> Mapping[Any, float]:
+        """See `Session.row_multipliers`."""
+        if self._outcome is None:
+            return {}
+        return ComponentMap(zip(self._written.constraints, self._outcome.g_multipliers.tolist(), strict=True))
+
+    def refresh(self) -> None:
+        """See `Session.refresh`."""
+        self._written.update()
+        self._nlp = self._written.nlp
 
     def stationarity(self) -> float | None:
         """See `Session.stationarity`."""

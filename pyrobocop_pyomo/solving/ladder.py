@@ -150,7 +150,9 @@ class Ladder:
             return None
         if rung.from_guess:
             place.values.write(place.start)
-        attempt = Attempt(place.session, self._recorder, place.values, self._settings.tolerances, self._left)
+        attempt = Attempt(
+            place.session, self._recorder, place.values, self._settings.tolerances, self._left, place.relaxed.move
+        )
         best = attempt.go(rung.schedule, self._options_of(rung))
         place.values.write(best.values)
         finding = Finding(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -49,6 +49,19 @@ class RelaxedModel:
     def delta(self) -> Any:
         """The mutable parameter, or None."""
         return None if self.block is None else self.block.delta
+
+    def move(self, delta: float, multipliers: Mapping[Any, float] | None) -> bool:
+        """Bring the numbers of the relaxation to the next delta, or without multipliers of a last solve to a first one.
+
+        Returns True when numbers of the model have changed; where rows shift the session moves them itself.
+        """
+        if self.block is None or self.shifted_rows:
+            return False
+        relax = TransformationFactory(TRANSFORMATION)
+        if multipliers is None:
+            relax.restart(self.model, delta)
+            return True
+        return relax.advance(self.model, delta, multipliers)
 
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""

@@ -72,6 +72,14 @@ class Session(Protocol):
         """Multipliers of rows, lower and upper bounds after the last run, in the order of `written`."""
         ...
 
+    def row_multipliers(self) -> Mapping[Any, float]:
+        """Multipliers of the last run from the model's rows, of either sign."""
+        ...
+
+    def refresh(self) -> None:
+        """Take in numbers of the model that have changed since the last run."""
+        ...
+
     def stationarity(self) -> float | None:
         """Size of the Lagrangian's gradient at the last point, relative to the multipliers; None if unknown."""
         ...

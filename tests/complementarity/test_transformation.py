@@ -348,7 +348,9 @@ def test_a_second_delta_moves_the_first_until_it_is_reverted(model, relax):
 def test_other_options_beside_the_first_are_refused(model, relax):
     relax.apply_to(model, targets=model.ours)
     before, text = state(model), text_without_pairs(model)
-    with pytest.raises(ComplementarityError, match=r"is relaxed with relaxation Scholtes\(\); Penalty\(\) cannot"):
+    with pytest.raises(
+        ComplementarityError, match=r"is relaxed with relaxation Scholtes\(equality=False\); Penalty\(\) cannot"
+    ):
         relax.apply_to(model, relaxation="penalty")
     with pytest.raises(ComplementarityError, match=r"is relaxed with grouping PerPair\(\)"):
         relax.apply_to(model, grouping="element")
