@@ -113,7 +113,11 @@ def _described(model: Any, block: Any) -> RelaxedModel:
 
 def forget_removed(model: Any) -> None:
     """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
-    root = model.model()
     for suffix in model.component_objects(Suffix, active=True):
-        for component in [each for each in suffix if each is not None and each.model() is not root]:
+        for component in [each for each in suffix if each is not None and not _is_part_of(model, each)]:
             del suffix[component]
+
+
+def _is_part_of(model: Any, component: Any) -> bool:
+    # What was removed does not hold on to what it was in: that may be gone already.
+    return component.parent_component() is not None and component.model() is model.model()
