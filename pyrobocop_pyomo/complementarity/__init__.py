@@ -2,6 +2,7 @@
 
 from .canonical import CanonicalForm, CanonicalPair, Part
 from .component import Complementarity, ComplementarityData
+from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
 from .forms import form_of
 from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 from .lifting import LiftedPair, SideVariable
@@ -36,8 +37,10 @@ __all__ = [
     "ChenHarkerKanzowSmale",
     "Complementarity",
     "ComplementarityData",
+    "ComplementarityToDisjunctions",
     "Complements",
     "Crossed",
+    "DisjunctionToken",
     "Elastic",
     "FischerBurmeister",
     "Fixed",

@@ -77,8 +77,11 @@ class CanonicalForm:
         One; two for a range against a free side; none for an equality against a free side.
     rows : tuple of relational expressions
         What has to be a constraint beyond the ``a_row`` and ``b_row`` of the pairs.
+    between : tuple (l, F, u) or None
+        The range itself where it stands against a free side, so that the two pairs are read as one choice of three.
     """
 
     source: Any
     pairs: tuple[CanonicalPair, ...]
     rows: tuple[Any, ...] = ()
+    between: tuple[Any, Any, Any] | None = None

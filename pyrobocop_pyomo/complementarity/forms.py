@@ -67,7 +67,7 @@ def form_of(
 
 def _range(side: Side, free: Any, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
     """``l <= F <= u ⟂ H``: F is at l where H > 0 and at u where H < 0."""
-    if side.lower.__class__ in native_numeric_types and side.lower == side.upper:
+    if all(bound.__class__ in native_numeric_types for bound in (side.lower, side.upper)) and side.lower == side.upper:
         # Not for parameters, which may move apart.
         return CanonicalForm(source, (), (side.body == side.lower,))
     lower, lower_row = above_lower(side)
@@ -78,6 +78,7 @@ def _range(side: Side, free: Any, source: Any, group: Hashable, weight: Any) -> 
             CanonicalPair(source, lower, free, lower_row, None, group, weight, Part.POSITIVE, "lower"),
             CanonicalPair(source, upper, free, upper_row, None, group, weight, Part.NEGATIVE, "upper"),
         ),
+        between=(side.lower, side.body, side.upper),
     )
 
 

@@ -115,6 +115,28 @@ def active_sources(model: Any, targets: Iterable[Any] | None = None) -> list[Any
     return list(found.values())
 
 
+def put_to_sleep(sources: Iterable[Any]) -> None:
+    """Deactivate pairs, and the components of which no pair is left."""
+    parents = {}
+    for source in sources:
+        source.deactivate()
+        parent = source.parent_component()
+        parents[id(parent)] = parent
+    for parent in parents.values():
+        # Pyomo leaves the flag of the component to whoever changes its parts.
+        if not any(source.active for source in parent.values()):
+            parent.deactivate()
+
+
+def home_of(block: Any, model: Any) -> Any:
+    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
+    while block is not model:
+        if block.ctype is Disjunct:
+            return block
+        block = block.parent_block()
+    return model
+
+
 def as_targets(targets: Any) -> list[Any]:
     """Return targets as a list: one component or pair may be given alone."""
     return [targets] if hasattr(targets, "ctype") else list(targets)

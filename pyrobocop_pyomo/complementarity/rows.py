@@ -7,7 +7,6 @@ from typing import Any
 
 from pyomo.common.modeling import unique_component_name
 from pyomo.core import Block, NonNegativeReals, Param, Var
-from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
@@ -15,6 +14,7 @@ from .canonical import CanonicalForm
 from .charge import charged_objective, set_objective
 from .formulation import Formulation, formulate
 from .generated import OCCASIONAL, component_of, new_row, put, take_away
+from .pairs import home_of
 from .record import BLOCK_NAME, Group, Record, RelaxedPair, record_of
 from .relaxations.protocol import Abilities
 from .side_rows import PreparedStatement, prepare
@@ -111,7 +111,7 @@ def _planned(
         parent = form.source.parent_block()
         home = homes.get(id(parent))
         if home is None:
-            home = homes[id(parent)] = _home(parent, model)
+            home = homes[id(parent)] = home_of(parent, model)
             by_home.setdefault(id(home), (home, []))
         each = prepare(record, _block_on(record, model, home, fresh), home, form)
         prepared.append(each)
@@ -153,15 +153,6 @@ def _grouped(
         joined = [relaxed[id(pair)] for pair in added]
         found.append((group, [*group.pairs, *joined] if group.pairs else joined))
     return found
-
-
-def _home(block: Any, model: Any) -> Any:
-    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
-    while block is not model:
-        if block.ctype is Disjunct:
-            return block
-        block = block.parent_block()
-    return model
 
 
 def _block_on(record: Record, model: Any, home: Any, fresh: list[tuple[Any, Any]]) -> Any:

@@ -59,8 +59,8 @@ def four_bounds(first: Any, second: Any, pair: Any) -> ComplementarityError:
     """Return the refusal of a range against a range."""
     return ComplementarityError(
         f"'{pair.name}': sides '{first}' and '{second}' have four finite bounds, where two are needed. A range "
-        "lower <= F <= upper stands against a free side: say which side it is that is free by first_bound= or "
-        "second_bound='free' where that is a variable, or make the bounds of that side a Constraint."
+        "lower <= F <= upper stands against a free side: pass first_bound= or second_bound='free' for a plain variable "
+        "whose bounds are just bounds, or make the bounds of that side a Constraint."
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from .canonical import CanonicalPair
 from .grouping import PerPair, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
 from .pair_checks import refuse_discrete, refuse_nan
-from .pairs import active_sources, canonical_form
+from .pairs import active_sources, canonical_form, put_to_sleep
 from .preconditions import (
     only_objective,
     refuse_nothing,
@@ -133,7 +133,7 @@ class RelaxComplementarity(Transformation):
         if delta is not None and record.applications:
             previous = record.main.delta.value
             record.main.delta.set_value(delta)
-        _put_to_sleep(sources)
+        put_to_sleep(sources)
         application = record.next_application
         record.next_application += 1
         record.applications[application] = Application([form.source for form in forms], sources, previous)
@@ -321,18 +321,6 @@ def _groups_seen(record: Record, model: Any) -> list[Group]:
 def _record_of_row(row: Any) -> Record | None:
     block = record_of(row.parent_block()).main
     return None if block is None else record_of(block)
-
-
-def _put_to_sleep(sources: Iterable[Any]) -> None:
-    parents = {}
-    for source in sources:
-        source.deactivate()
-        parent = source.parent_component()
-        parents[id(parent)] = parent
-    for parent in parents.values():
-        # Pyomo leaves the flag of the component to whoever changes its parts.
-        if not any(source.active for source in parent.values()):
-            parent.deactivate()
 
 
 def _seen_by_a_solver(block: Any, model: Any) -> bool:
