@@ -235,7 +235,7 @@ def test_models_of_pyomo_mpec_are_solved_as_they_are():
     m.z, m.price = pyo.Var(initialize=0.5), pyo.Var(initialize=0.0)
     m.pair = Complementarity(expr=complements(m.x >= 0, m.y >= 0))
     m.several = ComplementarityList()
-    m.several.add(complements(0 <= (m.z <= 1), m.price))
+    m.several.add(complements(pyo.inequality(0, m.z, 1), m.price))
     m.row = pyo.Constraint(expr=m.price == m.z - 3)
     m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
     results = solver().solve(m)
