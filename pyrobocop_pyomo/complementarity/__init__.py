@@ -24,7 +24,7 @@ from .relaxations import (
     SteffensenUlbrich,
     TwoSided,
 )
-from .residuals import PairResidual, pair_residuals, side_values
+from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements
 from .transformation import RelaxationToken, RelaxComplementarity
@@ -39,6 +39,7 @@ __all__ = [
     "ComplementarityData",
     "ComplementarityToDisjunctions",
     "Complements",
+    "ComponentResidual",
     "Crossed",
     "DisjunctionToken",
     "Elastic",
@@ -74,6 +75,7 @@ __all__ = [
     "canonical_form",
     "canonical_pair",
     "complements",
+    "component_residuals",
     "form_of",
     "pair_residuals",
     "side_values",

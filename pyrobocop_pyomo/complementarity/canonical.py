@@ -55,15 +55,6 @@ class CanonicalPair:
         # Asked for when needed: a full name costs about as much as the rest of the canonical form.
         return f"{self.source.name} ({self.role})" if self.role else self.source.name
 
-    @property
-    def product(self) -> Any:
-        """The expression ``a * b``, of a negative part ``a * (-b)``: not positive exactly where the pair is met.
-
-        For a part of a range it is negative where the other part is meant, so that bounding it from above costs
-        nothing there, and no variable is needed for the part itself.
-        """
-        return self.a * -self.b if self.b_part is Part.NEGATIVE else self.a * self.b
-
 
 @dataclass(frozen=True, eq=False)
 class CanonicalForm:

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from .bounded_sides import BoundedSides
 from .branches import add_disjunctions, add_special_ordered_sets
 from .canonical import CanonicalForm, CanonicalPair
-from .pair_checks import refuse_nan
+from .pair_checks import refuse_leaves
 from .pairs import BLOCK_TYPES, active_sources, canonical_form, home_of, put_to_sleep
 from .preconditions import refuse_nothing, refuse_unusable
 from .residuals import PairResidual, pair_residuals
@@ -100,7 +100,7 @@ class ComplementarityToDisjunctions(Transformation):
             sources = active_sources(model, config.targets)
             refuse_nothing(model, sources, config.targets)
             forms = [canonical_form(source) for source in sources]
-            refuse_nan(forms)
+            refuse_leaves(forms, discrete_allowed=True)
             # All that can fail is done on blocks that are no part of the model yet.
             fresh = [(home, _build(members, config)) for home, members in _by_home(model, forms)]
             for home, block in fresh:

@@ -145,39 +145,31 @@ def _refuse_crossed(side: Side, source: Any) -> None:
 
 def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
     """Refuse what the variables' own constant bounds make impossible, and a variable that is paired with itself."""
-    if not is_plain_variable(a.body) and not is_plain_variable(b.body):
-        return
-    if a.body is b.body and (a.lower is None) == (b.lower is None):
+    if a.body is b.body and is_plain_variable(a.body) and (a.lower is None) == (b.lower is None):
         raise ComplementarityError(
             f"'{source.name}': the variable '{a.body}' is paired with itself, which only says that it is at its "
             "bound. Fix it there instead."
         )
-    distances = [_distances(side) for side in (a, b)]
-    for side, (_, most) in zip((a, b), distances, strict=True):
-        if most < 0:
+    for side in (a, b):
+        if (_distance(side, far=True) or 0) < 0:
             raise ComplementarityError(
                 f"'{source.name}': side '{side.given}' contradicts the bounds of '{side.body}', "
                 f"{side.body.lower} and {side.body.upper}. Correct one of them."
             )
-    if all(least > 0 for least, _ in distances):
+    least = _distance(a, far=False) or 0
+    if least > 0 and (_distance(b, far=False) or 0) > 0:
         raise ComplementarityError(
-            f"'{source.name}': by the variables' own bounds both sides are positive, '{a.given}' by "
-            f"{distances[0][0]:g} and '{b.given}' by {distances[1][0]:g}; one of them has to be met with equality. "
-            "Correct the bounds."
+            f"'{source.name}': by the variables' own bounds both sides are positive, '{a.given}' by {least:g} and "
+            f"'{b.given}' by {_distance(b, far=False):g}; one of them has to be met with equality. Correct the bounds."
         )
 
 
-def _distances(side: Side) -> tuple[float, float]:
-    """Least and largest distance to the bound that constants leave to a plain variable."""
-    least, most = float("-inf"), float("inf")
-    if not is_plain_variable(side.body):
-        return least, most
-    bound = side.lower if side.lower is not None else side.upper
-    lower, upper = side.body.lower, side.body.upper
-    if side.kind is not Kind.VARIABLE and bound.__class__ in native_numeric_types:
-        ends = [None if end.__class__ not in native_numeric_types else end - bound for end in (lower, upper)]
-        if side.lower is None:
-            ends = [None if end is None else -end for end in reversed(ends)]
-        least = least if ends[0] is None else ends[0]
-        most = most if ends[1] is None else ends[1]
-    return least, most
+def _distance(side: Side, far: bool) -> float | None:
+    """Largest or least distance to the stated bound that constants leave to a plain variable; None if unknown."""
+    if side.kind is Kind.VARIABLE or not is_plain_variable(side.body):
+        return None
+    sign, bound = (1, side.lower) if side.lower is not None else (-1, side.upper)
+    end = side.body.upper if far == (sign == 1) else side.body.lower
+    if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
+        return None  # a parameter may move
+    return sign * (end - bound)

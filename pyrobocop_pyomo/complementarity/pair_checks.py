@@ -12,8 +12,8 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from .canonical import CanonicalForm
 
 
-def refuse_discrete(forms: Iterable[CanonicalForm]) -> None:
-    """Refuse unfixed integer and binary variables in a side.
+def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = False) -> None:
+    """Refuse NaN as a coefficient, parameter or value of a variable, and unfixed discrete variables.
 
     Raises
     ------
@@ -22,37 +22,25 @@ def refuse_discrete(forms: Iterable[CanonicalForm]) -> None:
     """
     for form in forms:
         for leaf in _leaves(form):
-            if _is_variable(leaf) and not (leaf.is_continuous() or leaf.fixed):
-                raise ComplementarityError(
-                    f"'{form.source.name}': holds the discrete variable '{leaf.name}'. Ipopt solves continuous "
-                    "problems: relax its domain or fix it, or use pyrobocop.complementarity_to_disjunctions."
-                )
+            number: Any = leaf
+            if leaf.__class__ not in native_types:
+                variable = leaf.is_variable_type()
+                if variable and not discrete_allowed and not (leaf.is_continuous() or leaf.fixed):
+                    raise ComplementarityError(
+                        f"'{form.source.name}': holds the discrete variable '{leaf.name}'. Ipopt solves continuous "
+                        "problems: relax its domain or fix it, or use pyrobocop.complementarity_to_disjunctions."
+                    )
+                number = leaf.value if variable else value(leaf, exception=False)
+            if number != number:  # true of NaN alone
+                raise ComplementarityError(f"'{form.source.name}': {_what_is_nan(leaf)}.")
 
 
-def refuse_nan(forms: Iterable[CanonicalForm]) -> None:
-    """Refuse coefficients, parameters and values of variables that are NaN.
-
-    Raises
-    ------
-    ComplementarityError
-        If there is one.
-    """
-    for form in forms:
-        for leaf in _leaves(form):
-            number = leaf if leaf.__class__ in native_types else value(leaf, exception=False)
-            if isinstance(number, float) and number != number:
-                what = (
-                    f"the value of variable '{leaf.name}' is NaN. Give it a number, or None for no value"
-                    if _is_variable(leaf)
-                    else f"the parameter '{leaf.name}' is NaN. Give it a number"
-                    if hasattr(leaf, "name")
-                    else "a coefficient is NaN. Correct the number that it was computed from"
-                )
-                raise ComplementarityError(f"'{form.source.name}': {what}.")
-
-
-def _is_variable(leaf: Any) -> bool:
-    return leaf.__class__ not in native_types and leaf.is_variable_type()
+def _what_is_nan(leaf: Any) -> str:
+    if leaf.__class__ in native_types:
+        return "a coefficient is NaN. Correct the number that it was computed from"
+    if leaf.is_variable_type():
+        return f"the value of variable '{leaf.name}' is NaN. Give it a number, or None for no value"
+    return f"the parameter '{leaf.name}' is NaN. Give it a number"
 
 
 def _leaves(form: CanonicalForm) -> Iterator[Any]:

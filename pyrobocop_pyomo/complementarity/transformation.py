@@ -17,7 +17,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from .canonical import CanonicalPair
 from .grouping import PerPair, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
-from .pair_checks import refuse_discrete, refuse_nan
+from .pair_checks import refuse_leaves
 from .pairs import active_sources, canonical_form, put_to_sleep
 from .preconditions import (
     only_objective,
@@ -125,8 +125,7 @@ class RelaxComplementarity(Transformation):
     def _relax(self, model: Any, record: Record, sources: list[Any], delta: float | None) -> RelaxationToken:
         # A pair that is known already was activated again by hand: it only has to go back to sleep.
         forms = [canonical_form(source) for source in sources if source not in record.statements]
-        refuse_discrete(forms)
-        refuse_nan(forms)
+        refuse_leaves(forms)
         if forms:
             add_statements(record, model, forms)
         previous = None

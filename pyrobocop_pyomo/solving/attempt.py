@@ -106,8 +106,6 @@ class Attempt:
     tolerances : Tolerances
     left : callable
         Seconds that are left, or None.
-    move : callable
-        Brings the numbers of the relaxation to a delta, given the multipliers of the last run; see `RelaxedModel.move`.
 
     Attributes
     ----------
@@ -122,10 +120,9 @@ class Attempt:
         values: VariableValues,
         tolerances: Tolerances,
         left: Callable[[], float | None],
-        move: Callable[[float, Mapping[Any, float] | None], bool],
     ) -> None:
         self._session, self._recorder, self._values = session, recorder, values
-        self._tolerances, self._left, self._move = tolerances, left, move
+        self._tolerances, self._left = tolerances, left
         self._best: AttemptedPoint | None = None
         self.stop_reason = StopReason.FINISHED
 
@@ -150,16 +147,17 @@ class Attempt:
 
     def _shrink(self, schedule: Schedule, options: Mapping[str, Any]) -> None:
         warm = False
-        multipliers: Mapping[Any, float] | None = None
-        for delta in schedule.steps():
-            if self._move(delta, multipliers):
-                self._session.refresh()
-            step = self._take(self._session.run(delta, warm=warm, time_limit=self._left(), options=options))
+        steps = list(schedule.steps())
+        for delta in steps:
+            # As exact as the relaxation is, but for the last: what is left is taken on by the next run.
+            loose = {} if delta == steps[-1] else {"tol": max(1e-8, min(1e-4, 1e-3 * delta))}
+            step = self._take(
+                self._session.run(delta, warm=warm, time_limit=self._left(), options={**loose, **options})
+            )
             if self.stop_reason in FINAL_REASONS:
                 return
             # A failed run leaves multipliers that are worth nothing, and often a point that is.
             warm = step.status.solved or step.status is IpoptStatus.TINY_STEP
-            multipliers = self._session.row_multipliers() if warm else {}
             if not warm and self._best is not None:
                 self._values.write(self._best.values)
             if step.status.solved and step.largest_natural_residual <= 1e-9:

@@ -11,6 +11,7 @@ from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.transformation import TransformationFactory
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, LiftedPair, active_sources, pair_residuals
+from pyrobocop_pyomo.complementarity.record import record_of
 
 from .presolve import Decision, held_at_zero, presolve
 
@@ -50,18 +51,34 @@ class RelaxedModel:
         """The mutable parameter, or None."""
         return None if self.block is None else self.block.delta
 
-    def move(self, delta: float, multipliers: Mapping[Any, float] | None) -> bool:
-        """Bring the numbers of the relaxation to the next delta, or without multipliers of a last solve to a first one.
+    def go_on_to(self, delta: float, multipliers: Mapping[Any, float] | None) -> bool:
+        """Set delta for the next run; after a run, with its multipliers, also what the relaxation updates then.
 
-        Returns True when numbers of the model have changed; where rows shift the session moves them itself.
+        Returns whether any number of the model changed.
         """
-        if self.block is None or self.shifted_rows:
-            return False
         relax = TransformationFactory(TRANSFORMATION)
-        if multipliers is None:
-            relax.restart(self.model, delta)
-            return True
-        return relax.advance(self.model, delta, multipliers)
+        if multipliers is not None:
+            return relax.advance(self.model, delta, multipliers)
+        relax.restart(self.model, delta)
+        return True
+
+    @property
+    def charges(self) -> bool:
+        """Whether the relaxation stands in the objective."""
+        return self.block is not None and self.block.component("objective") is not None
+
+    @contextmanager
+    def uncharged(self) -> Iterator[None]:
+        """Put the user's objective back for a moment."""
+        generated = self.block.component("objective")
+        users = record_of(self.block).objective
+        generated.deactivate()
+        users.activate()
+        try:
+            yield
+        finally:
+            users.deactivate()
+            generated.activate()
 
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""

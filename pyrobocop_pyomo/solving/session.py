@@ -64,20 +64,15 @@ class Session(Protocol):
         """Solve with delta following the barrier parameter, from the current point."""
         ...
 
-    def written(self) -> WrittenModel | None:
-        """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives."""
+    def written(self, *, anew: bool = False) -> WrittenModel | None:
+        """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives.
+
+        It may have been written before, unless it is asked for as it is now.
+        """
         ...
 
     def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Multipliers of rows, lower and upper bounds after the last run, in the order of `written`."""
-        ...
-
-    def row_multipliers(self) -> Mapping[Any, float]:
-        """Multipliers of the last run from the model's rows, of either sign."""
-        ...
-
-    def refresh(self) -> None:
-        """Take in numbers of the model that have changed since the last run."""
         ...
 
     def stationarity(self) -> float | None:

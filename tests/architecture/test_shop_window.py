@@ -12,11 +12,13 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    Algebraic Complementarity Control Diagnosis Duration Fixed FollowBarrier Geometric Grid JoinedTrajectory Link
-    Mesh Parameter Penalty PerElement PerPair PhaseBlock PyRobocopError Quality RecedingHorizon RefinedResult
-    RefinementEnd Route Scheme Scholtes SequenceRanking SimulationFailed SolveFailed SolveResult SquareSlider
-    Start State StopReason Trajectory Verification __version__ active_pairs available_routes complements
-    dae_trajectory diagnose draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre join_trajectories
+    Algebraic AllPairs AugmentedLagrangian ChenHarkerKanzowSmale Complementarity Control Crossed Diagnosis
+    Duration Elastic FischerBurmeister Fixed FollowBarrier Geometric Grid JoinedTrajectory Kadrani
+    KanzowSchwartz LinFukushima Link Mesh Parameter Penalty PerElement PerPair PerPhase PhaseBlock
+    PyRobocopError Quality RecedingHorizon RefinedResult RefinementEnd Route Scheme Scholtes SequenceRanking
+    SimulationFailed SolveFailed SolveResult SquareSlider Start State SteffensenUlbrich StopReason Superlinear
+    Trajectory TwoSided Verification __version__ active_pairs available_routes complements dae_trajectory
+    diagnose draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre join_trajectories
     label_measurements lobatto mode_sequences radau solve solve_refined solve_sequences
 """
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.complementarity import Complementarity, PerElement, Scholtes, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, row_values, sleep, state
+from .harness import nl_text, relaxation, row_values, state, text_without_pairs
 
 OPTIONS = [
     {},
@@ -68,15 +68,6 @@ def model():
 @pytest.fixture
 def relax():
     return relaxation()
-
-
-def text_without_pairs(m):
-    """What the writer makes of the model when the pairs sleep; they are woken up again."""
-    pairs = sleep(m)
-    text = nl_text(m)
-    for pair in pairs:
-        pair.activate()
-    return text
 
 
 # ---- what is added
