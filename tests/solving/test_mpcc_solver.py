@@ -35,6 +35,14 @@ def two_corners(at_least: float = 1.5) -> pyo.ConcreteModel:
     return m
 
 
+def long_valley() -> pyo.ConcreteModel:
+    """The same beside a narrow, curved valley, which takes some dozen iterations whatever becomes of the pair."""
+    m = two_corners()
+    m.p, m.q = pyo.Var(initialize=-1.2), pyo.Var(initialize=1.0)
+    m.cost.set_value(m.cost.expr + (1 - m.p) ** 2 + 100 * (m.q - m.p**2) ** 2)
+    return m
+
+
 def contradiction() -> pyo.ConcreteModel:
     """Where one side is zero, the other violates its row; neither bounds nor fixed variables show it."""
     m = two_corners()
@@ -140,7 +148,7 @@ def test_a_name_that_is_taken_keeps_its_meaning():
         results.solution_loader.get_duals()
 
 
-@pytest.mark.parametrize(("options", "make"), [(ITERATION_LIMIT, two_corners), ({}, contradiction)])
+@pytest.mark.parametrize(("options", "make"), [(ITERATION_LIMIT, long_valley), ({}, contradiction)])
 def test_what_is_not_solved_is_raised_and_leaves_the_model_as_it_was(options, make):
     m = make()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
@@ -155,7 +163,7 @@ def test_what_is_not_solved_is_raised_and_leaves_the_model_as_it_was(options, ma
 
 
 def test_options_reach_ipopt_and_a_limit_is_no_success():
-    m = two_corners()
+    m = long_valley()
     results = solver().solve(m, solver_options=ITERATION_LIMIT, raise_exception_on_nonoptimal_result=False)
     assert results.termination_condition is TerminationCondition.iterationLimit
     assert results.solution_status is not SolutionStatus.optimal
