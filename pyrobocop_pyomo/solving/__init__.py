@@ -2,6 +2,7 @@
 
 from .kept_model import KeptModel
 from .mode_sequences import mode_sequences
+from .mpcc_solver import Mpcc
 from .procedure import solve
 from .receding_horizon import HorizonStep, RecedingHorizon
 from .refined_result import RefinedResult, RefinementEnd, RefinementStep
@@ -13,6 +14,7 @@ from .solve_result import Quality, SolveResult, Step, StopReason
 __all__ = [
     "HorizonStep",
     "KeptModel",
+    "Mpcc",
     "Quality",
     "RecedingHorizon",
     "RefinedResult",

@@ -16,7 +16,7 @@ from .assessment import PointJudge
 from .attempt import FINAL_REASONS, Attempt, StepRecorder
 from .finding import Finding
 from .finish import Finish
-from .relaxed_model import RelaxedModel, relaxed_model
+from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
 from .rungs import CONTINUATION, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
@@ -113,6 +113,7 @@ class Ladder:
             )
         self._values.write(self.best.values)
         self.best.load_suffixes()
+        forget_removed(self._model)
         return self.best
 
     def _move_to(self, rung: Rung, stack: contextlib.ExitStack) -> None:

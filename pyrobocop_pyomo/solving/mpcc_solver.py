@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pyomo.common.collections import ComponentMap
 from pyomo.common.config import ConfigValue
 from pyomo.common.timing import HierarchicalTimer
 from pyomo.contrib.solver.common.base import Availability, SolverBase
 from pyomo.contrib.solver.common.config import SolverConfig
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
-from pyomo.contrib.solver.common.solution_loader import SolutionLoader
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from pyomo.core.base.block import BlockData
-from pyomo.core.base.var import Var, VarData
 
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.ipopt.routes import available_routes
 
+from .found_point import FoundPoint, PointOnModel, multipliers_imported
 from .procedure import solve
 from .solve_result import Quality, SolveResult, StopReason
 
@@ -33,11 +30,11 @@ CHOICES = {
     "route": (None, "Which Ipopt: 'in process', 'asl', 'casadi', 'mapped', 'executable' or a Route."),
     "feasibility_tolerance": (1e-6, "Largest violation of a constraint or bound in an acceptable point."),
     "complementarity_tolerance": (1e-7, "Largest product of the two sides in an acceptable point."),
-    "progress": (None, "Show a line per step; by default only on a terminal."),
+    "progress": (False, "Show a line per step; None shows it on a terminal."),
 }
 
 _CONDITIONS = {
-    StopReason.FINISHED: TerminationCondition.error,
+    StopReason.FINISHED: TerminationCondition.unknown,  # it ran to its end, and shows too little
     StopReason.ITERATION_LIMIT: TerminationCondition.iterationLimit,
     StopReason.TIME_LIMIT: TerminationCondition.maxTimeLimit,
     StopReason.INTERRUPTED: TerminationCondition.interrupted,
@@ -70,7 +67,8 @@ class MpccConfig(SolverConfig):
 class Mpcc(SolverBase):
     """Solves models with complementarity pairs, as `pyrobocop_pyomo.solve` does, in the form of a Pyomo solver.
 
-    ``options`` (or ``solver_options``) go to Ipopt. The full answer is ``results.extra_info.result``, a `SolveResult`.
+    ``solver_options`` (``options`` of Pyomo's older interface) go to Ipopt; what `pyrobocop_pyomo.solve` can be told
+    goes to the call, or to the factory. The full answer is ``results.extra_info.result``, a `SolveResult`.
     """
 
     CONFIG = MpccConfig()
@@ -101,74 +99,46 @@ class Mpcc(SolverBase):
         Raises
         ------
         NoOptimalSolutionError
-            When the point is not optimal and an exception was asked for; the results are its attribute ``results``.
+            When the point is not optimal and an exception was asked for; the results are its attribute ``results``,
+            and the model is as it was.
+        ModelError
+            When the model makes no sense, for instance a pair that bounds and fixed variables rule out.
+        SolverNotFoundError
+            When there is no Ipopt; the message lists the remedies.
         """
         config = self.config(value=kwds, preserve_implicit=True)
         timer = config.timer = config.timer or HierarchicalTimer()
         results = Results()
         results.timing_info.start_timestamp = datetime.datetime.now(datetime.timezone.utc)
         results.solver_name, results.solver_version, results.solver_config = self.name, self.version(), config
-        before = _values(model)
+        before = PointOnModel(model)
         timer.start("solve")
-        answer = solve(
-            model,
-            options=dict(config.solver_options.value()),
-            tee=config.tee,
-            time_limit=config.time_limit,
-            **{name: config[name] for name in CHOICES},
-        )
-        timer.stop("solve")
-        found = _values(model)
-        results.solution_loader = MpccSolutionLoader(model, found)
+        try:
+            with multipliers_imported(model):
+                answer = solve(
+                    model,
+                    options=dict(config.solver_options.value()),
+                    tee=config.tee,
+                    time_limit=config.time_limit,
+                    **{name: config[name] for name in CHOICES},
+                )
+                results.solution_loader = FoundPoint(model)
+        finally:
+            timer.stop("solve")
         _report(results, answer)
         results.timing_info.timer = timer
         results.timing_info.wall_time = answer.seconds
         if config.raise_exception_on_nonoptimal_result and not answer.solved:
-            _put(before)
-            error = NoOptimalSolutionError(f"{NoOptimalSolutionError.default_message} {answer.quality.value}")
+            before.put_back()
+            message = f"{NoOptimalSolutionError.default_message} {results.extra_info.solver_message}"
+            error = NoOptimalSolutionError(message)
             error.results = results
             raise error
-        if not config.load_solutions:
-            _put(before)
+        if config.load_solutions:
+            results.solution_loader.load_import_suffixes()
+        else:
+            before.put_back()
         return results
-
-
-class MpccSolutionLoader(SolutionLoader):
-    """The best point; multipliers are in the model's suffixes.
-
-    Parameters
-    ----------
-    model : Block
-    values : ComponentMap
-    """
-
-    def __init__(self, model: BlockData, values: ComponentMap) -> None:
-        self._pyomo_model = model
-        self._values = values
-
-    def get_number_of_solutions(self) -> int:
-        """Always one: the best point exists whatever stopped the procedure."""
-        return 1
-
-    def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
-        """Values of variables."""
-        if vars_to_load is None:
-            return self._values
-        return ComponentMap((variable, self._values[variable]) for variable in vars_to_load)
-
-    def load_import_suffixes(self) -> None:
-        """They were filled when the model was solved."""
-
-
-def _values(model: BlockData) -> ComponentMap:
-    return ComponentMap(
-        (variable, variable.value) for variable in model.component_data_objects(Var, active=True) if not variable.fixed
-    )
-
-
-def _put(values: ComponentMap) -> None:
-    for variable, number in values.items():
-        variable.set_value(number, skip_validation=True)
 
 
 def _report(results: Results, answer: SolveResult) -> None:

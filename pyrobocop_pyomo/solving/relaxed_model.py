@@ -88,14 +88,6 @@ class RelaxedModel:
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 
-    def forget_generated(self) -> None:
-        """Take what was generated out of the user's suffixes."""
-        if self.block is None:
-            return
-        for suffix in self.model.component_objects(Suffix, active=True):
-            for component in [each for each in suffix if each is not None and each.parent_block() is self.block]:
-                del suffix[component]
-
 
 @contextmanager
 def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[RelaxedModel]:
@@ -134,3 +126,15 @@ def _described(model: Any, block: Any) -> RelaxedModel:
         relax.relaxed_rows(model),
         relax.get_relaxation_rows(model),
     )
+
+
+def forget_removed(model: Any) -> None:
+    """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
+    for suffix in model.component_objects(Suffix, active=True):
+        for component in [each for each in suffix if each is not None and not _is_part_of(model, each)]:
+            del suffix[component]
+
+
+def _is_part_of(model: Any, component: Any) -> bool:
+    # What was removed does not hold on to what it was in: that may be gone already.
+    return component.parent_component() is not None and component.model() is model.model()

@@ -49,15 +49,16 @@ def test_import_loads_no_extra() -> None:
     assert not set(EXTRAS) & set(json.loads(ended.stdout))
 
 
-def test_import_registers_transformation_and_solver() -> None:
+def test_import_registers_transformation_and_solvers() -> None:
     ended = in_a_fresh_process("""
         import pyomo.environ as pyo
         from pyomo.contrib.solver.common.factory import SolverFactory
         import pyrobocop_pyomo
         print("pyrobocop.relax_complementarity" in pyo.TransformationFactory)
-        print("pyrobocop.ipopt" in pyo.SolverFactory, "pyrobocop.ipopt" in SolverFactory)
+        for name in ("pyrobocop.ipopt", "pyrobocop.mpcc"):
+            print(name in pyo.SolverFactory, name in SolverFactory)
     """)
-    assert ended.stdout.split() == ["True", "True", "True"]
+    assert ended.stdout.split() == ["True"] * 5
 
 
 def test_import_leaves_pyomo_as_it_was() -> None:

@@ -1,0 +1,305 @@
+"""The procedure in the form of a Pyomo solver, through both of Pyomo's interfaces."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.contrib.pynumero.asl import AmplInterface
+from pyomo.contrib.solver.common.factory import SolverFactory
+from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
+from pyomo.mpec import Complementarity, ComplementarityList, complements
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError
+from pyrobocop_pyomo.ipopt import ipopt_executable, ipopt_library
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+
+pytestmark = pytest.mark.casadi
+ITERATION_LIMIT = {"max_iter": 1}
+
+
+def two_corners(at_least: float = 1.5) -> pyo.ConcreteModel:
+    """Minimise x^2 + (y - 1)^2 with x + y >= 3/2: least where x = 0 and y = 3/2, worse where y = 0."""
+    m = pyo.ConcreteModel("two corners")
+    m.x = pyo.Var(bounds=(0, 10), initialize=1)
+    m.y = pyo.Var(bounds=(0, 10), initialize=2)
+    m.idle = pyo.Var()
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.row = pyo.Constraint(expr=m.x + m.y >= at_least)
+    m.cost = pyo.Objective(expr=m.x**2 + (m.y - 1) ** 2)
+    return m
+
+
+def long_valley() -> pyo.ConcreteModel:
+    """The same beside a narrow, curved valley, which takes some dozen iterations whatever becomes of the pair."""
+    m = two_corners()
+    m.p, m.q = pyo.Var(initialize=-1.2), pyo.Var(initialize=1.0)
+    m.cost.set_value(m.cost.expr + (1 - m.p) ** 2 + 100 * (m.q - m.p**2) ** 2)
+    return m
+
+
+def contradiction() -> pyo.ConcreteModel:
+    """Where one side is zero, the other violates its row; neither bounds nor fixed variables show it."""
+    m = two_corners()
+    m.low_x, m.low_y = pyo.Constraint(expr=m.x + m.y**2 >= 200), pyo.Constraint(expr=m.x**2 + m.y >= 200)
+    return m
+
+
+def solver():
+    return SolverFactory("pyrobocop.mpcc")
+
+
+def legacy(**options):
+    return pyo.SolverFactory("pyrobocop.mpcc", **options)
+
+
+def state(m):
+    return [(v.value, v.stale) for v in m.component_data_objects(pyo.Var)]
+
+
+def components(m):
+    return [each.name for each in m.component_objects(active=True)]
+
+
+def test_the_newer_interface_gives_the_whole_answer():
+    m = two_corners()
+    results = solver().solve(m)
+    assert (m.x.value, m.y.value) == (0.0, pytest.approx(1.5, abs=1e-6))
+    assert results.solution_status is SolutionStatus.optimal
+    assert results.termination_condition is TerminationCondition.convergenceCriteriaSatisfied
+    assert results.incumbent_objective == pytest.approx(0.25, abs=1e-6)
+    answer = results.extra_info.result
+    assert isinstance(answer, rcp.SolveResult)
+    assert answer.certificate is Certificate.PROVEN
+    assert answer.multipliers.kind is Stationarity.S
+    assert results.extra_info.iteration_count == answer.iterations > 0
+    assert results.solver_name == "pyrobocop.mpcc"
+    assert results.solver_version == solver().version()
+    assert m.pair.active
+
+
+def test_the_older_interface_reports_as_pyomo_expects():
+    m = two_corners()
+    results = legacy().solve(m)
+    pyo.assert_optimal_termination(results)
+    assert m.y.value == pytest.approx(1.5, abs=1e-6)
+    assert results.problem.upper_bound == pytest.approx(0.25, abs=1e-6)
+
+
+def test_nothing_generated_stays_on_the_model():
+    m = two_corners()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    before = components(m)
+    solver().solve(m)
+    assert components(m) == before
+    assert [each.name for each in m.dual] == ["row"]
+
+
+def test_duals_and_reduced_costs_are_prices():
+    m = two_corners()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    results = solver().solve(m)
+    assert m.dual[m.row] == pytest.approx(1.0, abs=1e-5)  # d/dr (r - 1)^2 at 3/2
+    assert results.solution_loader.get_duals([m.row])[m.row] == m.dual[m.row]
+    assert results.solution_loader.get_reduced_costs([m.y])[m.y] == pytest.approx(0.0, abs=1e-5)
+    assert m.component("rc") is None
+
+
+def test_unloaded_solutions_leave_the_model_as_it_was_until_they_are_loaded():
+    m = two_corners()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    m.dual[m.row] = 7.0
+    before = state(m)
+    results = solver().solve(m, load_solutions=False)
+    assert state(m) == before
+    assert dict(m.dual.items()) == {m.row: 7.0}
+    loader = results.solution_loader
+    assert loader.get_number_of_solutions() == 1
+    assert loader.get_vars([m.y])[m.y] == pytest.approx(1.5, abs=1e-6)
+    assert state(m) == before
+    loader.load_solution()
+    assert (m.x.value, m.y.value) == (0.0, pytest.approx(1.5, abs=1e-6))
+    assert m.dual[m.row] == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("with_suffix", [False, True])
+def test_unloaded_solutions_of_the_older_interface_are_loaded_by_the_model(with_suffix):
+    m = two_corners()
+    if with_suffix:
+        m.dual, m.rc = pyo.Suffix(direction=pyo.Suffix.IMPORT), pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    before = state(m)
+    results = legacy().solve(m, load_solutions=False)
+    assert state(m) == before
+    m.solutions.load_from(results)
+    assert m.y.value == pytest.approx(1.5, abs=1e-6)
+
+
+def test_a_name_that_is_taken_keeps_its_meaning():
+    m = two_corners()
+    m.dual = pyo.Var(initialize=3)
+    results = solver().solve(m)
+    assert m.dual.value == 3
+    with pytest.raises(NoSolutionError, match="'two corners': multipliers were not kept, since 'dual' is taken"):
+        results.solution_loader.get_duals()
+
+
+@pytest.mark.parametrize(("options", "make"), [(ITERATION_LIMIT, long_valley), ({}, contradiction)])
+def test_what_is_not_solved_is_raised_and_leaves_the_model_as_it_was(options, make):
+    m = make()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    before = state(m)
+    with pytest.raises(NoOptimalSolutionError) as caught:
+        solver().solve(m, solver_options=options)
+    assert state(m) == before
+    assert not list(m.dual)
+    answer = caught.value.results.extra_info.result
+    assert not answer.solved
+    assert answer.stop_reason.value in str(caught.value)
+
+
+def test_options_reach_ipopt_and_a_limit_is_no_success():
+    m = long_valley()
+    results = solver().solve(m, solver_options=ITERATION_LIMIT, raise_exception_on_nonoptimal_result=False)
+    assert results.termination_condition is TerminationCondition.iterationLimit
+    assert results.solution_status is not SolutionStatus.optimal
+    assert {step.iterations for step in results.extra_info.result.steps} <= {0, 1}
+    results = legacy().solve(m, options=ITERATION_LIMIT)
+    assert results.solver.termination_condition == pyo.TerminationCondition.maxIterations
+    assert not pyo.check_optimal_termination(results)
+    limited = legacy()
+    limited.options["max_iter"] = 1
+    assert not pyo.check_optimal_termination(limited.solve(m))
+
+
+def test_an_infeasible_problem_is_not_reported_as_solved():
+    m = contradiction()
+    results = solver().solve(m, raise_exception_on_nonoptimal_result=False)
+    assert results.solution_status is SolutionStatus.infeasible
+    assert results.termination_condition is not TerminationCondition.convergenceCriteriaSatisfied
+    assert results.incumbent_objective is None
+    assert not pyo.check_optimal_termination(legacy().solve(m))
+
+
+def test_a_pair_that_bounds_rule_out_is_named():
+    m = two_corners()
+    m.x.setlb(1)
+    m.y.setlb(2)
+    before = state(m)
+    with pytest.raises(ComplementarityError, match="'pair': .*both sides are positive"):
+        solver().solve(m)
+    assert state(m) == before
+    assert m.pair.active
+
+
+def test_a_time_limit_is_kept_and_reported():
+    results = solver().solve(two_corners(), time_limit=1e-9, raise_exception_on_nonoptimal_result=False)
+    assert results.termination_condition is TerminationCondition.maxTimeLimit
+    assert not pyo.check_optimal_termination(legacy().solve(two_corners(), timelimit=1e-9))
+
+
+def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
+    stream = io.StringIO()
+    solver().solve(two_corners(), tee=[stream])
+    assert "EXIT: Optimal Solution Found" in stream.getvalue()
+    assert capfd.readouterr().out == ""
+    solver().solve(two_corners())
+    assert capfd.readouterr().out == ""
+    legacy().solve(two_corners(), tee=True)
+    assert "EXIT: Optimal Solution Found" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("rung", ["barrier", "tight", "continuation", "elastic"])
+def test_a_rung_can_be_chosen_alone(rung):
+    results = solver().solve(two_corners(), rungs=rung)
+    assert results.extra_info.result.rung == rung
+    assert results.incumbent_objective == pytest.approx(0.25, abs=1e-6)
+
+
+def test_choices_are_made_at_the_factory_for_the_older_interface():
+    m = two_corners()
+    chosen = legacy(rungs="continuation", polish=False)
+    pyo.assert_optimal_termination(chosen.solve(m))
+    assert 0.0 < m.x.value < 1e-6, "without polish the pair is met as its relaxation has it"
+    chosen.config.polish = True
+    chosen.solve(m)
+    assert m.x.value == 0.0
+
+
+@pytest.mark.parametrize(("choice", "words"), [({"rungs": "ladder"}, "unknown rung 'ladder'"), ({"polsh": 1}, "polsh")])
+def test_what_is_misspelt_is_refused(choice, words):
+    with pytest.raises(ValueError, match=words):
+        solver().solve(two_corners(), **choice)
+
+
+def test_models_of_pyomo_mpec_are_solved_as_they_are():
+    """The nearest point of the L-shaped set to (2, 1), and of a box-complementary variable to its price."""
+    m = pyo.ConcreteModel("existing")
+    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
+    m.z, m.price = pyo.Var(initialize=0.5), pyo.Var(initialize=0.0)
+    m.pair = Complementarity(expr=complements(m.x >= 0, m.y >= 0))
+    m.several = ComplementarityList()
+    m.several.add(complements(pyo.inequality(0, m.z, 1), m.price))
+    m.row = pyo.Constraint(expr=m.price == m.z - 3)
+    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
+    results = solver().solve(m)
+    assert results.incumbent_objective == pytest.approx(1.0, abs=1e-6)
+    assert (m.x.value, m.y.value) == (pytest.approx(2.0, abs=1e-6), 0.0)
+    assert (m.z.value, m.price.value) == (pytest.approx(1.0, abs=1e-6), pytest.approx(-2.0, abs=1e-6))
+    assert isinstance(m.pair, Complementarity)
+
+
+def test_a_model_without_pairs_and_one_that_is_maximised():
+    m = pyo.ConcreteModel("rectangle")
+    m.x, m.y = pyo.Var(bounds=(0, None), initialize=0.5), pyo.Var(bounds=(0, None), initialize=0.5)
+    m.area = pyo.Objective(expr=m.x * m.y, sense=pyo.maximize)
+    m.ellipse = pyo.Constraint(expr=m.x**2 / 4 + m.y**2 <= 1)
+    results = legacy().solve(m)
+    pyo.assert_optimal_termination(results)
+    assert results.problem.lower_bound == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_block_of_a_model_is_solved_alone():
+    m = pyo.ConcreteModel("outer")
+    m.b = two_corners()
+    m.other = pyo.Var(initialize=9)
+    m.other_pair = rcp.Complementarity(expr=rcp.complements(m.other >= 1, m.b.x >= 0))
+    solver().solve(m.b)
+    assert m.b.y.value == pytest.approx(1.5, abs=1e-6)
+    assert m.other.value == 9
+    assert m.other_pair.active
+
+
+def test_without_ipopt_it_says_so_with_remedies(monkeypatch, tmp_path):
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "casadi" else find_spec(name, *rest)
+    )
+    for variable in ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(ipopt_library.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(AmplInterface, "libname", None)
+    monkeypatch.setattr(ipopt_executable, "Executable", lambda name: NoExecutable())
+    assert not solver().available()
+    assert not legacy().available(exception_flag=False)
+    m = two_corners()
+    with pytest.raises(SolverNotFoundError, match=r"pip install 'pyrobocop_pyomo\[ipopt\]'"):
+        legacy().solve(m)
+    assert m.pair.active
+
+
+class NoExecutable:
+    def path(self) -> None:
+        return None
+
+
+def test_it_is_available_here():
+    assert solver().available()
+    assert legacy().available()
+    assert legacy().license_is_valid()
