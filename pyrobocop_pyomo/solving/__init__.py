@@ -8,7 +8,8 @@ from .refined_result import RefinedResult, RefinementEnd, RefinementStep
 from .refinement import solve_refined
 from .sequence_ranking import SequenceOutcome, SequenceRanking
 from .sequence_solver import solve_sequences
-from .solve_result import Quality, SolveResult, Step, StopReason
+from .solve_result import Quality, SolveResult, StopReason
+from .step import Step
 
 __all__ = [
     "HorizonStep",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -12,30 +12,10 @@ from pyrobocop_pyomo.plotting import plot_history, plot_pair_sides
 from pyrobocop_pyomo.plotting import plot_products as plot_product_arrays
 
 from .pair_report import ZERO_SIDE, PairReport
+from .step import Step
 
 
-class RunRecord(Protocol):
-    """What is read of a run; see `Step`."""
-
-    @property
-    def label(self) -> str: ...
-    @property
-    def delta(self) -> float | None: ...
-    @property
-    def mu(self) -> float | None: ...
-    @property
-    def iterations(self) -> int: ...
-    @property
-    def objective(self) -> float: ...
-    @property
-    def largest_product(self) -> float: ...
-    @property
-    def largest_natural_residual(self) -> float: ...
-    @property
-    def path(self) -> Sequence[tuple[float, float]]: ...
-
-
-def draw_history(title: str, steps: Sequence[RunRecord], best: int, figure: Any) -> Any:
+def draw_history(title: str, steps: Sequence[Step], best: int, figure: Any) -> Any:
     """The runs of a result, one after the other."""
     ends = np.cumsum([float(step.iterations) for step in steps])
     starts = np.concatenate([[0.0], ends[:-1]])
@@ -107,7 +87,7 @@ def _places(indices: Sequence[str]) -> tuple[np.ndarray, list[str] | None]:
         return np.arange(1.0, len(indices) + 1), list(indices)
 
 
-def draw_products(title: str, steps: Sequence[RunRecord], figure: Any) -> Any:
+def draw_products(title: str, steps: Sequence[Step], figure: Any) -> Any:
     """Residuals of the runs that bounded products."""
     bounded = [step for step in steps if step.delta is not None and step.delta > 0.0]
     if not bounded:
