@@ -12,12 +12,13 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    Algebraic Complementarity Control Diagnosis Duration Fixed FollowBarrier Geometric Grid JoinedTrajectory Link
-    Mesh Parameter Penalty PerElement PerPair PhaseBlock PyRobocopError Quality RecedingHorizon RefinedResult
-    RefinementEnd Route Scheme Scholtes SequenceRanking SimulationFailed SolveFailed SolveResult SquareSlider
-    Start State StopReason Trajectory Verification __version__ active_pairs available_routes complements
-    dae_trajectory diagnose draw_linkage draw_planar_pushing explicit find_scheme gauss_legendre join_trajectories
-    label_measurements lobatto mode_sequences radau solve solve_refined solve_sequences
+    ActiveSide Algebraic Complementarity Control Diagnosis Duration Fixed FollowBarrier Geometric Grid
+    HomotopyResult JoinedTrajectory Link Mesh MultistartResult PairReport Parameter Penalty PerElement PerPair
+    PhaseBlock PyRobocopError Quality RecedingHorizon RefinedResult RefinementEnd Route Scheme Scholtes Sensitivity
+    SequenceRanking SimulationFailed SolveFailed SolveResult SquareSlider Start State StopReason Trajectory
+    Verification __version__ active_pairs available_routes complements dae_trajectory diagnose draw_linkage
+    draw_planar_pushing explicit find_scheme gauss_legendre homotopy join_trajectories label_measurements lobatto
+    mode_sequences multistart radau sensitivity solve solve_refined solve_sequences
 """
 
 EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py")
