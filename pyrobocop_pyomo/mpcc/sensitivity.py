@@ -301,7 +301,7 @@ def _augmented(upper_left: csr_array, jacobian: csr_array, regularisation: float
 
 
 def _factor(matrix: csr_array) -> Callable[[FloatArray], FloatArray]:
-    return splu(matrix).solve  # type: ignore[no-any-return]
+    return splu(matrix).solve
 
 
 def _names(constraints: _Constraints, numbers: NDArray[np.intp]) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from pyomo.core.base.param import Param
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
+
+from .named_data import by_component, data_members
 
 
 class DataPath:
@@ -19,7 +19,7 @@ class DataPath:
     Parameters
     ----------
     model : Block
-    path : mapping or callable
+    path : mapping, pairs or callable
         As `homotopy` takes it.
 
     Raises
@@ -28,16 +28,15 @@ class DataPath:
         If a component cannot move, or an end of a line is no number.
     """
 
-    def __init__(self, model: Any, path: Mapping[Any, Any] | Callable[[float], object]) -> None:
+    def __init__(self, model: Any, path: Any) -> None:
         self._lines: list[tuple[Any, float, float]] = []
-        self._function = None if isinstance(path, Mapping) else path
-        if isinstance(path, Mapping):
-            if not path:
+        self._function = path if callable(path) else None
+        if self._function is None:
+            lines = by_component(path, model)
+            if not lines:
                 raise ModelError(f"'{model.name}': no parameters were given that could move.")
-            for component, ends in path.items():
+            for component, ends in lines:
                 self._add(component, ends)
-        elif not callable(path):
-            raise ModelError(f"'{model.name}': expected a mapping from Params to their ends or a function of s.")
         self._before = [(each, each.value) for each, _, _ in self._lines]
 
     def put(self, position: float) -> None:
@@ -54,17 +53,9 @@ class DataPath:
             component.set_value(number)
 
     def _add(self, component: Any, ends: Any) -> None:
-        name = getattr(component, "name", repr(component))
-        kind = getattr(component, "ctype", None)
-        if kind is Param:
-            if not component.parent_component().mutable:
-                raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
-        elif kind is not Var:
-            raise ModelError(f"{name}: expected a mutable Param or a fixed Var, found {type(component).__name__}.")
+        members = data_members(component)
         first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
-        for member in component.values() if component.is_indexed() else [component]:
-            if kind is Var and not member.fixed:
-                raise ModelError(f"'{member.name}': is free, so it is part of the solution. Fix it, or use a Param.")
+        for member in members:
             now = value(member, exception=False)
             numbers = [_end(member, now if end is None else end) for end in (first, last)]
             if numbers[0] is not None and numbers[1] is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,7 +105,7 @@ class HomotopyResult:
 
 def homotopy(
     model: Any,
-    parameters: Mapping[Any, Any] | Callable[[float], object],
+    parameters: Mapping[Any, Any] | Iterable[tuple[Any, Any]] | Callable[[float], object],
     steps: int = 10,
     *,
     smallest_step: float = 1e-3,
@@ -122,11 +122,11 @@ def homotopy(
     Parameters
     ----------
     model : Block
-    parameters : mapping or callable
-        From mutable Params (or fixed Vars) to ``(first, last)``, or to the last value alone where the path starts at
-        the present one; they move on straight lines. For an indexed component, first and last are numbers for all
-        members or mappings by index. A callable ``parameters(s)`` puts the data of position s on the model, from 0
-        to 1.
+    parameters : mapping, pairs or callable
+        What moves: ``{"p": (first, last)}`` by name, or pairs ``[(m.p, (first, last))]`` of mutable Params or fixed
+        Vars; the last value alone where the path starts at the present one. They move on straight lines. For an
+        indexed component, first and last are numbers for all members or mappings by index. A callable
+        ``parameters(s)`` puts the data of position s on the model, from 0 to 1.
     steps : int
         Steps along the path, if none has to be halved.
     smallest_step : float

@@ -165,7 +165,7 @@ def multistart(
         How many, the guess included.
     seed : int
         The same seed gives the same starts, and start k does not depend on how many there are.
-    spread : float or mapping from Var to float
+    spread : float or mapping from Var or name to float
         Scales the distances from the guess; with 1, variables with two bounds fill them. A mapping varies the
         variables that it names and leaves the others at their guess.
     time_limit : float, optional

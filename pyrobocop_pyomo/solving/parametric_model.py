@@ -112,7 +112,7 @@ class ParametricBuilder:
         self._built.names[id(self._model.rows.add(relation))] = name
 
     def _add_row(self, bounded: tuple[Any, Any, Any], relation: Any, name: str) -> None:
-        lower, body, upper = bounded
+        lower, _, upper = bounded
         new = [self._substituted(each) for each in bounded]
         if all(each is old for each, old in zip(new, bounded, strict=True)):
             if lower is not None or upper is not None:

@@ -12,6 +12,8 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
+from .named_data import by_component
+
 WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
 
 
@@ -23,7 +25,7 @@ class RandomStarts:
     model : Block
         Its values are the guess.
     seed : int
-    spread : float or mapping from Var to float
+    spread : float or mapping from Var or name to float
         How far from the guess; see `multistart`.
 
     Raises
@@ -84,13 +86,12 @@ def _guess(variable: Any) -> float:
 
 
 def _spreads(model: Any, spread: float | Mapping[Any, float]) -> dict[Any, float]:
-    if not isinstance(spread, Mapping):
-        spread = {None: spread}
+    given = by_component(spread, model) if isinstance(spread, Mapping) else [(None, spread)]
     found = {}
-    for component, number in spread.items():
+    for component, number in given:
         name = "spread" if component is None else f"the spread of '{getattr(component, 'name', component)}'"
         if component is not None and getattr(component, "ctype", None) is not Var:
-            raise ModelError(f"'{model.name}': {name} is for no Var. The keys of spread are Var components.")
+            raise ModelError(f"'{model.name}': {name} is for no Var. The keys of spread are Vars or their names.")
         if isinstance(number, bool) or not isinstance(number, (int, float)) or not 0.0 <= number < float("inf"):
             raise ModelError(f"'{model.name}': {name} is {number!r}; expected a finite number >= 0.")
         found[None if component is None else id(component.parent_component())] = float(number)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
-from pyomo.core.base.param import Param
 from pyomo.core.base.transformation import TransformationFactory
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
@@ -22,6 +20,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .assessment import PointJudge
+from .named_data import by_component, data_members, named
 from .parametric_model import ParametricBuilder, ParametricModel
 from .relaxed_model import TRANSFORMATION
 from .solve_result import Quality, SolveResult
@@ -36,6 +35,9 @@ class Sensitivity:
     parameters : list of ParamData or VarData
     variables : list of VarData
         Those that the model uses.
+    parameter_values : array, shape (parameters,)
+    variable_values : array, shape (variables,)
+        The solution, refined by Newton's method.
     matrix : array, shape (variables, parameters)
         Derivatives of the variables.
     objective_gradient : array, shape (parameters,)
@@ -50,6 +52,8 @@ class Sensitivity:
 
     parameters: list[Any]
     variables: list[Any]
+    parameter_values: FloatArray = field(repr=False)
+    variable_values: FloatArray = field(repr=False)
     matrix: FloatArray = field(repr=False)
     objective_gradient: FloatArray = field(repr=False)
     constraints: list[str] = field(repr=False)
@@ -84,23 +88,24 @@ class Sensitivity:
         """
         return float(self.objective_gradient[_place(self._columns, parameter)])
 
-    def predict(self, values: Mapping[Any, float]) -> ComponentMap:
+    def predict(self, values: Mapping[Any, float] | Iterable[tuple[Any, float]]) -> ComponentMap:
         """Predict the variables for other data, to first order and while the same constraints are active.
 
         Parameters
         ----------
-        values : mapping from parameter to number
-            The new values; a parameter that is left out keeps its own. The model's values are read, and have to be
-            those of the solution.
+        values : mapping or pairs
+            The new values: ``{"p": 1.5}`` by name, or pairs ``[(m.p, 1.5)]``. A parameter that is left out keeps
+            its own.
 
         Returns
         -------
         ComponentMap from variable to float
         """
         change = np.zeros(len(self.parameters))
-        for parameter, number in values.items():
-            change[_place(self._columns, parameter)] = number - value(parameter)
-        moved = np.array([value(each) for each in self.variables]) + self.matrix @ change
+        for parameter, number in by_component(values, self.parameters[0].model()):
+            column = _place(self._columns, parameter)
+            change[column] = number - self.parameter_values[column]
+        moved = self.variable_values + self.matrix @ change
         return ComponentMap(zip(self.variables, moved.tolist(), strict=True))
 
     def to_pandas(self) -> Any:
@@ -135,7 +140,7 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
         With the values that `solve` left on it.
     result : SolveResult
         Of that solve.
-    parameters : Param, fixed Var, or several of them
+    parameters : Param, fixed Var, name, or a list of them
         Indexed ones stand for all their members.
     derivatives_by : {"asl", "casadi"}, optional
         Where derivatives come from; by default ASL where it is present.
@@ -159,7 +164,7 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
     sensitivity, doi:10.1287/moor.25.1.1.15213;
     Pirnay, Lopez-Negrete & Biegler (2012), Optimal sensitivity based on IPOPT, doi:10.1007/s12532-012-0043-2
     """
-    chosen = _members(parameters)
+    chosen = _members(model, parameters)
     _check(model, result)
     built = ParametricBuilder(model, chosen).build()
     written = WrittenModel(built.model, derivatives_by)
@@ -182,29 +187,28 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
     objective[in_use] = written.sign * found.objective + 0.0
     moved[:, in_use] = found.multiplier_derivatives + 0.0
     names = [_name(written, built, number) for number in found.active.tolist()]
-    return Sensitivity(chosen, [written.variables[i] for i in kept], matrix, objective, names, found.multipliers, moved)
+    return Sensitivity(
+        chosen,
+        [written.variables[i] for i in kept],
+        np.array([value(each) for each in chosen], dtype=float),
+        found.x[kept],
+        matrix,
+        objective,
+        names,
+        found.multipliers,
+        moved,
+    )
 
 
-def _members(parameters: Any) -> list[Any]:
+def _members(model: Any, parameters: Any) -> list[Any]:
     """The single parameters, each once."""
-    several = parameters if isinstance(parameters, Sequence) else [parameters]
-    found: dict[int, Any] = {}
-    for each in several:
-        kind = getattr(each, "ctype", None)
-        name = getattr(each, "name", repr(each))
-        if kind is Param:
-            if not each.parent_component().mutable:
-                raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
-        elif kind is not Var:
-            raise ModelError(f"{name}: expected a mutable Param or a fixed Var, found {type(each).__name__}.")
-        for member in each.values() if each.is_indexed() else [each]:
-            if kind is Var and not member.fixed:
-                raise ModelError(f"'{member.name}': is free, so it is part of the solution. Fix it, or use a Param.")
-            if value(member, exception=False) is None:
-                raise ModelError(f"'{member.name}': has no value.")
-            found[id(member)] = member
+    several = parameters if isinstance(parameters, (list, tuple)) else [parameters]
+    found = {id(member): member for each in several for member in data_members(named(each, model))}
     if not found:
         raise ModelError("no parameters were given; name at least one mutable Param or fixed Var.")
+    for member in found.values():
+        if value(member, exception=False) is None:
+            raise ModelError(f"'{member.name}': has no value.")
     return list(found.values())
 
 
@@ -241,3 +245,13 @@ def _name(written: WrittenModel, built: ParametricModel, number: int) -> str:
     if number < written.nlp.m:
         return built.names[id(written.constraints[number])]
     return f"a bound of '{written.variables[number - written.nlp.m].name}'"
+
+
+def _place(places: ComponentMap, component: Any) -> int:
+    place = places.get(component)
+    if place is None:
+        raise ModelError(
+            f"'{component.name}': is not among the {len(places)} components of this sensitivity. Variables have to be "
+            "free and used by the model, parameters have to be asked for."
+        )
+    return int(place)
