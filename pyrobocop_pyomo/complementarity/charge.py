@@ -9,13 +9,12 @@ from pyomo.core import Objective, quicksum
 
 from .formulation import Formulation, products
 from .record import Record, RelaxedPair
-from .relaxations.protocol import KeepsMultipliers, charges_products
 
 
 def charged_objective(record: Record, changing: Iterable[Formulation]) -> Any:
     """The user's objective with the charge for all groups, of which some are about to change or to appear."""
     relaxation, main = record.relaxation, record.main
-    if charges_products(relaxation):
+    if record.abilities.charges_products:
         changed = {id(formulation.group): formulation for formulation in changing}
         terms: list[Any] = []
         for group in record.groups:
@@ -45,7 +44,7 @@ def set_objective(record: Record, expression: Any) -> None:
 def _terms(record: Record, pairs: list[RelaxedPair], states: list[Any]) -> list[Any]:
     formed = [product for row in products(record, pairs) for product in row]
     # A factor of one is dropped by Pyomo itself.
-    if isinstance(record.relaxation, KeepsMultipliers):
+    if record.abilities.keeps_multipliers:
         charge = record.relaxation.charge
         return [
             product.weight * charge(product.a * product.b, state) for product, state in zip(formed, states, strict=True)

@@ -15,8 +15,9 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .sides import check_side
+from .side_checks import check_sides
 from .statement import Complements
+from .vector import check_families, is_family_pair, member
 
 
 class ComplementarityData(ActiveComponentData):
@@ -48,7 +49,7 @@ class ComplementarityData(ActiveComponentData):
 
     @property
     def bounds(self) -> tuple[str | None, str | None]:
-        """Which bound is meant, per side: "lower", "upper" or None."""
+        """Which bound is meant, per side: "lower", "upper", "free" or None."""
         return self._bounds
 
     @property
@@ -92,10 +93,10 @@ class ComplementarityData(ActiveComponentData):
                 f"'{self.name}': expected complements(first, second) or a 2-tuple of sides, "
                 f"found {type(pair).__name__}{length}."
             )
-        check_side(first, bounds[0], self)
-        check_side(second, bounds[1], self)
+        choices = (bounds[0], bounds[1])
+        check_sides(first, second, choices, self)
         self._sides = (first, second)
-        self._bounds = (bounds[0], bounds[1])
+        self._bounds = choices
 
     def set_group(self, label: Hashable) -> None:
         """Say which group the pair belongs to; pairs of one block with equal labels belong together."""
@@ -124,7 +125,7 @@ class ComplementarityData(ActiveComponentData):
 # Not registered with Pyomo's ModelComponentFactory: that goes by the name of the class, and would make
 # ``@model.Complementarity`` mean this class instead of the one of pyomo.mpec.
 class Complementarity(ActiveIndexedComponent):
-    """Pairs ``0 <= a ⟂ b >= 0``, scalar or indexed.
+    """Pairs ``0 <= a ⟂ b >= 0``, ranges ``l <= F <= u ⟂ H`` and equalities, scalar or indexed.
 
     No solver reads this component: Pyomo's writers refuse a model that still holds an active one. Apply the
     transformation ``pyrobocop.relax_complementarity`` first.
@@ -134,7 +135,8 @@ class Complementarity(ActiveIndexedComponent):
     *sets : Set
         Index sets.
     rule, expr : callable, mapping or pair
-        What gives `complements` (or a 2-tuple of sides, or ``Complementarity.Skip``) for each index.
+        What gives `complements` (or a 2-tuple of sides, or ``Complementarity.Skip``) for each index. A pair of
+        two indexed components over the same set as this one stands for one pair of their members per index.
     group : callable, mapping or hashable, optional
         Label per index: pairs of one block with equal labels are bounded together where the grouping is
         "element".
@@ -172,28 +174,48 @@ class Complementarity(ActiveIndexedComponent):
         timer = ConstructionTimer(self)
         for anonymous in self._anonymous_sets or ():
             anonymous.construct()
-        rule = self._rule
+        rule, block = self._rule, self.parent_block()
         try:
             if rule is None:
                 return
             if rule.constant() and self.is_indexed():
-                raise ComplementarityError(
-                    f"'{self.name}': one pair cannot serve all indices. Pass a rule, or a mapping from index to pair."
-                )
-            block = self.parent_block()
+                self._check_constant(rule(block, None))
             if rule.contains_indices():
                 for index in rule.indices():
                     self[index] = rule(block, index)
             elif self.index_set().isfinite():
                 for index in self.index_set():
-                    self._setitem_when_not_present(index, rule(block, index))
+                    self._setitem_when_not_present(index, self._pair_at(index))
+        except ComplementarityError:
+            # Half a component would be relaxed without its other half by whoever goes on after the refusal.
+            if block is not None:
+                block.del_component(self)
+            raise
         finally:
             timer.report()
+
+    def _check_constant(self, pair: Any) -> None:
+        """Let one pair serve all indices only where its sides have a member for each."""
+        if not isinstance(pair, tuple) or not is_family_pair(*pair[:2]):
+            raise ComplementarityError(
+                f"'{self.name}': one pair cannot serve all indices, unless both its sides are indexed components "
+                "over the same set. Pass a rule, or a mapping from index to pair."
+            )
+        check_families(pair[0], pair[1], self)
+
+    def _pair_at(self, index: Any) -> Any:
+        rule = self._rule
+        assert rule is not None
+        pair = rule(self.parent_block(), index)
+        if rule.constant() and self.is_indexed():
+            first, second, *bounds = pair
+            return Complements(member(first, index, self), member(second, index, self), *bounds)
+        return pair
 
     def _getitem_when_not_present(self, index: Any) -> Any:
         if self._rule is None:
             raise KeyError(index)
-        pair = self._setitem_when_not_present(index, self._rule(self.parent_block(), index))
+        pair = self._setitem_when_not_present(index, self._pair_at(index))
         if pair is None:
             raise KeyError(index)
         return pair

@@ -12,13 +12,6 @@ from pyrobocop_pyomo.errors import ComplementarityError
 
 from .generated import component_of, new_parameter, new_variable
 from .record import Group, Record, RelaxedPair
-from .relaxations.protocol import (
-    KeepsBounds,
-    KeepsMultipliers,
-    charges_products,
-    further_residuals,
-    holds_with_equality,
-)
 
 # Of the even share of delta: a product's own share never falls below, since some relaxations are not smooth at zero.
 SMALLEST_SHARE = 1e-3
@@ -93,19 +86,20 @@ def products(record: Record, pairs: list[RelaxedPair]) -> list[list[Product]]:
 def formulate(record: Record, block: Any, group: Group, pairs: list[RelaxedPair]) -> Formulation:
     """Say what the rows of a group are, once it has these pairs; nothing is added to the model yet."""
     made = Formulation(group, pairs)
-    relaxation = record.relaxation
+    abilities = record.abilities
     formed = products(record, pairs)
-    if charges_products(relaxation):
-        if isinstance(relaxation, KeepsMultipliers):
+    if abilities.charges_products:
+        if abilities.keeps_multipliers:
             made.states = _states(block, group, sum(map(len, formed)), 0.0)
         return made
-    if isinstance(relaxation, KeepsBounds):
+    if abilities.keeps_bounds:
         made.states = _states(block, group, len(formed), record.main.delta.value)
         bounds = made.states
     else:
         bounds = [bound_of(record)] * len(formed)
+    equality = abilities.equality and not _crosses(formed)
     for row, bound in zip(formed, bounds, strict=True):
-        _bound_row(record, block, made, row, bound)
+        _bound_row(record, block, made, row, bound, equality)
     return made
 
 
@@ -114,15 +108,15 @@ def bound_of(record: Record) -> Any:
     return record.main.delta if record.main.component("excess") is None else record.main.excess
 
 
-def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product], bound: Any) -> None:
-    relaxation = record.relaxation
+def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product], bound: Any, equality: bool) -> None:
+    relaxation, abilities = record.relaxation, record.abilities
     shift = relaxation.shift(bound)
-    if shift is not None and not hasattr(relaxation, "further_residuals"):
+    if shift is not None and not abilities.several_rows:
         # The shift is the row's bound and not a term of its body: the body stays a plain product, which is
         # quicker to write, and whoever moves delta inside a solve moves one bound.
         residuals = [relaxation.residual(product.a, product.b, 0) for product in row]
         body = residuals[0] if len(residuals) == 1 else quicksum(residuals)
-        expression = body == shift if holds_with_equality(relaxation) else body <= shift
+        expression = body == shift if equality else body <= shift
         made.rows.append((expression, _sources(row)))
         return
     if len(row) == 1:
@@ -141,8 +135,16 @@ def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product]
     for product, share in zip(row, shares, strict=True):
         a, b = product.a, product.b
         residual = relaxation.residual(a, b, share)
-        made.rows.append((residual == 0 if holds_with_equality(relaxation) else residual <= 0, product.sources))
-        made.rows += [(further <= 0, product.sources) for further in further_residuals(relaxation, a, b, share)]
+        made.rows.append((residual == 0 if equality else residual <= 0, product.sources))
+        if abilities.several_rows:
+            further = relaxation.further_residuals(a, b, share)
+            made.rows += [(each <= 0, product.sources) for each in further]
+
+
+def _crosses(formed: list[list[Product]]) -> bool:
+    """Whether a side is in several products: fixing them all would make sides equal to each other."""
+    sides = [id(pair) for row in formed for product in row for pair in product.a_pairs]
+    return len(set(sides)) < len(sides) or (len(formed) > 1 and len(formed[0][0].b_pairs) > 1)
 
 
 def _states(block: Any, group: Group, count: int, start: float) -> list[Any]:

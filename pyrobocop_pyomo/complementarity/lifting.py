@@ -9,8 +9,8 @@ from pyomo.core.base.var import VarData
 from pyomo.core.expr import LinearExpression, MonomialTermExpression, SumExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
-from .pairs import CanonicalPair
-from .sides import is_plain_variable
+from .canonical import CanonicalPair
+from .side_checks import is_plain_variable
 
 
 @dataclass(frozen=True, eq=False)

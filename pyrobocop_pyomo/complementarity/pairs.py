@@ -1,95 +1,31 @@
-"""The canonical form of a pair, and where the active pairs of a model are found."""
+"""The canonical form of a statement, and where the active ones of a model are found."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pyomo.core.base.block import Block
 from pyomo.core.base.enums import SortComponents
+from pyomo.core.expr import EqualityExpression, RangedExpression
 from pyomo.gdp import Disjunct
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
+from .canonical import CanonicalForm, CanonicalPair
 from .component import Complementarity
-from .sides import canonical_side
+from .forms import form_of
+from .side_checks import is_plain_variable
+from .sides import read_side
+from .vector import is_family_pair, member
 
 PAIR_TYPES = (Complementarity, MpecComplementarity)
 BLOCK_TYPES = (Block, Disjunct)
 
 
-class Part(Enum):
-    """How much of the expression ``b`` a pair is about."""
-
-    WHOLE = "b itself, which is nonnegative"
-    POSITIVE = "max(b, 0)"
-    NEGATIVE = "max(-b, 0)"
-
-
-@dataclass(frozen=True, eq=False)
-class CanonicalPair:
-    """One pair as ``0 <= a ⟂ b >= 0``.
-
-    Attributes
-    ----------
-    source : component data
-        The pair as declared, of this package or of `pyomo.mpec`; never changed but for its activity.
-    a, b : Pyomo expression
-        Nonnegative where the sides hold; a bare variable where its bound is zero.
-    a_row, b_row : relational expression or None
-        What has to be a constraint for the side to hold; None where a variable's own bound does it.
-    group : hashable or None
-        Label of the group that the pair belongs to.
-    weight : number or Pyomo expression
-        Measure of the pair in a penalty.
-    b_part : Part
-        Of which part of ``b`` the pair speaks: of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with
-        the positive part of H, the second u - F with the negative one. ``b`` is H in both.
-    role : {"", "lower", "upper"}
-        What tells two pairs of one source apart.
-    """
-
-    source: Any
-    a: Any
-    b: Any
-    a_row: Any
-    b_row: Any
-    group: Hashable
-    weight: Any
-    b_part: Part = Part.WHOLE
-    role: str = ""
-
-    @property
-    def name(self) -> str:
-        """Name of the pair, as the user finds it in the model; where there are two, with the role."""
-        # Asked for when needed: a full name costs about as much as the rest of the canonical form.
-        return f"{self.source.name} ({self.role})" if self.role else self.source.name
-
-
-@dataclass(frozen=True, eq=False)
-class CanonicalForm:
-    """All that one statement says.
-
-    Attributes
-    ----------
-    source : component data
-        The statement as declared.
-    pairs : tuple of CanonicalPair
-        One; two for a range against a free side; none for an equality against a free side.
-    rows : tuple of relational expressions
-        What has to be a constraint beyond the ``a_row`` and ``b_row`` of the pairs.
-    """
-
-    source: Any
-    pairs: tuple[CanonicalPair, ...]
-    rows: tuple[Any, ...]
-
-
-def canonical_pair(source: Any) -> CanonicalPair:
-    """Bring one pair into canonical form.
+def canonical_form(source: Any) -> CanonicalForm:
+    """Bring one statement into canonical form.
 
     Parameters
     ----------
@@ -99,32 +35,54 @@ def canonical_pair(source: Any) -> CanonicalPair:
     Raises
     ------
     ComplementarityError
-        If a side cannot be brought into the form ``expression >= 0``.
+        If its sides do not have two finite bounds together, or bounds that nothing can meet.
     """
     if source.ctype is Complementarity:
         first, second = source.args
-        first_bound, second_bound = source.bounds
-        group, weight = source.group, source.weight
-    else:
-        # The sides of pyomo.mpec have no public name; its own standard form would change the block.
-        sides = getattr(source, "_args", None)
-        if sides is None:
-            raise ComplementarityError(f"'{source.name}': has no sides. Give it complements(first, second).")
-        first, second = sides
-        first_bound = second_bound = group = None
-        weight = 1
-    a, a_row = canonical_side(first, first_bound, source)
-    b, b_row = canonical_side(second, second_bound, source)
-    return CanonicalPair(source, a, b, a_row, b_row, group, weight)
+        return form_of(source, first, second, source.bounds, source.group, source.weight)
+    # The sides of pyomo.mpec have no public name; its own standard form would change the block.
+    sides = getattr(source, "_args", None)
+    if sides is None:
+        raise ComplementarityError(f"'{source.name}': has no sides. Give it complements(first, second).")
+    first, second = sides
+    if source.parent_component().is_indexed() and is_family_pair(first, second):
+        first, second = (member(side, source.index(), source) for side in sides)
+    return form_of(source, first, second, (_mpec_choice(first, second, source), _mpec_choice(second, first, source)))
 
 
-def canonical_form(source: Any) -> CanonicalForm:
-    """Bring one statement into canonical form; parameters and errors as for `canonical_pair`."""
-    return CanonicalForm(source, (canonical_pair(source),), ())
+def _mpec_choice(side: Any, other: Any, source: Any) -> str | None:
+    """Which bounds of a plain variable count.
+
+    In `pyomo.mpec` only those that are written out do. Where they suffice, a plain variable on the other side is
+    free and its bounds are just bounds; where they do not, `pyomo.mpec` would refuse, and its own ones are taken.
+    """
+    if is_plain_variable(side) and (
+        other.__class__ is EqualityExpression
+        or (other.__class__ is RangedExpression and read_side(other, None, source).bounds == 2)
+    ):
+        return "free"
+    return None
+
+
+def canonical_pair(source: Any) -> CanonicalPair:
+    """Bring a statement that is one pair into canonical form; parameters and errors as for `canonical_form`.
+
+    Raises
+    ------
+    ComplementarityError
+        Also if it is a range or an equality, which are not one pair.
+    """
+    form = canonical_form(source)
+    if len(form.pairs) != 1 or form.rows:
+        raise ComplementarityError(
+            f"'{source.name}': is a range or an equality: {len(form.pairs)} pairs and {len(form.rows)} rows. "
+            "Ask for its canonical_form."
+        )
+    return form.pairs[0]
 
 
 def active_pairs(model: Any, targets: Iterable[Any] | None = None) -> list[CanonicalPair]:
-    """Find every active pair of a model.
+    """Find every active pair of a model; a range gives two, an equality none.
 
     Parameters
     ----------
@@ -143,20 +101,45 @@ def active_pairs(model: Any, targets: Iterable[Any] | None = None) -> list[Canon
     ComplementarityError
         If a target is no part of the model or cannot hold a pair, or if a pair has no canonical form.
     """
-    return [canonical_pair(source) for source in active_sources(model, targets)]
+    return [pair for source in active_sources(model, targets) for pair in canonical_form(source).pairs]
 
 
 def active_sources(model: Any, targets: Iterable[Any] | None = None) -> list[Any]:
     """Find the component data of every active pair; parameters as for `active_pairs`."""
     if targets is None:
         return list(_below(model))
-    if hasattr(targets, "ctype"):
-        targets = [targets]
     found: dict[int, Any] = {}
-    for target in targets:
+    for target in as_targets(targets):
         for source in _at(target, model):
             found[id(source)] = source
     return list(found.values())
+
+
+def put_to_sleep(sources: Iterable[Any]) -> None:
+    """Deactivate pairs, and the components of which no pair is left."""
+    parents = {}
+    for source in sources:
+        source.deactivate()
+        parent = source.parent_component()
+        parents[id(parent)] = parent
+    for parent in parents.values():
+        # Pyomo leaves the flag of the component to whoever changes its parts.
+        if not any(source.active for source in parent.values()):
+            parent.deactivate()
+
+
+def home_of(block: Any, model: Any) -> Any:
+    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
+    while block is not model:
+        if block.ctype is Disjunct:
+            return block
+        block = block.parent_block()
+    return model
+
+
+def as_targets(targets: Any) -> list[Any]:
+    """Return targets as a list: one component or pair may be given alone."""
+    return [targets] if hasattr(targets, "ctype") else list(targets)
 
 
 def _below(block: Any) -> Iterator[Any]:

@@ -9,7 +9,7 @@ from pyomo.core.base import Objective, SortComponents
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .pairs import BLOCK_TYPES
+from .pairs import BLOCK_TYPES, as_targets
 from .record import Record, records_above, records_below
 
 
@@ -27,10 +27,29 @@ def refuse_unusable(model: Any) -> None:
 def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
     """Refuse a model, or targets, without an active pair."""
     if not sources:
+        for target in as_targets(targets or ()):
+            asleep = _asleep(target, model)
+            if asleep is not None:
+                raise ComplementarityError(
+                    f"'{target.name}': this target has no active pair, since '{asleep.name}' is deactivated. "
+                    f"Call {asleep.name}.activate() first."
+                )
         where = "it" if targets is None else "the targets"
         raise ComplementarityError(
             f"'{model.name}': no active complementarity pair in {where}; there is nothing to relax."
         )
+
+
+def _asleep(target: Any, model: Any) -> Any:
+    """What is deactivated of a target and the blocks above it: the outermost, or the whole of the target itself."""
+    found = None
+    part = target
+    while part is not None and part is not model:
+        found = part if not part.active else found
+        part = part.parent_block()
+    if found is None and target.is_indexed() and len(target) and not any(data.active for data in target.values()):
+        found = target
+    return found
 
 
 def refuse_second_delta(model: Any) -> None:

@@ -10,7 +10,8 @@ from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
-from .pairs import BLOCK_TYPES, CanonicalForm, CanonicalPair
+from .canonical import CanonicalForm, CanonicalPair
+from .pairs import BLOCK_TYPES
 
 BLOCK_NAME = "relaxed_complementarity"
 
@@ -99,6 +100,8 @@ class Record(AutoSlots.Mixin):
         The generated block that holds delta; None on a block that this package did not generate.
     blocks : ComponentMap
         From the model, and from each disjunct with pairs of its own, to the generated block there.
+    abilities : Abilities
+        Of the relaxation.
     groups : list of Group
         In the order of their first pairs.
     named_groups : dict
@@ -110,6 +113,7 @@ class Record(AutoSlots.Mixin):
     """
 
     __slots__ = (
+        "abilities",
         "applications",
         "blocks",
         "grouping",
@@ -128,6 +132,7 @@ class Record(AutoSlots.Mixin):
     def __init__(self) -> None:
         self.main: Any = None
         self.relaxation: Any = None
+        self.abilities: Any = None
         self.grouping: Any = None
         self.lift = False
         self.objective: Any = None

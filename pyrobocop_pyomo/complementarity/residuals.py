@@ -10,7 +10,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .pairs import CanonicalPair
+from .canonical import CanonicalPair, Part
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,10 @@ class PairResidual:
     Attributes
     ----------
     name : str
-        Of the pair as declared.
+        Of the pair as declared; of a range with "(lower)" or "(upper)" behind it, one residual for either bound.
     a, b : float
-        Values of the two sides.
+        Values of the two sides. Of a range ``l <= F <= u ⟂ H``: the distance from the bound, and what H is beyond
+        zero to the side that this bound answers, ``max(H, 0)`` for the lower and ``max(-H, 0)`` for the upper.
     """
 
     name: str
@@ -45,6 +46,34 @@ class PairResidual:
         return max(0.0, -self.a, -self.b)
 
 
+@dataclass(frozen=True)
+class ComponentResidual:
+    """How well all pairs of one component are met.
+
+    Attributes
+    ----------
+    name : str
+        Of the component, as declared.
+    pairs : int
+        How many pairs it has; a range counts twice.
+    largest, total : float
+        Maximum and sum of ``|min(a, b)|``.
+    """
+
+    name: str
+    pairs: int
+    largest: float
+    total: float
+
+
+def component_residuals(pairs: Iterable[CanonicalPair]) -> list[ComponentResidual]:
+    """Sum pairs up by the component that they were declared in; errors as `pair_residuals`."""
+    found: dict[str, list[float]] = {}
+    for pair in pairs:
+        found.setdefault(pair.source.parent_component().name, []).append(abs(min(side_values(pair))))
+    return [ComponentResidual(name, len(each), max(each), sum(each)) for name, each in found.items()]
+
+
 def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
     """Evaluate pairs at the current values.
 
@@ -53,7 +82,15 @@ def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
     ComplementarityError
         If a variable of a side has no value.
     """
-    return [PairResidual(pair.name, _number(pair, pair.a), _number(pair, pair.b)) for pair in pairs]
+    return [PairResidual(pair.name, *side_values(pair)) for pair in pairs]
+
+
+def side_values(pair: CanonicalPair) -> tuple[float, float]:
+    """Return the values of both sides, of a part of a range the value of that part; errors as `pair_residuals`."""
+    a, b = _number(pair, pair.a), _number(pair, pair.b)
+    if pair.b_part is Part.WHOLE:
+        return a, b
+    return a, max(b if pair.b_part is Part.POSITIVE else -b, 0.0)
 
 
 def _number(pair: CanonicalPair, side: Any) -> float:

@@ -7,16 +7,16 @@ from typing import Any
 
 from pyomo.common.modeling import unique_component_name
 from pyomo.core import Block, NonNegativeReals, Param, Var
-from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
+from .canonical import CanonicalForm
 from .charge import charged_objective, set_objective
 from .formulation import Formulation, formulate
 from .generated import OCCASIONAL, component_of, new_row, put, take_away
-from .pairs import CanonicalForm
+from .pairs import home_of
 from .record import BLOCK_NAME, Group, Record, RelaxedPair, record_of
-from .relaxations.protocol import charges_products
+from .relaxations.protocol import Abilities
 from .side_rows import PreparedStatement, prepare
 
 
@@ -31,6 +31,7 @@ def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objecti
     record = record_of(block)
     record.main = block
     record.relaxation = relaxation
+    record.abilities = Abilities.of(relaxation, block.delta)
     record.grouping = grouping
     record.lift = lift
     record.objective = objective
@@ -110,14 +111,14 @@ def _planned(
         parent = form.source.parent_block()
         home = homes.get(id(parent))
         if home is None:
-            home = homes[id(parent)] = _home(parent, model)
+            home = homes[id(parent)] = home_of(parent, model)
             by_home.setdefault(id(home), (home, []))
         each = prepare(record, _block_on(record, model, home, fresh), home, form)
         prepared.append(each)
         by_home[id(home)][1].extend(each.statement.pairs)
     formulations = []
     for home, members in by_home.values():
-        if members and home is not model and charges_products(record.relaxation):
+        if members and home is not model and record.abilities.charges_products:
             raise ComplementarityError(
                 f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
                 "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
@@ -152,15 +153,6 @@ def _grouped(
         joined = [relaxed[id(pair)] for pair in added]
         found.append((group, [*group.pairs, *joined] if group.pairs else joined))
     return found
-
-
-def _home(block: Any, model: Any) -> Any:
-    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
-    while block is not model:
-        if block.ctype is Disjunct:
-            return block
-        block = block.parent_block()
-    return model
 
 
 def _block_on(record: Record, model: Any, home: Any, fresh: list[tuple[Any, Any]]) -> Any:

@@ -1,4 +1,4 @@
-"""How delta shrinks: constant, geometrically from solve to solve, or with the barrier parameter of one solve."""
+"""How delta shrinks: constant, from solve to solve, or with the barrier parameter of one solve."""
 
 from __future__ import annotations
 
@@ -76,6 +76,48 @@ class Geometric:
         while (delta := self.first * self.factor**count) > self.last * (1 + 1e-9):
             yield delta
             count += 1
+        yield self.last
+
+
+@dataclass(frozen=True)
+class Superlinear:
+    """``delta <- min(factor * delta, delta ** exponent)`` down to the last: each step gains more than the one before.
+
+    Attributes
+    ----------
+    first : float
+        Of the first solve.
+    factor : float
+        Least reduction, between 0 and 1; it leads while delta is large, in particular where it is 1 or more.
+    exponent : float
+        Above 1.
+    last : float
+        Of the last solve, met exactly; positive and at most `first`.
+
+    References
+    ----------
+    The rule by which Waechter & Biegler (2006) reduce the barrier parameter, eq. 7, doi:10.1007/s10107-004-0559-y
+    """
+
+    first: float = 1.0
+    factor: float = 0.1
+    exponent: float = 1.5
+    last: float = 1e-8
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that give no schedule."""
+        _require(0 < self.first < math.inf, self, "first must be positive and finite")
+        _require(0 < self.factor < 1, self, "factor must lie between 0 and 1, else delta does not shrink")
+        _require(1 < self.exponent < math.inf, self, "exponent must be above 1 and finite")
+        _require(0 < self.last <= self.first, self, "last must be positive and at most first")
+
+    def steps(self) -> Iterator[float]:
+        """Yield delta for each solve."""
+        delta = self.first
+        # A margin: rounding must not add a step just above the last.
+        while delta > self.last * (1 + 1e-9):
+            yield delta
+            delta = min(self.factor * delta, delta**self.exponent)
         yield self.last
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from .canonical import CanonicalForm, CanonicalPair, Part
 from .generated import component_of, new_parameter, new_variable
 from .lifting import part_values, side_variable
-from .pairs import CanonicalForm, CanonicalPair, Part
 from .record import Record, RelaxedPair, RelaxedStatement
-from .relaxations.protocol import KeepsBounds, side_slack
+from .relaxations.protocol import side_slack
 
 
 @dataclass(eq=False, slots=True)
@@ -30,7 +30,7 @@ def prepare(record: Record, block: Any, home: Any, form: CanonicalForm) -> Prepa
     prepared = PreparedStatement(RelaxedStatement(form, pairs), home)
     prepared.sides.extend(form.rows)
     parts: dict[Part, Any] = {}
-    own = isinstance(record.relaxation, KeepsBounds)
+    own = record.abilities.keeps_bounds
     for pair in form.pairs:
         relaxed = RelaxedPair(pair, pair.a, pair.b)
         if own:

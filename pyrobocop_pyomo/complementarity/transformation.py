@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +14,11 @@ from pyomo.core.base import Transformation, TransformationFactory
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
+from .canonical import CanonicalPair
 from .grouping import PerPair, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
-from .pairs import CanonicalPair, active_sources, canonical_form
+from .pair_checks import refuse_leaves
+from .pairs import active_sources, canonical_form, put_to_sleep
 from .preconditions import (
     only_objective,
     refuse_nothing,
@@ -26,9 +28,9 @@ from .preconditions import (
 )
 from .record import Application, Group, Record, record_of, record_on, records_above, records_below
 from .relaxations import ObjectiveTerm, Scholtes, as_relaxation
-from .relaxations.protocol import shifts_with_delta
 from .residuals import PairResidual, pair_residuals
 from .rows import add_statements, new_record, remove_statements
+from .updating import restart, update
 
 logger = logging.getLogger(__name__)
 
@@ -123,13 +125,14 @@ class RelaxComplementarity(Transformation):
     def _relax(self, model: Any, record: Record, sources: list[Any], delta: float | None) -> RelaxationToken:
         # A pair that is known already was activated again by hand: it only has to go back to sleep.
         forms = [canonical_form(source) for source in sources if source not in record.statements]
+        refuse_leaves(forms)
         if forms:
             add_statements(record, model, forms)
         previous = None
         if delta is not None and record.applications:
             previous = record.main.delta.value
             record.main.delta.set_value(delta)
-        _put_to_sleep(sources)
+        put_to_sleep(sources)
         application = record.next_application
         record.next_application += 1
         record.applications[application] = Application([form.source for form in forms], sources, previous)
@@ -204,16 +207,11 @@ class RelaxComplementarity(Transformation):
         )
 
     def get_lifted_pairs(self, model: Any) -> list[LiftedPair]:
-        """Return the relaxed pairs with the variables that stand for their sides, in a model relaxed with ``lift``.
-
-        Raises
-        ------
-        ComplementarityError
-            If a side is no variable and was not lifted.
-        """
+        """Return the pairs that were relaxed with ``lift``, with the variables that stand for their sides."""
         return [
-            LiftedPair(relaxed.pair, _as_variable(relaxed.pair, relaxed.a), _as_variable(relaxed.pair, relaxed.b))
+            LiftedPair(relaxed.pair, _as_variable(relaxed.a), _as_variable(relaxed.b))
             for record in records_below(model)
+            if record.lift
             for relaxed in record.relaxed_pairs
         ]
 
@@ -226,6 +224,35 @@ class RelaxComplementarity(Transformation):
             for row in (*group.rows, *group.budgets)
             if row.active
         ]
+
+    def advance(self, model: Any, delta: float, multipliers: Mapping[Any, float] | None = None) -> bool:
+        """Go on to the next solve: set delta, and whatever else the relaxation updates between solves.
+
+        Parameters
+        ----------
+        model : Block
+            With the values of the last solve.
+        delta : float
+            For the next one; positive.
+        multipliers : mapping, optional
+            From generated rows to their multipliers, of either sign; asked by relaxations that decide from these.
+            Default: the model's import suffix ``dual``.
+
+        Returns
+        -------
+        bool
+            Whether any number of the model changed.
+
+        Raises
+        ------
+        ComplementarityError
+            If the model holds no or several relaxations, a side has no value, or multipliers are needed and missing.
+        """
+        return update(self._only_record(model), _finite_positive(delta), multipliers)
+
+    def restart(self, model: Any, delta: float) -> None:
+        """Go back to the first solve: set delta, and whatever `advance` has updated to its first value."""
+        restart(self._only_record(model), _finite_positive(delta))
 
     def get_delta(self, model: Any) -> Any:
         """Return the mutable parameter delta of a relaxed model."""
@@ -240,7 +267,7 @@ class RelaxComplementarity(Transformation):
         return [
             row
             for record in records_below(model)
-            if shifts_with_delta(record.relaxation, record.main.delta)
+            if record.abilities.shifts
             for group in _groups_seen(record, model)
             for row in group.rows
             if row.active
@@ -278,12 +305,9 @@ class RelaxComplementarity(Transformation):
         return records[0]
 
 
-def _as_variable(pair: CanonicalPair, side: Any) -> SideVariable:
+def _as_variable(side: Any) -> SideVariable:
     found = side_variable(side)
-    if found is None:
-        raise ComplementarityError(
-            f"'{pair.name}': the side '{side}' is no variable and was not lifted. Relax the model with lift=True."
-        )
+    assert found is not None, "whatever is no variable was lifted"
     return found
 
 
@@ -296,18 +320,6 @@ def _groups_seen(record: Record, model: Any) -> list[Group]:
 def _record_of_row(row: Any) -> Record | None:
     block = record_of(row.parent_block()).main
     return None if block is None else record_of(block)
-
-
-def _put_to_sleep(sources: Iterable[Any]) -> None:
-    parents = {}
-    for source in sources:
-        source.deactivate()
-        parent = source.parent_component()
-        parents[id(parent)] = parent
-    for parent in parents.values():
-        # Pyomo leaves the flag of the component to whoever changes its parts.
-        if not any(source.active for source in parent.values()):
-            parent.deactivate()
 
 
 def _seen_by_a_solver(block: Any, model: Any) -> bool:

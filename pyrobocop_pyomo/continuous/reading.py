@@ -12,7 +12,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet, DerivativeVar
 
-from pyrobocop_pyomo.complementarity import canonical_pair
+from pyrobocop_pyomo.complementarity import canonical_form, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -158,8 +158,9 @@ def _pairs(found: list[Spot], done: Discretisation) -> dict[str, Array]:
         for index, data in spot.component.items():
             for domain, time in spot.points(index, axes):
                 if domain is done.domain and time in position:
-                    pair = canonical_pair(data)
-                    name = label(spot.family(index, axes, domain))
-                    sides = read.setdefault(name, np.full((2, len(position)), np.nan))
-                    sides[:, position[time]] = value(pair.a), value(pair.b)
+                    family = label(spot.family(index, axes, domain))
+                    for pair in canonical_form(data).pairs:
+                        name = f"{family} ({pair.role})" if pair.role else family
+                        sides = read.setdefault(name, np.full((2, len(position)), np.nan))
+                        sides[:, position[time]] = side_values(pair)
     return read

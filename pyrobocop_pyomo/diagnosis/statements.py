@@ -9,7 +9,7 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import canonical_pair
+from pyrobocop_pyomo.complementarity import canonical_form
 from pyrobocop_pyomo.complementarity.pairs import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError
 
@@ -42,7 +42,7 @@ def statement_findings(block: Any) -> Iterator[Finding]:
         if name in wrong:
             continue
         try:
-            canonical_pair(source)
+            canonical_form(source)
         except ComplementarityError as error:
             wrong.add(name)
             yield _error(str(error), (name,), "rcp.solve refuses the model until then.")

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 from .branch import Branch, nearest_branch, restricted
@@ -145,9 +145,15 @@ class ActiveSetSearch:
     certificate: Certificate = Certificate.UNKNOWN
 
     def polish(self, start: Candidate) -> Candidate:
-        """Solve the branch nearest to a point, and keep the answer if it is no worse."""
+        """Solve the branch nearest to a point, or else the best linearised one; keep the answer if it is no worse."""
         branch = nearest_branch(self.program, start.x)
-        return self._go("polish", branch, start, start.x) or start
+        found = self._go("polish", branch, start, start.x)
+        if found is None and not self._late():
+            radius = max(1e-2, 10.0 * start.natural_residual)
+            piece = self._nearly_feasible_piece(Linearisation.at(self.program.nlp, start.x), radius)
+            if piece is not None and piece.branch != branch:
+                found = self._go("polish", piece.branch, start, start.x + piece.step)
+        return found or start
 
     def project(self, start: Candidate) -> Candidate:
         """Solve the branch that the linearised constraints can be met in, or nearly, from a point that is infeasible.
@@ -158,14 +164,17 @@ class ActiveSetSearch:
         """
         best = start
         point = Linearisation.at(self.program.nlp, start.x)
-        price = 1e3 * max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
         for radius in (1.0, 10.0, 100.0, 0.1):
             if self._late() or best.violation <= self.limits.feasibility:
                 break
-            piece = steepest_piece(self.program, point, radius, elastic=price, time_limit=self.limits.lpec_seconds)
+            piece = self._nearly_feasible_piece(point, radius)
             if piece is not None:
                 best = self._go("projection", piece.branch, best, start.x + piece.step) or best
         return best
+
+    def _nearly_feasible_piece(self, point: Linearisation, radius: float) -> Descent | None:
+        price = 1e3 * max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+        return steepest_piece(self.program, point, radius, elastic=price, time_limit=self.limits.lpec_seconds)
 
     def descend(self, start: Candidate) -> Candidate:
         """Follow descending branches from a point that solves its own, until there is none; sets `certificate`."""
@@ -222,8 +231,8 @@ class ActiveSetSearch:
             return None
         multipliers = (outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers)
         found = candidate_at(self.program, outcome.x, multipliers, branch)
-        ended_well = outcome.status.solved or outcome.status is IpoptStatus.TINY_STEP
-        kept = ended_well and self._no_worse(found, start)
+        # Whatever Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
+        kept = self._no_worse(found, start)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)
         return found if kept else None
@@ -234,10 +243,11 @@ class ActiveSetSearch:
             return False
         if start.violation > self.limits.feasibility >= found.violation:
             return True
-        if found.natural_residual < start.natural_residual - self.limits.feasibility:
-            # A relaxed point is below what is possible; how far may depend on the multipliers.
-            return found.objective <= start.objective + 1e-2 * max(1.0, abs(start.objective))
-        return found.objective <= start.objective + 1e-7 * max(1.0, abs(start.objective))
+        # A relaxed point is below what is possible, by its products times the multipliers of its pairs.
+        allowance = 1e-7
+        if found.natural_residual < start.natural_residual:
+            allowance = 1e-2 if start.natural_residual > self.limits.feasibility else 1e-3
+        return found.objective <= start.objective + allowance * max(1.0, abs(start.objective))
 
     def _improves(self, found: Candidate, best: Candidate) -> bool:
         return found.objective < best.objective - self.limits.objective * max(1.0, abs(best.objective))

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import block_array, csr_array, eye_array
 
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, IndexArray, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, lagrangian_residual
 
 from .branch import BoolArray, Branch, restricted
 from .linearisation import Linearisation
@@ -79,7 +79,7 @@ class MultiplierProblem:
     biactive_tolerance : float
         A side of at most this size counts as zero.
     active_tolerance : float
-        A row or bound this close may have a multiplier; its distance times the multiplier counts as residual.
+        A row or bound this close may have a multiplier; its distance times the multiplier is a residual as well.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class MultiplierProblem:
         program: ComplementarityProgram,
         point: Linearisation,
         biactive_tolerance: float = 1e-6,
-        active_tolerance: float = 1e-4,
+        active_tolerance: float = 1e-2,
     ) -> None:
         self._program, self._point = program, point
         self.pairs, self.rows = program.pairs, point.nlp.m
@@ -99,7 +99,8 @@ class MultiplierProblem:
         self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
         self.biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
         activity = _row_activity(program, point, (self._a_pairs, self._b_pairs), active_tolerance)
-        # Columns come in five blocks, each twice: positive parts, then negative parts.
+        # Columns come in five blocks, each twice: positive parts, then negative parts. One more column is the largest
+        # residual, which is minimised.
         blocks = [
             _active_rows(point, activity),
             _active_bounds(program, point, (self._a_pairs, self._b_pairs), active_tolerance),
@@ -107,37 +108,69 @@ class MultiplierProblem:
             _sides(program.b, self._b_pairs, point.nlp.n),
             _residual(point.nlp.n),
         ]
-        self._matrix = block_array([[sign * block.columns for block in blocks for sign in (1.0, -1.0)]], format="csr")
-        self._upper = np.minimum(
-            np.concatenate([part for block in blocks for part in (block.positive, block.negative)]), self._bound
+        columns = [sign * block.columns for block in blocks for sign in (1.0, -1.0)]
+        self._matrix = block_array([[*columns, csr_array((point.nlp.n, 1))]], format="csr")
+        parts = [part for block in blocks for part in (block.positive, block.negative)]
+        self._upper = np.append(np.minimum(np.concatenate(parts), self._bound), np.inf)
+        weights = np.concatenate([block.weight for block in blocks for _ in range(2)]) / self._scale
+        weighted = np.flatnonzero(weights)
+        numbers = np.arange(weighted.size)
+        self._residuals = csr_array(
+            (
+                np.concatenate([weights[weighted], -np.ones(weighted.size)]),
+                (np.tile(numbers, 2), np.concatenate([weighted, np.full(weighted.size, weights.size)])),
+            ),
+            shape=(weighted.size, weights.size + 1),
         )
-        self._cost = np.concatenate([part for block in blocks for part in (block.cost, block.cost)]) / self._scale
-        sizes = np.cumsum([0, *(block.cost.size for block in blocks for _ in range(2))])
+        sizes = np.cumsum([0, *(block.weight.size for block in blocks for _ in range(2))])
         self._parts = [slice(start, end) for start, end in itertools.pairwise(sizes)]
         self._row_numbers = np.flatnonzero(activity.active)
 
     def find(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
         """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
         asked, right, binaries, upper = self._signs(kind)
-        width = self._cost.size
-        equations = block_array([[self._matrix, csr_array((self._matrix.shape[0], binaries))]], format="csr")
-        constraints = [LinearConstraint(equations, -self._point.gradient, -self._point.gradient)]
+        values = self._solved(asked, right, binaries, upper, time_limit)
+        if values is not None and binaries:
+            # To a mixed-integer program a binary of 1e-6 is zero, and times a large bound it is not. So the choice is
+            # taken from it, and the multipliers from the linear program that is left.
+            width = upper.size
+            room = right - asked[:, width:] @ np.round(values[width:])
+            closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
+            upper[closed] = 0.0
+            values = self._solved(asked[:0, :width], right[:0], 0, upper, time_limit)
+        if values is None:
+            return None
+        signed = [values[self._parts[2 * i]] - values[self._parts[2 * i + 1]] for i in range(4)]
+        nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
+        rows = np.zeros(self._point.nlp.m)
+        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
+        return Multipliers(kind, nu, xi, rows, float(values[self._upper.size - 1]))
+
+    def _solved(
+        self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, time_limit: float
+    ) -> FloatArray | None:
+        """Minimise the largest residual."""
+        width = upper.size
+        equations, residuals = (
+            block_array([[matrix, csr_array((matrix.shape[0], binaries))]], format="csr")
+            for matrix in (self._matrix, self._residuals)
+        )
+        constraints = [
+            LinearConstraint(equations, -self._point.gradient, -self._point.gradient),
+            LinearConstraint(residuals, -np.inf, 0.0),
+        ]
         if right.size:
             constraints.append(LinearConstraint(asked, -np.inf, right))
+        largest = np.zeros(width + binaries)
+        largest[width - 1] = 1.0
         answer = milp(
-            np.concatenate([self._cost, np.zeros(binaries)]),
+            largest,
             integrality=np.concatenate([np.zeros(width), np.ones(binaries)]),
             bounds=Bounds(np.zeros(width + binaries), np.concatenate([upper, np.ones(binaries)])),
             constraints=constraints,
             options={"time_limit": time_limit},
         )
-        if answer.x is None:
-            return None
-        signed = [answer.x[self._parts[2 * i]] - answer.x[self._parts[2 * i + 1]] for i in range(4)]
-        nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
-        rows = np.zeros(self._point.nlp.m)
-        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
-        return Multipliers(kind, nu, xi, rows, float(answer.fun))
+        return answer.x
 
     def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
         """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""
@@ -149,7 +182,7 @@ class MultiplierProblem:
             upper[nu[1]] = upper[xi[1]] = 0.0
         # Each rule: parts that add up, binaries with their factors, right-hand side; per biactive pair.
         first, second = width + np.arange(count), width + count + np.arange(count)
-        rules: dict[Stationarity, list[tuple[list[IndexArray], list[tuple[IndexArray, float]], float]]] = {
+        rules: dict[Stationarity, list[tuple[list[np.ndarray], list[tuple[np.ndarray, float]], float]]] = {
             # One binary: 1 asks for nu >= 0, 0 for xi >= 0.
             Stationarity.A: [([nu[1]], [(first, bound)], bound), ([xi[1]], [(first, -bound)], 0.0)],
             # One binary: 1 asks for both >= 0, 0 for both <= 0.
@@ -264,12 +297,12 @@ def classify(problem: MultiplierProblem, tolerance: float = 1e-6, time_limit: fl
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """Columns of unknowns in the gradient of the Lagrangian, and how large their two parts may be and cost."""
+    """Columns of unknowns in the gradient of the Lagrangian, how large their two parts may be, what they leave."""
 
     columns: csr_array
     positive: FloatArray
     negative: FloatArray
-    cost: FloatArray
+    weight: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

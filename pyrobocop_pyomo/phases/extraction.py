@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.complementarity import Complementarity, canonical_pair
+from pyrobocop_pyomo.complementarity import Complementarity, canonical_form, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -79,7 +79,7 @@ def _read_linear(block: Any, record: PhaseRecord) -> dict[str, np.ndarray]:
 
 
 def _read_pairs(block: Any, grid: Grid) -> dict[str, np.ndarray]:
-    """Both sides of every pair over the points, by the name under which the user stated it."""
+    """Both sides of every pair over the points, by the name under which the user stated it; a range has two."""
     series: dict[str, np.ndarray] = {}
     position = {time: i for i, time in enumerate(grid.points)}
     for component in block.component_objects(Complementarity, descend_into=False):
@@ -88,7 +88,8 @@ def _read_pairs(block: Any, grid: Grid) -> dict[str, np.ndarray]:
             if time not in position:
                 continue
             name = component.local_name + "".join(f"[{label}]" for label in labels)
-            pair = canonical_pair(data)
-            sides = series.setdefault(name, np.full((2, len(grid.points)), np.nan))
-            sides[:, position[time]] = value(pair.a), value(pair.b)
+            for pair in canonical_form(data).pairs:
+                label = f"{name} ({pair.role})" if pair.role else name
+                sides = series.setdefault(label, np.full((2, len(grid.points)), np.nan))
+                sides[:, position[time]] = side_values(pair)
     return series

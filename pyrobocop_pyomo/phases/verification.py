@@ -202,8 +202,10 @@ class _Judge:
                     for pair in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
                         if pair is Complementarity.Skip:
                             continue
-                        a, b = sides(pair, statement)
-                        natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
+                        pair_values, beside = sides(pair, statement)
+                        equations = max(equations, beside)
+                        for a, b in pair_values:
+                            natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
         return self._defect(stated), max(equations, self._at_boundaries()), natural, product
 
     def _at_boundaries(self) -> float:

@@ -10,7 +10,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
-from pyrobocop_pyomo.complementarity import canonical_side
+from pyrobocop_pyomo.complementarity import form_of, side_values
 
 from .record import Statement
 
@@ -39,10 +39,8 @@ def outside(number: float, lower: float | None, upper: float | None) -> float:
     return float(max(below, above, 0.0))
 
 
-def sides(pair: Any, statement: Statement) -> tuple[float, float]:
-    """Values of both sides of a pair in canonical form."""
+def sides(pair: Any, statement: Statement) -> tuple[list[tuple[float, float]], float]:
+    """Values of both sides of the pairs that a statement makes, and how far the rows beside them are from holding."""
     first, second, *choices = pair
-    choices = choices or [None, None]
-    canonical = (canonical_side(side, choice, statement) for side, choice in zip((first, second), choices, strict=True))
-    a, b = (float(value(side.expression)) for side in canonical)
-    return a, b
+    form = form_of(statement, first, second, (choices[0], choices[1]) if choices else (None, None))
+    return [side_values(each) for each in form.pairs], max(map(violation, form.rows), default=0.0)

@@ -148,8 +148,13 @@ class Attempt:
 
     def _shrink(self, schedule: Schedule, options: Mapping[str, Any]) -> None:
         warm = False
-        for delta in schedule.steps():
-            step = self._take(self._session.run(delta, warm=warm, time_limit=self._left(), options=options))
+        steps = list(schedule.steps())
+        for delta in steps:
+            # As exact as the relaxation is, but for the last: what is left is taken on by the next run.
+            loose = {} if delta == steps[-1] else {"tol": max(1e-8, min(1e-4, 1e-3 * delta))}
+            step = self._take(
+                self._session.run(delta, warm=warm, time_limit=self._left(), options={**loose, **options})
+            )
             if self.stop_reason in FINAL_REASONS:
                 return
             # A failed run leaves multipliers that are worth nothing, and often a point that is.

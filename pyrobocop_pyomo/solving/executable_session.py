@@ -27,6 +27,7 @@ from pyrobocop_pyomo.ipopt.routes import NO_IPOPT
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.programs.written_model import WRITER_OPTIONS, WrittenModel
 
+from .relaxed_model import RelaxedModel
 from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
 
 _SUFFIXES = {
@@ -63,14 +64,14 @@ class ExecutableSession:
 
     derivatives = "ASL"
 
-    def __init__(self, model: Any, delta: Any, options: Mapping[str, Any], output: Sequence[TextIO]) -> None:
+    def __init__(self, relaxed: RelaxedModel, options: Mapping[str, Any], output: Sequence[TextIO]) -> None:
         path = find_ipopt_executable()
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
         self.solver = f"{ipopt_executable_version(path) or 'Ipopt'} ({path})"
         self._ipopt = Ipopt(executable=path)
-        self._model = model
-        self._delta = delta
+        model = self._model = relaxed.model
+        self._relaxed = relaxed
         self._options = dict(options)
         self._output = list(output)
         # The user's suffixes of the same names sleep meanwhile: otherwise theirs would be filled instead of ours.
@@ -123,7 +124,7 @@ class ExecutableSession:
         self, label: str, delta: float | None, options: Mapping[str, Any], warm: bool, time_limit: float | None
     ) -> Run:
         if delta is not None:
-            self._delta.set_value(delta)
+            self._relaxed.go_on_to(delta, self._own.dual if warm else None)
         for name in ("ipopt_zL", "ipopt_zU"):
             arriving = self._own.component(f"{name}_in")
             arriving.clear()
@@ -156,7 +157,7 @@ class ExecutableSession:
         mu = options.get("mu_target") or None
         return Run(label, delta, mu, status, iterations, time.perf_counter() - started)
 
-    def written(self) -> WrittenModel | None:
+    def written(self, *, anew: bool = False) -> WrittenModel | None:
         """See `Session.written`."""
         try:
             return WrittenModel(self._model)

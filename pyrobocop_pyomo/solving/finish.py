@@ -15,7 +15,13 @@ from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Candidate, Certificate, Limits, candidate_at
 from pyrobocop_pyomo.mpcc.branch import restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
-from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Multipliers, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.stationarity import (
+    MultiplierProblem,
+    Multipliers,
+    Stationarity,
+    classify,
+    strong_multipliers,
+)
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, lagrangian_residual
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 
@@ -25,12 +31,15 @@ from .numeric_pairs import numeric_pairs
 from .relaxed_model import RelaxedModel
 from .session import WARM_START_OPTIONS, Run
 from .settings import Settings
+from .solve_result import Step, StopReason
 from .variable_values import VariableValues
 
 # Enough to leave a bound that the branch does not hold any more, little enough to stay near the point.
 POLISH_OPTIONS = {
     **WARM_START_OPTIONS,
     "mu_init": 1e-6,
+    # In a degenerate branch multipliers grow without bound, and Ipopt would take its tolerance relative to them.
+    "s_max": 1e8,
     "warm_start_bound_push": 1e-8,
     "warm_start_bound_frac": 1e-8,
     "warm_start_slack_bound_push": 1e-8,
@@ -67,9 +76,8 @@ class Finish:
         self._settings, self.written, self._recorder = settings, written, recorder
         self._values, self._left = values, left
         self._library = load_ipopt_library()
-        self._program = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
+        self._program, self._kept_rows = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
-        self._outcomes: dict[int, IpoptOutcome] = {}
 
     def improve(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
         """Polish the point on the model, follow descending branches, and certify where that ends."""
@@ -87,22 +95,36 @@ class Finish:
         return self._judged(replace(finding, rung="projection"), search, search.project(start), start)
 
     def _judged(self, finding: Finding, search: ActiveSetSearch, found: Candidate, start: Candidate) -> Finding:
-        if found is start:
-            self.written.load_point(start.x)
-            return finding
         point = Linearisation.at(self._program.nlp, found.x)
         pair_multipliers = self._strong(found, point)
         certificate = Certificate.PROVEN if pair_multipliers is not None else Certificate.UNKNOWN
-        if pair_multipliers is None:
-            found = search.descend(found)
+        if pair_multipliers is None and found.violation <= self._limits.feasibility:
+            descended = search.descend(found)
             certificate = search.certificate
-            point = Linearisation.at(self._program.nlp, found.x)
-            pair_multipliers = self._strong(found, point) or classify(
-                MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
-            )
+            if descended is not found:
+                found, point = descended, Linearisation.at(self._program.nlp, descended.x)
+                pair_multipliers = self._strong(found, point)
+            if pair_multipliers is None and found.natural_residual <= self._settings.tolerances.natural:
+                problem = MultiplierProblem(self._program, point)
+                pair_multipliers = classify(problem, time_limit=self._limits.lpec_seconds)
+            if pair_multipliers is not None and pair_multipliers.kind is Stationarity.S:
+                certificate = Certificate.PROVEN
         self.written.load_point(found.x)
-        outcome = self._outcomes[id(found.x)]
-        step = next(step for step, candidate in self._kept if candidate is found)
+        if found is not start:
+            finding = self._replaced(finding, found)
+        proven = pair_multipliers is not None and pair_multipliers.kind is not Stationarity.NONE
+        return replace(
+            finding,
+            # What Ipopt said does not count where multipliers are at hand that show the point to be stationary.
+            reason=StopReason.FINISHED if proven else finding.reason,
+            stationarity=pair_multipliers.residual if proven and pair_multipliers else finding.stationarity,
+            certificate=certificate,
+            multipliers=pair_multipliers,
+        )
+
+    def _replaced(self, finding: Finding, found: Candidate) -> Finding:
+        """The finding at a point that a branch gave."""
+        step, outcome = next((step, outcome) for step, outcome, candidate in self._solved if candidate is found)
         assert found.branch is not None
         return replace(
             finding,
@@ -111,16 +133,15 @@ class Finish:
             reason=stop_reason(step),
             stationarity=lagrangian_residual(restricted(self._program, found.branch), found.x, *found.multipliers),
             load_suffixes=InProcessSolutionLoader(self.written, self._with_all_rows(outcome)).load_import_suffixes,
-            certificate=certificate,
-            multipliers=pair_multipliers,
         )
 
     def _strong(self, found: Candidate, point: Linearisation) -> Multipliers | None:
-        assert found.branch is not None
+        if found.branch is None or found.violation > self._limits.feasibility:
+            return None
         return strong_multipliers(self._program, point, found.branch, found.multipliers)
 
     def _search(self) -> ActiveSetSearch:
-        self._kept: list[tuple[Any, Candidate]] = []
+        self._solved: list[tuple[Step, IpoptOutcome, Candidate]] = []
         return ActiveSetSearch(self._program, self._solve, self._limits, self._record)
 
     def _solve(self, nlp: NonlinearProgram, start: Candidate) -> IpoptOutcome:
@@ -147,19 +168,14 @@ class Finish:
         mu = outcome.records[-1].mu if outcome.records else None
         label = purpose if kept else f"{purpose} (not kept)"
         step = self._recorder.record(Run(label, None, mu, outcome.status, outcome.iterations, outcome.seconds))
-        self._kept.append((step, found))
-        self._outcomes[id(found.x)] = outcome
+        self._solved.append((step, outcome, found))
 
     def _without_relaxing_rows(
         self, multipliers: tuple[FloatArray, FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        rows = getattr(self._program.nlp, "rows", None)
-        return multipliers if rows is None else (multipliers[0][rows], *multipliers[1:])
+        return multipliers[0][self._kept_rows], *multipliers[1:]
 
     def _with_all_rows(self, outcome: IpoptOutcome) -> IpoptOutcome:
-        rows = getattr(self._program.nlp, "rows", None)
-        if rows is None:
-            return outcome
         every = np.zeros(self.written.nlp.m)
-        every[rows] = outcome.g_multipliers
+        every[self._kept_rows] = outcome.g_multipliers
         return replace(outcome, g_multipliers=every)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 import numpy as np
+from pyomo.common.collections import ComponentMap
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
@@ -20,6 +21,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
 )
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 
+from .relaxed_model import RelaxedModel
 from .session import DEFAULT_MU, WARM_START_OPTIONS, OnIteration, Run
 
 
@@ -28,12 +30,7 @@ class InProcessSession:
 
     Parameters
     ----------
-    model : Block
-        With its relaxation applied, if it has pairs.
-    delta : mutable Param or None
-        The generated parameter.
-    rows : list of ConstraintData
-        Rows that a shift of delta moves; empty where delta acts otherwise, as in a penalty.
+    relaxed : RelaxedModel
     derivatives : {"asl", "casadi", "mapped"} or None
     options : mapping
         Ipopt's.
@@ -45,18 +42,14 @@ class InProcessSession:
 
     def __init__(
         self,
-        model: Any,
-        delta: Any,
-        rows: list[Any],
+        relaxed: RelaxedModel,
         derivatives: str | None,
         options: Mapping[str, Any],
         output: Sequence[TextIO],
         on_iteration: OnIteration | None = None,
     ) -> None:
         self._library = load_ipopt_library()
-        self._model = model
-        self._delta = delta
-        self._rows = rows
+        self._relaxed = relaxed
         self._derivatives = derivatives
         self._options = dict(options)
         self._output = output
@@ -68,11 +61,13 @@ class InProcessSession:
         self.derivatives = self._written.nlp.derivatives
 
     def _write(self) -> None:
-        self._written = WrittenModel(self._model, self._derivatives)
+        self._written = WrittenModel(self._relaxed.model, self._derivatives)
         self._nlp = self._written.nlp
-        if self._rows:
-            positions = [self._written.row_of[row] for row in self._rows]
-            self._nlp = ShiftedRows(self._written.nlp, positions, base=self._delta.value)
+        rows = self._relaxed.shifted_rows
+        if rows:
+            # A row without free variables is not in the program.
+            positions = [self._written.row_of[row] for row in rows if row in self._written.row_of]
+            self._nlp = ShiftedRows(self._written.nlp, positions, base=self._relaxed.delta.value)
 
     def run(
         self,
@@ -86,8 +81,7 @@ class InProcessSession:
         if delta is not None:
             if isinstance(self._nlp, ShiftedRows):
                 self._nlp.delta = delta
-            elif self._delta.value != delta:
-                self._delta.set_value(delta)
+            elif self._relaxed.go_on_to(delta, self._row_multipliers() if warm else None):
                 self._written.update()
                 self._nlp = self._written.nlp
         options = {**self._options, **(options or {})}
@@ -95,6 +89,10 @@ class InProcessSession:
             options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
         outcome = self._solve(options, warm, time_limit)
         return self._report("fixed delta" if delta is not None else "solve", delta, outcome)
+
+    def _row_multipliers(self) -> ComponentMap:
+        assert self._outcome is not None
+        return ComponentMap(zip(self._written.constraints, self._outcome.g_multipliers.tolist(), strict=True))
 
     def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
         """See `Session.follow`."""
@@ -148,9 +146,9 @@ class InProcessSession:
         mu = outcome.records[-1].mu if outcome.records else None
         return Run(label, delta, mu, outcome.status, outcome.iterations, outcome.seconds, path or [])
 
-    def written(self) -> WrittenModel | None:
+    def written(self, *, anew: bool = False) -> WrittenModel | None:
         """See `Session.written`."""
-        return self._written
+        return WrittenModel(self._relaxed.model, self._derivatives) if anew else self._written
 
     def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `Session.multipliers`."""

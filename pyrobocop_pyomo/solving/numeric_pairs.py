@@ -10,14 +10,14 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import LiftedPair, SideVariable
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
-from pyrobocop_pyomo.mpcc.wrapped_programs import WithoutRows
+from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds, WithoutRows
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 
 def numeric_pairs(
     written: WrittenModel, pairs: Sequence[LiftedPair], left_out: Iterable[Any]
-) -> ComplementarityProgram:
+) -> tuple[ComplementarityProgram, np.ndarray]:
     """Say which variables of a nonlinear program are complementary.
 
     Parameters
@@ -27,15 +27,25 @@ def numeric_pairs(
     pairs : list of LiftedPair
     left_out : iterable of ConstraintData
         The rows that relax the pairs: the program is without them.
+
+    Returns
+    -------
+    ComplementarityProgram
+    int array
+        Numbers of its rows in the written model.
     """
     rows = _rows(written, left_out)
     nlp: NonlinearProgram = WithoutRows(written.nlp, rows) if rows.size else written.nlp
     positions = {id(variable): position for position, variable in enumerate(written.variables)}
-    return ComplementarityProgram(
-        nlp,
-        _sides([pair.a for pair in pairs], positions),
-        _sides([pair.b for pair in pairs], positions),
-    )
+    a, b = (_sides([getattr(pair, side) for pair in pairs], positions) for side in ("a", "b"))
+    lower, upper = nlp.x_lower.copy(), nlp.x_upper.copy()
+    for sides in (a, b):
+        # Some relaxations let a side fall a little below zero; here it may not.
+        rising, falling = ~sides.constant & (sides.sign > 0), ~sides.constant & (sides.sign < 0)
+        np.maximum.at(lower, sides.index[rising], sides.offset[rising])
+        np.minimum.at(upper, sides.index[falling], sides.offset[falling])
+    kept = np.setdiff1d(np.arange(written.nlp.m), rows)
+    return ComplementarityProgram(WithBounds(nlp, lower, upper), a, b), kept
 
 
 def _rows(written: WrittenModel, rows: Iterable[Any]) -> np.ndarray:

@@ -64,7 +64,7 @@ def solve(
     The rungs of the ladder are climbed until one gives a certain point, and the best point of all wins:
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
-    * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 200 pairs;
+    * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 100 pairs;
     * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values;
     * "elastic": the products below a variable that is charged in the objective;
     * "projection": the branch that the linearised constraints can be met in, from the best point so far.
@@ -204,26 +204,24 @@ def _check_phases(model: Any) -> None:
 
 
 def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, options: Mapping[str, Any]) -> Session:
-    model, output = relaxed.model, settings.output
+    name, output = relaxed.model.name, settings.output
     session: Session
     if settings.route is Route.EXECUTABLE:
-        session = ExecutableSession(model, relaxed.delta, options, output)
+        session = ExecutableSession(relaxed, options, output)
     else:
-        live = None if output else _live_line(bar, model)
-        session = InProcessSession(
-            model, relaxed.delta, relaxed.shifted_rows, settings.route.derivatives, options, output, live
-        )
-    logger.info("'%s': %s, derivatives by %s", model.name, session.solver, session.derivatives)
-    bar.line(f"{model.name}: {session.solver}, derivatives by {session.derivatives}")
+        live = None if output else _live_line(bar, name)
+        session = InProcessSession(relaxed, settings.route.derivatives, options, output, live)
+    logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
+    bar.line(f"{name}: {session.solver}, derivatives by {session.derivatives}")
     bar.line(STEP_HEADER)
     return session
 
 
-def _live_line(bar: Progress, model: Any) -> Any:
+def _live_line(bar: Progress, name: str) -> Any:
     def show(record: IterationRecord) -> None:
         if record.iteration % 10 == 0:
             bar.live(
-                f"{model.name}: iteration {record.iteration}, mu {record.mu:.1e}, objective {record.objective:.6g}, "
+                f"{name}: iteration {record.iteration}, mu {record.mu:.1e}, objective {record.objective:.6g}, "
                 f"infeasibility {record.primal_infeasibility:.1e}"
             )
 

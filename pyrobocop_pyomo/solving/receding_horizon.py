@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.complementarity import active_pairs
+from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlockData
@@ -80,7 +80,7 @@ class RecedingHorizon:
                 f"phase '{phase.name}': a receding horizon needs a fixed start, a fixed duration and a fixed mesh."
             )
         phase.check()
-        if active_pairs(model):
+        if active_sources(model):
             raise ComplementarityError(
                 f"'{model.name}' has active complementarity pairs. Apply pyrobocop.relax_complementarity first, "
                 "with the delta that the controller works at."

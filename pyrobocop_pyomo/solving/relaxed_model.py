@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +11,7 @@ from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.transformation import TransformationFactory
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, LiftedPair, active_sources, pair_residuals
+from pyrobocop_pyomo.complementarity.record import record_of
 
 from .presolve import Decision, held_at_zero, presolve
 
@@ -49,6 +50,35 @@ class RelaxedModel:
     def delta(self) -> Any:
         """The mutable parameter, or None."""
         return None if self.block is None else self.block.delta
+
+    def go_on_to(self, delta: float, multipliers: Mapping[Any, float] | None) -> bool:
+        """Set delta for the next run; after a run, with its multipliers, also what the relaxation updates then.
+
+        Returns whether any number of the model changed.
+        """
+        relax = TransformationFactory(TRANSFORMATION)
+        if multipliers is not None:
+            return relax.advance(self.model, delta, multipliers)
+        relax.restart(self.model, delta)
+        return True
+
+    @property
+    def charges(self) -> bool:
+        """Whether the relaxation stands in the objective."""
+        return self.block is not None and self.block.component("objective") is not None
+
+    @contextmanager
+    def uncharged(self) -> Iterator[None]:
+        """Put the user's objective back for a moment."""
+        generated = self.block.component("objective")
+        users = record_of(self.block).objective
+        generated.deactivate()
+        users.activate()
+        try:
+            yield
+        finally:
+            users.deactivate()
+            generated.activate()
 
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""

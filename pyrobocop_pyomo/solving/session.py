@@ -64,8 +64,11 @@ class Session(Protocol):
         """Solve with delta following the barrier parameter, from the current point."""
         ...
 
-    def written(self) -> WrittenModel | None:
-        """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives."""
+    def written(self, *, anew: bool = False) -> WrittenModel | None:
+        """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives.
+
+        It may have been written before, unless it is asked for as it is now.
+        """
         ...
 
     def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -74,3 +74,22 @@ def test_growth_is_about_linear_and_a_phase_costs_less_than_pyomo_dae() -> None:
 def test_a_re_solve_costs_little_beyond_ipopt() -> None:
     (row,) = [line.split() for line in run_quick("receding_horizon").splitlines() if line.split()[0] == "20"]
     assert 1.0 <= float(row[3]) < 2.0  # a coarse mesh on a busy machine: the real figures are those of the full run
+
+
+def test_methods_on_the_catalogue_are_judged_by_one_judge() -> None:
+    table = run_quick("mpcc_methods")
+    assert "4 feasible and 1 infeasible problems" in table
+    rows = {line[:34].strip(): line[34:].split() for line in table.splitlines()[4:]}
+    assert {"Pyomo mpec.simple_nonlinear", "Pyomo mpec_nlp, 1 to 1e-7", "cold continuation, 1 to 1e-8"} < set(rows)
+    assert rows["rcp.solve"][0] == "4"  # solved, all of them
+    assert [row[3:5] for row in rows.values()] == [["0", "0"]] * len(rows)  # none falsely, and none broken
+
+
+def test_nonsmooth_problems_are_solved_where_the_switches_are_softened_first() -> None:
+    table = run_quick("nonsmooth_control")
+    rows = [line for line in table.splitlines() if line.startswith(("sliding by step", "pushed blocks"))]
+    assert len(rows) == 2 * 3 * 5
+    softened = [line for line in rows if "x 0.1" in line]
+    assert len(softened) == 6
+    assert all(" yes " in line for line in softened)
+    assert "solved, of 2" in table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import pickle
 from typing import Any
 
 import pyomo.environ as pyo
@@ -47,3 +48,54 @@ def sleep(model: Any) -> list[Any]:
 def row_values(transformation: Any, model: Any) -> list[float]:
     """Value of ``body - bound`` for each relaxed row: not positive where the row holds."""
     return [pyo.value(row.body) - row.ub for row in transformation.relaxed_rows(model)]
+
+
+def text_without_pairs(model: Any) -> str:
+    """What the writer makes of the model when the pairs sleep; they are woken up again."""
+    pairs = sleep(model)
+    text = nl_text(model)
+    for pair in pairs:
+        pair.activate()
+    return text
+
+
+def round_trip(model: Any, **options: Any) -> None:
+    """What holds for every choice: the way there, questions, copies and the way back, leaving nothing behind."""
+    relax = relaxation()
+    before, text = state(model), text_without_pairs(model)
+    residuals = relax.residuals(model)
+    relaxed = relax.create_using(model, **options)
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+
+    token = relax.apply_to(model, **options)
+    written = nl_text(model)
+    assert nl_text(relaxed) == written != text
+    assert relax.residuals(model) == residuals
+    _answers(relax, model)
+    for copy in (model.clone(), pickle.loads(pickle.dumps(model))):
+        assert nl_text(copy) == written
+        assert relax.residuals(copy) == residuals
+        _answers(relax, copy)
+        relax.advance(copy, 1e-3, {})
+        assert nl_text(model) == written
+        relax.restart(copy, relax.get_delta(model).value)
+        assert nl_text(copy) == written
+        relax.revert(copy)
+        assert state(copy) == before
+    relax.revert(model, token)
+    assert state(model) == before
+    assert text_without_pairs(model) == text
+
+
+def _answers(relax: Any, model: Any) -> None:
+    """Every generated row has sources of this very model, and is among the rows of each of them."""
+    pairs = relax.get_pairs(model)
+    assert all(pair.source.model() is model and not pair.source.active for pair in pairs)
+    for row in relax.get_relaxation_rows(model):
+        sources = relax.get_source(row)
+        assert sources
+        assert all(source.model() is model and row in relax.get_rows(source) for source in sources)
+    assert set(map(id, relax.relaxed_rows(model))) <= set(map(id, relax.get_relaxation_rows(model)))
+    for lifted in relax.get_lifted_pairs(model):
+        assert lifted.a.variable.model() is lifted.b.variable.model() is model

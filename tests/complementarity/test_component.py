@@ -135,8 +135,9 @@ def test_the_writer_refuses_a_model_with_an_active_pair(model):
 
 REFUSED = {
     "strict": (lambda m: m.x[2] > 0, r"strict inequality; a solver cannot hold one\. Write >= or <="),
-    "equality": (lambda m: m.x[2] == 0, r"is an equality.*Make it a Constraint"),
-    "ranged": (lambda m: pyo.inequality(0, m.x[2], 1), r"has two bounds; a side has one"),
+    "equality": (lambda m: m.x[2] == 0, r"is an equality.*three finite bounds.*Make it a Constraint"),
+    "variable range": (lambda m: pyo.inequality(m.x[1], m.x[2], 1), r"the bound 'x\[1\]' of side .* holds a variable"),
+    "strict range": (lambda m: pyo.inequality(0, m.x[2], 1, strict=True), r"strict inequality"),
     "constant": (lambda m: 3.0, r"the constant 3\.0"),
     "bool": (lambda m: bool(pyo.value(m.p)) >= 0, r"the constant True"),
     "none": (lambda m: None, r"a side is None"),

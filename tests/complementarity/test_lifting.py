@@ -109,14 +109,13 @@ def test_a_side_without_a_value_starts_at_zero():
     assert sorted(variable.value for variable in token.block.lifted.values()) == [0, 5]
 
 
-def test_without_lifting_a_side_that_is_no_variable_is_named():
+def test_without_lifting_there_are_no_lifted_pairs():
     m = mixed()
     relax = relaxation()
-    relax.apply_to(m, targets=m.plain)
-    assert len(relax.get_lifted_pairs(m)) == 1
     relax.apply_to(m)
-    with pytest.raises(ComplementarityError, match=r"'reversed': the side .* is no variable.*lift=True"):
-        relax.get_lifted_pairs(m)
+    assert relax.get_lifted_pairs(m) == []
+    with pytest.raises(ComplementarityError, match=r"is relaxed with lift False; True cannot be added"):
+        relax.apply_to(m, lift=True)
 
 
 @pytest.mark.parametrize(

@@ -31,8 +31,10 @@ def model():
 
 def side(m, given, **bounds):
     """Value and need of a row of one side, in both positions; both have to agree."""
-    m.first = Complementarity(expr=complements(given, m.x >= 0, **{f"first_{k}": v for k, v in bounds.items()}))
-    m.second = Complementarity(expr=complements(m.x >= 0, given, **{f"second_{k}": v for k, v in bounds.items()}))
+    if m.component("other") is None:
+        m.other = pyo.Var()
+    m.first = Complementarity(expr=complements(given, m.other >= 0, **{f"first_{k}": v for k, v in bounds.items()}))
+    m.second = Complementarity(expr=complements(m.other >= 0, given, **{f"second_{k}": v for k, v in bounds.items()}))
     one, two = canonical_pair(m.first), canonical_pair(m.second)
     m.del_component("first")
     m.del_component("second")
@@ -145,7 +147,7 @@ def test_pyomo_mpec_pairs_mean_what_ours_mean(model):
 
 @pytest.mark.parametrize("wrong", [lambda m: m.x == 0, lambda m: pyo.inequality(0, m.x, 1), lambda m: m.x + 1])
 def test_pyomo_mpec_pairs_of_other_forms_are_refused_by_name(model, wrong):
-    model.cc = mpec.Complementarity([3], rule=lambda m, i: mpec.complements(wrong(m), m.free >= 0))
+    model.cc = mpec.Complementarity([3], rule=lambda m, i: mpec.complements(wrong(m), m.free >= 1))
     with pytest.raises(ComplementarityError, match=r"^'cc\[3\]': "):
         active_pairs(model)
 

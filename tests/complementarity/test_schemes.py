@@ -20,6 +20,7 @@ from pyrobocop_pyomo.complementarity import (
     PerElement,
     PerPair,
     Scholtes,
+    Superlinear,
     active_pairs,
     complements,
 )
@@ -155,6 +156,16 @@ def test_delta_follows_the_barrier_parameter_down_to_the_floor(mu, floor, factor
     assert list(rule.steps()) == [floor]
 
 
+@given(first=st.floats(1e-3, 10), factor=st.floats(0.05, 0.9), exponent=st.floats(1.1, 2), last=st.floats(1e-10, 1e-3))
+def test_a_superlinear_schedule_takes_the_larger_of_both_reductions(first, factor, exponent, last):
+    steps = list(Superlinear(first, factor, exponent, last).steps())
+    assert steps[-1] == last
+    for before, after in pairwise(steps):
+        assert after <= before
+        assert after == pytest.approx(max(last, min(factor * before, before**exponent)), rel=1e-8)
+    assert len(steps) <= len(list(Geometric(first, factor, last).steps()))
+
+
 def test_a_fixed_schedule_is_one_solve():
     assert list(Fixed(1e-6).steps()) == [1e-6]
 
@@ -168,6 +179,8 @@ def test_a_fixed_schedule_is_one_solve():
         (Geometric, {"factor": 1.0}, r"factor must lie between 0 and 1"),
         (Geometric, {"first": 1e-3, "last": 1e-2}, "last must be positive and at most first"),
         (Geometric, {"last": 0.0}, "last must be positive"),
+        (Superlinear, {"exponent": 1.0}, "exponent must be above 1"),
+        (Superlinear, {"factor": 0.0}, "factor must lie between 0 and 1"),
         (FollowBarrier, {"floor": 0.0}, "floor must be positive"),
         (FollowBarrier, {"factor": math.inf}, "factor must be positive and finite"),
     ],

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.complementarity import Complementarity, PerElement, Scholtes, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, row_values, sleep, state
+from .harness import nl_text, relaxation, row_values, state, text_without_pairs
 
 OPTIONS = [
     {},
@@ -68,15 +68,6 @@ def model():
 @pytest.fixture
 def relax():
     return relaxation()
-
-
-def text_without_pairs(m):
-    """What the writer makes of the model when the pairs sleep; they are woken up again."""
-    pairs = sleep(m)
-    text = nl_text(m)
-    for pair in pairs:
-        pair.activate()
-    return text
 
 
 # ---- what is added
@@ -348,7 +339,9 @@ def test_a_second_delta_moves_the_first_until_it_is_reverted(model, relax):
 def test_other_options_beside_the_first_are_refused(model, relax):
     relax.apply_to(model, targets=model.ours)
     before, text = state(model), text_without_pairs(model)
-    with pytest.raises(ComplementarityError, match=r"is relaxed with relaxation Scholtes\(\); Penalty\(\) cannot"):
+    with pytest.raises(
+        ComplementarityError, match=r"is relaxed with relaxation Scholtes\(equality=False\); Penalty\(\) cannot"
+    ):
         relax.apply_to(model, relaxation="penalty")
     with pytest.raises(ComplementarityError, match=r"is relaxed with grouping PerPair\(\)"):
         relax.apply_to(model, grouping="element")

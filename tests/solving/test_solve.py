@@ -203,8 +203,7 @@ def test_a_limit_is_told_apart_from_success_and_keeps_the_point(route: str) -> N
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_contradiction_is_not_called_solved(route: str) -> None:
     m = corner()
-    m.x.setlb(1)
-    m.y.setlb(1)
+    m.apart = pyo.Constraint([1, 2], rule=lambda m, i: (m.x if i == 1 else m.y) >= 1)
     result = rcp.solve(m, route=route)
     assert result.quality is rcp.Quality.INFEASIBLE
     assert len(result.steps) > 1  # the fallback was tried

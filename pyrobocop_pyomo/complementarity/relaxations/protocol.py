@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 
@@ -78,34 +79,49 @@ class KeepsBounds(Protocol):
         ...
 
 
-def holds_with_equality(relaxation: Any) -> bool:
-    """Whether the rows of this relaxation are equalities."""
-    return bool(getattr(relaxation, "equality", False))
+@dataclass(frozen=True)
+class Abilities:
+    """What a relaxation can do, asked once: looking at a protocol for each pair would cost more than the pair.
 
+    Attributes
+    ----------
+    equality : bool
+        Its rows are equalities.
+    several_rows : bool
+        A product has further rows.
+    charges_products : bool
+        The products themselves enter the objective.
+    keeps_multipliers, keeps_bounds : bool
+        It has numbers that are updated between solves.
+    shifts : bool
+        delta moves the bounds of the rows and nothing else of the model.
+    """
 
-def further_residuals(relaxation: Any, a: Any, b: Any, delta: Any) -> tuple[Any, ...]:
-    """Return what must not be positive beside the residual."""
-    further = getattr(relaxation, "further_residuals", None)
-    return () if further is None else tuple(further(a, b, delta))
+    equality: bool
+    several_rows: bool
+    charges_products: bool
+    keeps_multipliers: bool
+    keeps_bounds: bool
+    shifts: bool
+
+    @classmethod
+    def of(cls, relaxation: Any, delta: Any) -> Abilities:
+        """Ask a relaxation; `delta` is the parameter of the model."""
+        charges = isinstance(relaxation, ObjectiveTerm)
+        several = hasattr(relaxation, "further_residuals")
+        keeps_bounds = isinstance(relaxation, KeepsBounds)
+        elsewhere = charges or several or keeps_bounds or hasattr(relaxation, "side_slack")
+        return cls(
+            equality=bool(getattr(relaxation, "equality", False)),
+            several_rows=several,
+            charges_products=charges and not hasattr(relaxation, "excess_bound"),
+            keeps_multipliers=isinstance(relaxation, KeepsMultipliers),
+            keeps_bounds=keeps_bounds,
+            shifts=not elsewhere and isinstance(relaxation, Relaxation) and relaxation.shift(delta) is not None,
+        )
 
 
 def side_slack(relaxation: Any, delta: Any) -> Any:
     """How far a side may be negative; None when nothing keeps its sign."""
     slack = getattr(relaxation, "side_slack", None)
     return 0 if slack is None else slack(delta)
-
-
-def charges_products(relaxation: Any) -> bool:
-    """Whether the products themselves enter the objective."""
-    return isinstance(relaxation, ObjectiveTerm) and not hasattr(relaxation, "excess_bound")
-
-
-def shifts_with_delta(relaxation: Any, delta: Any) -> bool:
-    """Whether delta moves the bounds of the rows and nothing else of the model."""
-    return (
-        isinstance(relaxation, Relaxation)
-        and not isinstance(relaxation, (ObjectiveTerm, KeepsBounds))
-        and not hasattr(relaxation, "further_residuals")
-        and relaxation.shift(delta) is not None
-        and getattr(relaxation, "side_slack", None) is None
-    )

@@ -8,16 +8,23 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Scholtes:
-    """Bound the product: ``a * b <= delta``.
+    """Bound the product: ``a * b <= delta``, or fix it: ``a * b == delta``.
 
     At a solution where one side of each pair is positive, the relaxed solution is off by O(delta); at a biactive
     one, where both vanish, by O(sqrt(delta)).
+
+    Attributes
+    ----------
+    equality : bool
+        Whether the product equals delta, so that both sides are positive.
 
     References
     ----------
     Scholtes (2001), Convergence properties of a regularization scheme for mathematical programs with
     complementarity constraints, sec. 3, doi:10.1137/S1052623499361233
     """
+
+    equality: bool = False
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:
         """Return ``a * b - delta``."""
@@ -26,15 +33,3 @@ class Scholtes:
     def shift(self, delta: Any) -> Any:
         """Return delta: the row ``a * b <= delta`` moves by delta itself."""
         return delta
-
-
-@dataclass(frozen=True)
-class ScholtesEquality(Scholtes):
-    """Fix the product: ``a * b == delta``. Both sides are positive; rates as for `Scholtes`.
-
-    References
-    ----------
-    Scholtes (2001), doi:10.1137/S1052623499361233, with an equation in place of the bound
-    """
-
-    equality = True

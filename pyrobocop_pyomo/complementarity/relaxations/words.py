@@ -2,17 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from .augmented_lagrangian import AugmentedLagrangian
+from .elastic import Elastic
+from .fischer_burmeister import FischerBurmeister
+from .kadrani import Kadrani
+from .kanzow_schwartz import KanzowSchwartz
+from .lin_fukushima import LinFukushima
 from .penalty import Penalty
 from .protocol import ObjectiveTerm, Relaxation
-from .scholtes import Scholtes, ScholtesEquality
+from .scholtes import Scholtes
+from .smoothed_minimum import ChenHarkerKanzowSmale
+from .steffensen_ulbrich import SteffensenUlbrich
+from .two_sided import TwoSided
 
-RELAXATIONS: dict[str, type] = {
+RELAXATIONS: dict[str, Callable[[], Any]] = {
     "scholtes": Scholtes,
-    "scholtes equality": ScholtesEquality,
+    "scholtes-equality": lambda: Scholtes(equality=True),
+    "lin-fukushima": LinFukushima,
+    "kadrani": Kadrani,
+    "steffensen-ulbrich": SteffensenUlbrich,
+    "kanzow-schwartz": KanzowSchwartz,
+    "fischer-burmeister": FischerBurmeister,
+    "fischer-burmeister-equality": lambda: FischerBurmeister(equality=True),
+    "chks": ChenHarkerKanzowSmale,
+    "chks-equality": lambda: ChenHarkerKanzowSmale(equality=True),
+    "two-sided": TwoSided,
     "penalty": Penalty,
     "l1": Penalty,
+    "elastic": Elastic,
+    "linf": Elastic,
+    "augmented-lagrangian": AugmentedLagrangian,
 }
 
 
@@ -25,9 +47,10 @@ def as_relaxation(choice: str | Relaxation | ObjectiveTerm) -> Any:
         If it is neither a known word nor an object that can bound or charge a product.
     """
     if isinstance(choice, str):
-        if choice not in RELAXATIONS:
+        word = choice.replace("_", "-")
+        if word not in RELAXATIONS:
             raise ValueError(f"unknown relaxation {choice!r}. Known: {', '.join(map(repr, RELAXATIONS))}.")
-        return RELAXATIONS[choice]()
+        return RELAXATIONS[word]()
     if isinstance(choice, type) or not isinstance(choice, (Relaxation, ObjectiveTerm)):
         raise ValueError(
             f"{choice!r} is no relaxation: it needs the methods residual(a, b, delta) and shift(delta), "

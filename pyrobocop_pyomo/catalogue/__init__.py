@@ -1,0 +1,14 @@
+"""Mathematical programs with complementarity constraints whose answers are known, for tests and benchmarks.
+
+Not imported by the package itself::
+
+    from pyrobocop_pyomo.catalogue import mpcc_problem, mpcc_problems
+
+    problem = mpcc_problem("ralph1")
+    model = problem.build()
+"""
+
+from .catalogue import mpcc_problem, mpcc_problems
+from .entries import MpccProblem
+
+__all__ = ["MpccProblem", "mpcc_problem", "mpcc_problems"]

@@ -1,0 +1,78 @@
+"""What a statement of complementarity comes down to: pairs of nonnegative expressions, and rows beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+
+class Part(Enum):
+    """How much of the expression ``b`` a pair is about."""
+
+    WHOLE = "b itself, which is nonnegative"
+    POSITIVE = "max(b, 0)"
+    NEGATIVE = "max(-b, 0)"
+
+
+@dataclass(frozen=True, eq=False)
+class CanonicalPair:
+    """One pair as ``0 <= a ⟂ b >= 0``.
+
+    Attributes
+    ----------
+    source : component data
+        The pair as declared, of this package or of `pyomo.mpec`; never changed but for its activity.
+    a, b : Pyomo expression
+        Nonnegative where the sides hold; a bare variable where its bound is zero.
+    a_row, b_row : relational expression or None
+        What has to be a constraint for the side to hold; None where a variable's own bound does it.
+    group : hashable or None
+        Label of the group that the pair belongs to.
+    weight : number or Pyomo expression
+        Measure of the pair in a penalty.
+    b_part : Part
+        Of which part of ``b`` the pair speaks: of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with
+        the positive part of H, the second u - F with the negative one. ``b`` is H in both, of any sign.
+    role : {"", "lower", "upper"}
+        What tells two pairs of one source apart.
+    """
+
+    source: Any
+    a: Any
+    b: Any
+    a_row: Any
+    b_row: Any
+    group: Hashable
+    weight: Any
+    b_part: Part = Part.WHOLE
+    role: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the pair, as the user finds it in the model; where one statement gives two, with the role."""
+        # Asked for when needed: a full name costs about as much as the rest of the canonical form.
+        return f"{self.source.name} ({self.role})" if self.role else self.source.name
+
+
+@dataclass(frozen=True, eq=False)
+class CanonicalForm:
+    """All that one statement says.
+
+    Attributes
+    ----------
+    source : component data
+        The statement as declared.
+    pairs : tuple of CanonicalPair
+        One; two for a range against a free side; none for an equality against a free side.
+    rows : tuple of relational expressions
+        What has to be a constraint beyond the ``a_row`` and ``b_row`` of the pairs.
+    between : tuple (l, F, u) or None
+        The range itself where it stands against a free side, so that the two pairs are read as one choice of three.
+    """
+
+    source: Any
+    pairs: tuple[CanonicalPair, ...]
+    rows: tuple[Any, ...] = ()
+    between: tuple[Any, Any, Any] | None = None

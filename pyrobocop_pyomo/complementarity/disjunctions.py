@@ -1,0 +1,223 @@
+"""The transformation `pyrobocop.complementarity_to_disjunctions`: pairs become choices, exactly and reversibly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.common.autoslots import AutoSlots
+from pyomo.common.collections import ComponentMap
+from pyomo.common.config import Bool, ConfigDict, ConfigValue, PositiveFloat
+from pyomo.common.gc_manager import PauseGC
+from pyomo.common.modeling import unique_component_name
+from pyomo.core.base import Transformation, TransformationFactory
+from pyomo.core.base.block import Block
+
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .bounded_sides import BoundedSides
+from .branches import add_disjunctions, add_special_ordered_sets
+from .canonical import CanonicalForm, CanonicalPair
+from .pair_checks import refuse_leaves
+from .pairs import BLOCK_TYPES, active_sources, canonical_form, home_of, put_to_sleep
+from .preconditions import refuse_nothing, refuse_unusable
+from .residuals import PairResidual, pair_residuals
+
+BLOCK_NAME = "complementarity_disjunctions"
+
+
+class Choices(AutoSlots.Mixin):
+    """Private data of a generated block.
+
+    Attributes
+    ----------
+    forms : ComponentMap
+        From each statement to its canonical form; None on a block that this package did not generate.
+    sources : ComponentMap
+        From what was generated to the statement that it came from.
+    """
+
+    __slots__ = ("forms", "sources")
+
+    def __init__(self) -> None:
+        self.forms: Any = None
+        self.sources = ComponentMap()
+
+
+Block.register_private_data_initializer(Choices)
+
+
+@dataclass(frozen=True, eq=False)
+class DisjunctionToken:
+    """What `ComplementarityToDisjunctions.revert` needs to undo one application.
+
+    Attributes
+    ----------
+    model : Block
+        The model that was transformed.
+    blocks : tuple of Block
+        The generated blocks: one on the model, and one in every disjunct that holds pairs of its own.
+    """
+
+    model: Any
+    blocks: tuple[Any, ...]
+
+
+@TransformationFactory.register(
+    "pyrobocop.complementarity_to_disjunctions", doc="Turn complementarity pairs into disjunctions, reversibly."
+)
+class ComplementarityToDisjunctions(Transformation):
+    """Replace complementarity pairs by choices ``[a == 0] v [b == 0]`` for mixed-integer solvers.
+
+    Nothing is relaxed: with linear sides and a convex objective the answer is global. A range ``l <= F <= u ⟂ H``
+    becomes ``[F == l, H >= 0] v [F == u, H <= 0] v [H == 0]``. Sides that are no bounded variables get one, with
+    bounds by interval arithmetic at the present values of the parameters; fixed variables count with their bounds.
+    Apply ``gdp.bigm`` or ``gdp.hull`` afterwards; both find their bounds. Discrete variables are welcome in a side.
+
+    Options of ``apply_to`` and ``create_using``: ``targets`` (blocks, components or single pairs; default all),
+    ``sos1`` (write special ordered sets of type one in place of disjunctions; they need no bounds) and
+    ``default_bound`` (bound of a side for which none can be derived; it becomes a constraint, so choose it large
+    enough). The pairs are deactivated and never changed. Revert before a reformulation such as ``gdp.bigm``, which
+    has no way back, or apply that to a copy.
+    """
+
+    CONFIG = ConfigDict("pyrobocop.complementarity_to_disjunctions")
+    CONFIG.declare(
+        "targets",
+        ConfigValue(default=None, description="Blocks, Complementarity components or pairs to take; default all."),
+    )
+    CONFIG.declare("sos1", ConfigValue(default=False, domain=Bool, description="Write special ordered sets instead."))
+    CONFIG.declare(
+        "default_bound",
+        ConfigValue(default=None, domain=PositiveFloat, description="Bound of a side where none can be derived."),
+    )
+
+    def _apply_to(self, model: Any, **options: Any) -> DisjunctionToken:
+        config = self.CONFIG({**options.pop("options", {}), **options})
+        refuse_unusable(model)
+        with PauseGC():
+            sources = active_sources(model, config.targets)
+            refuse_nothing(model, sources, config.targets)
+            forms = [canonical_form(source) for source in sources]
+            refuse_leaves(forms, discrete_allowed=True)
+            # All that can fail is done on blocks that are no part of the model yet.
+            fresh = [(home, _build(members, config)) for home, members in _by_home(model, forms)]
+            for home, block in fresh:
+                home.add_component(unique_component_name(home, BLOCK_NAME), block)
+            put_to_sleep(sources)
+        return DisjunctionToken(model, tuple(block for _, block in fresh))
+
+    def revert(self, model: Any, token: DisjunctionToken | None = None) -> None:
+        """Undo one application, or all of them.
+
+        Parameters
+        ----------
+        model : Block
+            The model that `apply_to` was called with.
+        token : DisjunctionToken, optional
+            What `apply_to` returned. Without it everything on this model is undone, which also serves a clone.
+
+        Raises
+        ------
+        ComplementarityError
+            If there is nothing to undo, or if the token is used up or belongs to another model.
+        """
+        if token is not None and token.model is not model:
+            raise ComplementarityError(
+                f"'{model.name}': the token was made for another model, '{token.model.name}'. "
+                "On a clone, call revert(model) without a token."
+            )
+        present = list(_generated_on(model))
+        wanted = present if token is None else [block for block in token.blocks if any(block is p for p in present)]
+        if not wanted:
+            raise ComplementarityError(
+                f"'{model.name}': nothing to revert; it has no disjunctions of pairs, or was reverted before."
+            )
+        for block in wanted:
+            block.parent_block().del_component(block)
+            for source in _choices(block).forms:
+                source.activate()
+
+    def get_source(self, component: Any) -> Any:
+        """Return the pair, as declared, that a generated disjunction, disjunct, set, variable or row came from."""
+        for block in _blocks_above(component):
+            sources = _choices(block).sources
+            while component is not block:
+                if component in sources:
+                    return sources[component]
+                component = component.parent_block()
+        raise ComplementarityError(
+            f"'{component.name}': was not generated by pyrobocop.complementarity_to_disjunctions."
+        )
+
+    def get_choices(self, source: Any) -> list[Any]:
+        """Return the disjunction, or the special ordered sets, of a pair; an equality has none."""
+        parent = source.parent_block()
+        while parent is not None:
+            for block in _generated_on(parent):
+                choices = _choices(block)
+                if source in choices.forms:
+                    kept = [block.component(name) for name in ("choices", "sets")]
+                    parts = [data for component in kept if component is not None for data in component.values()]
+                    return [data for data in parts if choices.sources[data] is source]
+            parent = parent.parent_block()
+        raise ComplementarityError(
+            f"'{source.name}': is no disjunction. Apply pyrobocop.complementarity_to_disjunctions to its model first."
+        )
+
+    def get_pairs(self, model: Any) -> list[CanonicalPair]:
+        """Return the pairs of a model that are disjunctions, in canonical form; a range has two, an equality none."""
+        forms = [form for block in _generated_on(model) for form in _choices(block).forms.values()]
+        return [pair for form in forms for pair in form.pairs]
+
+    def residuals(self, model: Any) -> list[PairResidual]:
+        """Evaluate the pairs that are disjunctions at the current values, by their own sides.
+
+        Raises
+        ------
+        ComplementarityError
+            If a variable of a pair has no value.
+        """
+        return pair_residuals(self.get_pairs(model))
+
+
+def _build(forms: list[CanonicalForm], config: Any) -> Block:
+    block = Block(concrete=True)
+    sides = BoundedSides(block, config.default_bound, bounds_needed=not config.sos1)
+    generated = (add_special_ordered_sets if config.sos1 else add_disjunctions)(block, sides, forms)
+    for form in forms:
+        for row in form.rows:
+            sides.add_row(form.source, row)
+    choices = _choices(block)
+    choices.forms = ComponentMap((form.source, form) for form in forms)
+    choices.sources.update([*generated, *sides.generated])
+    return block
+
+
+def _by_home(model: Any, forms: list[CanonicalForm]) -> list[tuple[Any, list[CanonicalForm]]]:
+    found: dict[int, tuple[Any, list[CanonicalForm]]] = {}
+    for form in forms:
+        home = home_of(form.source.parent_block(), model)
+        found.setdefault(id(home), (home, []))[1].append(form)
+    return list(found.values())
+
+
+def _choices(block: Any) -> Choices:
+    return block.private_data()
+
+
+def _generated_on(model: Any) -> Iterator[Any]:
+    """The generated blocks of this model and of the disjuncts in it."""
+    for part in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
+        # The name is looked at first so that no private data appear on blocks of the user.
+        if part.local_name.startswith(BLOCK_NAME) and _choices(part).forms is not None:
+            yield part
+
+
+def _blocks_above(component: Any) -> Iterator[Any]:
+    block = component.parent_block()
+    while block is not None:
+        if block.local_name.startswith(BLOCK_NAME) and _choices(block).forms is not None:
+            yield block
+        block = block.parent_block()

@@ -1,0 +1,175 @@
+"""Putting two sides together: what the statement says, or why it says nothing.
+
+Two finite bounds make a statement, as in Pyomo's own `pyomo.mpec`: one per side, or both on one side, of which
+the other is free then. Whatever has more or fewer is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any
+
+from pyomo.core.expr.numvalue import native_numeric_types, value
+
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .canonical import CanonicalForm, CanonicalPair, Part
+from .side_checks import check_sides, four_bounds, is_plain_variable
+from .sides import Kind, Side, above_lower, below_upper, read_side
+
+
+def form_of(
+    source: Any,
+    first: Any,
+    second: Any,
+    choices: tuple[str | None, str | None] = (None, None),
+    group: Hashable = None,
+    weight: Any = 1,
+) -> CanonicalForm:
+    """Bring two sides into canonical form.
+
+    Parameters
+    ----------
+    source : component data
+        The statement, which messages name.
+    first, second : relational expression, variable or expression
+        The sides as the user wrote them.
+    choices : pair of {None, "lower", "upper", "free"}
+        Which bound of a plain variable is meant.
+    group : hashable, optional
+        Label of the group that the pairs belong to.
+    weight : number or Pyomo expression, optional
+        Measure of the pairs in a penalty.
+
+    Raises
+    ------
+    ComplementarityError
+        If the sides do not have two finite bounds together, or bounds that nothing can meet.
+    """
+    a, b = read_side(first, choices[0], source), read_side(second, choices[1], source)
+    if a.bounds == b.bounds == 1:
+        _refuse_contradiction(a, b, source)
+        pair = CanonicalPair(source, *_columns(_only(a), _only(b)), group, weight)
+        return CanonicalForm(source, (pair,))
+    check_sides(first, second, choices, source)
+    bounded, other = (b, a) if b.kind is Kind.EQUALITY or a.bounds < b.bounds else (a, b)
+    if bounded.kind is Kind.EQUALITY:
+        return CanonicalForm(source, (), (bounded.given,))
+    if bounded.bounds < 2:
+        raise _too_few(other if bounded.bounds else min(a, b, key=_plainness), source)
+    if other.bounds == 2:
+        raise four_bounds(a.given, b.given, source)
+    _refuse_crossed(bounded, source)
+    if other.bounds == 1:
+        return _implied_side(bounded, other, source, group, weight)
+    return _range(bounded, other.body, source, group, weight)
+
+
+def _range(side: Side, free: Any, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+    """``l <= F <= u ⟂ H``: F is at l where H > 0 and at u where H < 0."""
+    if all(bound.__class__ in native_numeric_types for bound in (side.lower, side.upper)) and side.lower == side.upper:
+        # Not for parameters, which may move apart.
+        return CanonicalForm(source, (), (side.body == side.lower,))
+    lower, lower_row = above_lower(side)
+    upper, upper_row = below_upper(side)
+    return CanonicalForm(
+        source,
+        (
+            CanonicalPair(source, lower, free, lower_row, None, group, weight, Part.POSITIVE, "lower"),
+            CanonicalPair(source, upper, free, upper_row, None, group, weight, Part.NEGATIVE, "upper"),
+        ),
+        between=(side.lower, side.body, side.upper),
+    )
+
+
+def _implied_side(side: Side, signed: Side, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+    """``l <= F <= u ⟂ H >= 0``: the sign of H says that only the lower bound can be the one that is met."""
+    if side.kind is Kind.VARIABLE:
+        raise ComplementarityError(
+            f"'{source.name}': side '{side.given}' has two finite bounds, {value(side.lower):g} and "
+            f"{value(side.upper):g}; one is meant. Write '{side.given} >= {value(side.lower):g}' or "
+            f"'{side.given} <= {value(side.upper):g}', or pass complements(..., first_bound=) or "
+            "(..., second_bound=) 'lower' or 'upper'."
+        )
+    bound = signed.lower if signed.lower is not None else signed.upper
+    if bound.__class__ not in native_numeric_types or bound != 0:
+        raise ComplementarityError(
+            f"'{source.name}': sides '{side.given}' and '{signed.given}' (bound {bound}) have three finite bounds, "
+            "where two are needed. Against a range the other side is free, or >= 0 or <= 0: make its bound a "
+            "Constraint, or pass first_bound= or second_bound='free' where it is a plain variable."
+        )
+    if signed.lower is not None:
+        met, far = above_lower(side), below_upper(side)
+    else:
+        met, far = below_upper(side), above_lower(side)
+    pair = CanonicalPair(source, *_columns(met, _only(signed)), group, weight)
+    return CanonicalForm(source, (pair,), () if far[1] is None else (far[1],))
+
+
+def _only(side: Side) -> tuple[Any, Any]:
+    return above_lower(side) if side.lower is not None else below_upper(side)
+
+
+def _columns(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any, Any, Any]:
+    return a[0], b[0], a[1], b[1]
+
+
+def _plainness(side: Side) -> bool:
+    # Of two sides without bounds the plain variable is the one that a bound can be given to.
+    return side.kind is not Kind.VARIABLE
+
+
+def _too_few(side: Side, source: Any) -> ComplementarityError:
+    if side.infinite is not None:
+        return ComplementarityError(
+            f"'{source.name}': side '{side.body}' has the infinite bound {side.infinite}; a side needs a finite one."
+        )
+    remedy = (
+        f"Set it, for example by {side.given}.setlb(0), or write a relation such as '{side.given} >= 0'."
+        if side.kind is Kind.VARIABLE
+        else "Write expr >= 0."
+    )
+    return ComplementarityError(
+        f"'{source.name}': side '{side.given}' has no finite bound; a complementary side needs one. {remedy}"
+    )
+
+
+def _refuse_crossed(side: Side, source: Any) -> None:
+    lower, upper = value(side.lower), value(side.upper)
+    if lower > upper:
+        raise ComplementarityError(
+            f"'{source.name}': side '{side.given}' lies between the bounds {lower:g} and {upper:g}, which contradict "
+            "each other. Exchange or correct them."
+        )
+
+
+def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
+    """Refuse what the variables' own constant bounds make impossible, and a variable that is paired with itself."""
+    if a.body is b.body and is_plain_variable(a.body) and (a.lower is None) == (b.lower is None):
+        raise ComplementarityError(
+            f"'{source.name}': the variable '{a.body}' is paired with itself, which only says that it is at its "
+            "bound. Fix it there instead."
+        )
+    for side in (a, b):
+        if (_distance(side, far=True) or 0) < 0:
+            raise ComplementarityError(
+                f"'{source.name}': side '{side.given}' contradicts the bounds of '{side.body}', "
+                f"{side.body.lower} and {side.body.upper}. Correct one of them."
+            )
+    least = _distance(a, far=False) or 0
+    if least > 0 and (_distance(b, far=False) or 0) > 0:
+        raise ComplementarityError(
+            f"'{source.name}': by the variables' own bounds both sides are positive, '{a.given}' by {least:g} and "
+            f"'{b.given}' by {_distance(b, far=False):g}; one of them has to be met with equality. Correct the bounds."
+        )
+
+
+def _distance(side: Side, far: bool) -> float | None:
+    """Largest or least distance to the stated bound that constants leave to a plain variable; None if unknown."""
+    if side.kind is Kind.VARIABLE or not is_plain_variable(side.body):
+        return None
+    sign, bound = (1, side.lower) if side.lower is not None else (-1, side.upper)
+    end = side.body.upper if far == (sign == 1) else side.body.lower
+    if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
+        return None  # a parameter may move
+    return sign * (end - bound)

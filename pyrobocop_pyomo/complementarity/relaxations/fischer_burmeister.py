@@ -1,0 +1,36 @@
+"""The set of a bounded product, written by a function that grows linearly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class FischerBurmeister:
+    """Bound ``a + b - sqrt(a^2 + b^2 + 2 delta)`` by zero, or fix it at zero.
+
+    For ``a + b >= 0`` this says ``a * b <= delta``, or ``a * b == delta``, as `Scholtes` does; the residual grows
+    linearly in the sides and not with their product. The rates are those of `Scholtes`.
+
+    Attributes
+    ----------
+    equality : bool
+        Whether the residual is zero, which makes both sides positive.
+
+    References
+    ----------
+    Fischer (1992), A special Newton-type optimization method, doi:10.1080/02331939208843795;
+    with delta: Kanzow (1996), Some noninterior continuation methods for linear complementarity problems, sec. 2,
+    doi:10.1137/S0895479894273134
+    """
+
+    equality: bool = False
+
+    def residual(self, a: Any, b: Any, delta: Any) -> Any:
+        """Return ``a + b - sqrt(a^2 + b^2 + 2 delta)``."""
+        return a + b - (a**2 + b**2 + 2 * delta) ** 0.5  # a power, since math.sqrt refuses expressions
+
+    def shift(self, delta: Any) -> None:
+        """Return None: delta stands under the root."""
+        return

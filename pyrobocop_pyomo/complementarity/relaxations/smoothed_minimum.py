@@ -1,0 +1,36 @@
+"""The minimum of both sides, smoothed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ChenHarkerKanzowSmale:
+    """Bound the smoothed natural residual ``a + b - sqrt((a - b)^2 + 4 delta)`` by zero, or fix it at zero.
+
+    It is twice ``min(a, b)`` at ``delta = 0``. For ``a + b >= 0`` it says ``a * b <= delta``, or ``a * b == delta``, as
+    `Scholtes` does, but is nearly affine away from the corner. The rates are those of `Scholtes`.
+
+    Attributes
+    ----------
+    equality : bool
+        Whether the residual is zero, which makes both sides positive.
+
+    References
+    ----------
+    Chen & Harker (1993), A non-interior-point continuation method for linear complementarity problems,
+    doi:10.1137/0614081; Kanzow (1996), Some noninterior continuation methods for linear complementarity problems,
+    sec. 2, doi:10.1137/S0895479894273134
+    """
+
+    equality: bool = False
+
+    def residual(self, a: Any, b: Any, delta: Any) -> Any:
+        """Return ``a + b - sqrt((a - b)^2 + 4 delta)``."""
+        return a + b - ((a - b) ** 2 + 4 * delta) ** 0.5
+
+    def shift(self, delta: Any) -> None:
+        """Return None: delta stands under the root."""
+        return

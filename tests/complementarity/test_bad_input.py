@@ -1,0 +1,308 @@
+"""Wrong statements: each is refused by the name of the pair, says what to do, and leaves nothing behind.
+
+An entry is a function that makes the mistake in a right model and returns the options of the transformation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pyomo.environ as pyo
+import pyomo.mpec as mpec
+import pytest
+
+from pyrobocop_pyomo.complementarity import Complementarity, complements
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .harness import nl_text, relaxation, sleep, state
+
+NAN, INF = float("nan"), math.inf
+between = pyo.inequality
+
+
+def right_model() -> Any:
+    m = pyo.ConcreteModel(name="right")
+    m.I = pyo.Set(initialize=[1, 2, 3])
+    m.x, m.y = pyo.Var(m.I, bounds=(0, None), initialize=1), pyo.Var(m.I, bounds=(0, None), initialize=1)
+    m.free, m.box = pyo.Var(initialize=1), pyo.Var(bounds=(0, 1), initialize=0.5)
+    m.above = pyo.Var(bounds=(2, None), initialize=3)
+    m.high = pyo.Var(bounds=(1, None), initialize=3)
+    m.small = pyo.Var(bounds=(0, 1), initialize=0)
+    m.count, m.switch = pyo.Var(domain=pyo.NonNegativeIntegers, initialize=1), pyo.Var(domain=pyo.Binary, initialize=1)
+    m.p, m.hole = pyo.Param(initialize=1, mutable=True), pyo.Param(initialize=NAN, mutable=True, domain=pyo.Any)
+    m.unset = pyo.Param([1], mutable=True)
+    m.cost = pyo.Objective(expr=sum(m.x[i] for i in m.I))
+    m.good = Complementarity(m.I, rule=lambda m, i: complements(m.x[i] >= 0, m.y[i] >= 0))
+    return m
+
+
+# What a pair with index 7 says, and what the refusal says about it.
+PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "three finite bounds": (
+        lambda m: (between(0, m.free, 1), m.x[1] >= 2),
+        "three finite bounds, where two are needed.*make its bound a Constraint",
+    ),
+    "three by an own bound": (
+        lambda m: (between(0, m.free, 1), m.above),
+        "three finite bounds.*second_bound='free'",
+    ),
+    "three by a parameter": (lambda m: (between(0, m.free, 1), m.x[1] >= m.p), "three finite bounds"),
+    "four finite bounds": (
+        lambda m: (between(0, m.free, 1), between(0, m.x[1], m.p)),
+        "four finite bounds, where two are needed.*make the bounds of that side a Constraint",
+    ),
+    "four by own bounds": (lambda m: (between(0, m.free, 1), m.box), "four finite bounds.*second_bound='free'"),
+    "range of a family member and a boxed one": (lambda m: (m.box, m.small), "four finite bounds"),
+    "boxed variable against one bound": (
+        lambda m: (m.box, m.x[1] >= 0),
+        "one is meant. Write 'box >= 0' or 'box <= 1'",
+    ),
+    "strict inequality": (lambda m: (m.x[1] > 0, m.free >= 0), "strict inequality.*Write >= or <="),
+    "strict range": (lambda m: (between(0, m.free, 1, strict=True), m.x[1]), "strict inequality.*Write >= or <="),
+    "no bound": (lambda m: (m.free, m.x[1] >= 0), "side 'free' has no finite bound.*free.setlb"),
+    "no bound at all": (lambda m: (m.free, m.free + m.p), "has no finite bound|bare expression without a bound"),
+    "bare expression against one bound": (lambda m: (m.free + 1, m.x[1] >= 0), "bare expression.*Write expr >= 0"),
+    "infinite bound": (lambda m: (m.free >= -INF, m.x[1] >= 0), "infinite bound -inf; a side needs a finite one"),
+    "infinite range": (lambda m: (between(-INF, m.free, INF), m.x[1] >= 0), "no finite bound.*Write expr >= 0"),
+    "bound beyond everything": (lambda m: (m.free >= INF, m.x[1] >= 0), "lower bound inf, which no value can meet"),
+    "side None": (lambda m: (None, m.x[1] >= 0), "a side is None.*Complementarity.Skip"),
+    "constant against constant": (lambda m: (0.0, 1.0), "the constant 0.0.*Complementarity.Skip"),
+    "scalar constant": (lambda m: (m.x[1] >= 0, 3), "the constant 3"),
+    "parameter": (lambda m: (m.p >= 0, m.x[1] >= 0), "holds no variable.*Leave the pair out"),
+    "parameter in a range": (lambda m: (between(0, m.p, 1), m.x[1]), "holds no variable.*Leave the pair out"),
+    "bare parameter": (lambda m: (between(0, m.free, 1), m.p), "holds no variable.*Leave the pair out"),
+    "equality against one bound": (lambda m: (m.free == 0, m.x[1] >= 0), "equality.*Make it a Constraint"),
+    "two equalities": (lambda m: (m.free == 0, m.x[1] == 0), "equality.*four finite bounds.*Make it a Constraint"),
+    "bound that is a variable": (lambda m: (between(0, m.free, m.x[1]), m.box), "holds a variable.*Write two pairs"),
+    "crossed range": (lambda m: (between(2, m.free, m.p), m.x[1] - 1), "bounds 2 and 1, which contradict"),
+    "both sides positive": (
+        lambda m: (m.above >= 0, m.high >= 0),
+        "by 2 and '.*high' by 1; one of them has to be met with equality. Correct the bounds",
+    ),
+    "side out of reach": (lambda m: (m.box >= 2, m.x[1] >= 0), "contradicts the bounds of 'box', 0 and 1. Correct"),
+    "NaN bound": (lambda m: (m.free >= NAN, m.x[1] >= 0), "lower bound nan, which no value can meet. Give a finite"),
+    "NaN bound of a range": (lambda m: (between(0, m.free, m.hole), m.x[1]), "upper bound nan"),
+    "NaN coefficient": (
+        lambda m: (NAN * m.free + m.x[1] >= 0, m.x[2] >= 0),
+        "a coefficient is NaN. Correct the number",
+    ),
+    "NaN parameter": (lambda m: (m.hole * m.free >= 0, m.x[1] >= 0), "the parameter 'hole' is NaN. Give it a number"),
+    "uninitialised bound": (
+        lambda m: (m.free >= m.unset[1], m.x[1] >= 0),
+        r"'unset\[1\]' of side .* has no value.*Give",
+    ),
+    "variable with itself": (lambda m: (m.x[1] >= 0, m.x[1]), r"'x\[1\]' is paired with itself.*Fix it there"),
+    "integer variable": (lambda m: (m.count >= 0, m.x[1] >= 0), "discrete variable 'count'.*relax its domain"),
+    "binary variable": (
+        lambda m: (between(0, m.free, 1), m.x[1] * m.switch - 1),
+        "discrete variable 'switch'.*continuous problems.*complementarity_to_disjunctions",
+    ),
+    "indexed side": (lambda m: (m.x, m.y[1] >= 0), "stands for many variables. Index the Complementarity"),
+    "slice": (lambda m: (m.x[:], m.y[1] >= 0), "stands for many variables"),
+    "string": (lambda m: ("x >= 0", m.x[1] >= 0), "the constant 'x >= 0'"),
+    "object": (lambda m: (object(), m.x[1] >= 0), "of type object; expected a relation"),
+    "chosen bound that is not there": (
+        lambda m: complements(m.x[1], m.y[1], first_bound="upper"),
+        "no finite upper bound, which was chosen.*setub",
+    ),
+    "chosen bound of a relation": (
+        lambda m: complements(m.x[1] >= 0, m.y[1], first_bound="lower"),
+        "states its own.*leave it out",
+    ),
+    "chosen bound of an expression": (
+        lambda m: complements(between(0, m.free, 1), m.x[1] - 1, second_bound="free"),
+        "which has none.*leave it out",
+    ),
+    "unknown word for a bound": (lambda m: complements(m.x[1], m.y[1], first_bound="left"), "Say 'lower', 'upper'"),
+    "tuple of three": (lambda m: (m.x[1] >= 0, m.y[1] >= 0, 1), "expected complements.*found tuple of length 3"),
+    "no pair": (lambda m: None, "the rule returned None. Return complements"),
+    "wrong type": (lambda m: 7, "found int"),
+}
+# pyomo.mpec refuses these itself, when they are stated; what it takes, we have to judge.
+THEIRS = {"tuple of three", "no pair", "wrong type"} | {
+    name for name in PAIRS if "chosen bound" in name or "word" in name
+}
+# Bounds of a plain variable are just bounds there, where what is written out suffices.
+LEGAL_THERE = {"three by an own bound", "four by own bounds", "parameter in a range"}
+
+
+def text_without_pairs(m: Any) -> str:
+    asleep = sleep(m)
+    try:
+        return nl_text(m)
+    finally:
+        for pair in asleep:
+            pair.activate()
+
+
+def is_refused(component: Any, wrong: Callable[[Any], Any], words: str) -> None:
+    """The statement is refused or, if that could be made, the relaxation; what is refused leaves no trace."""
+    m = right_model()
+    before, text = state(m), text_without_pairs(m)
+
+    def act() -> None:
+        nonlocal before, text
+        m.cc = component([7], rule=lambda m, i: wrong(m))
+        before, text = state(m), text_without_pairs(m)
+        relaxation().apply_to(m)
+
+    with pytest.raises(ComplementarityError, match=r"^'cc\[7\]': (.|\n)*" + words) as caught:
+        act()
+    assert str(caught.value).endswith(".")
+    assert state(m) == before
+    assert text_without_pairs(m) == text
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_a_wrong_pair_is_named_at_the_latest_when_it_is_relaxed(name: str) -> None:
+    is_refused(Complementarity, *PAIRS[name])
+
+
+@pytest.mark.parametrize("name", [name for name in PAIRS if name not in THEIRS | LEGAL_THERE])
+def test_a_wrong_pair_of_pyomo_mpec_is_named_when_it_is_relaxed(name: str) -> None:
+    is_refused(mpec.Complementarity, *PAIRS[name])
+
+
+# ---- components, values and targets
+
+UNLIKE = "Index both sides and the component over the same set"
+
+
+def other_index_set(m: Any) -> dict[str, Any]:
+    m.z = pyo.Var([1, 2], bounds=(0, None))
+    m.cc = Complementarity(m.I, expr=complements(m.x, m.z))
+    return {}
+
+
+def larger_index_set(m: Any) -> dict[str, Any]:
+    m.z = pyo.Var([1, 2, 3, 4], bounds=(0, None))
+    m.cc = Complementarity(m.I, expr=complements(m.x, m.z))
+    return {}
+
+
+def families_in_a_scalar(m: Any) -> dict[str, Any]:
+    m.cc = Complementarity(expr=complements(m.x, m.y))
+    return {}
+
+
+def family_against_one(m: Any) -> dict[str, Any]:
+    m.cc = Complementarity(m.I, expr=complements(m.x, m.box))
+    return {}
+
+
+def mpec_family_without_a_member(m: Any) -> dict[str, Any]:
+    m.z = pyo.Var([1, 2], bounds=(0, None))
+    m.cc = mpec.Complementarity(m.I, expr=mpec.complements(m.x, m.z))
+    return {}
+
+
+def value_that_is_no_number(m: Any) -> dict[str, Any]:
+    m.x[2].set_value(NAN, skip_validation=True)
+    return {}
+
+
+def own_bound_that_is_no_number(m: Any) -> dict[str, Any]:
+    m.z = pyo.Var(bounds=(NAN, None))
+    m.cc = Complementarity(expr=complements(m.z, m.x[1]))
+    return {}
+
+
+def deactivated_target(m: Any) -> dict[str, Any]:
+    m.good[2].deactivate()
+    return {"targets": m.good[2]}
+
+
+def deactivated_component(m: Any) -> dict[str, Any]:
+    m.good.deactivate()
+    return {"targets": [m.good]}
+
+
+def target_in_a_deactivated_block(m: Any) -> dict[str, Any]:
+    m.part = pyo.Block([1])
+    m.part[1].cc = Complementarity(expr=complements(m.x[1] >= 0, m.y[1] >= 0))
+    m.part[1].deactivate()
+    return {"targets": [m.part[1].cc]}
+
+
+def target_of_another_model(m: Any) -> dict[str, Any]:
+    return {"targets": [right_model().good]}
+
+
+def target_of_another_kind(m: Any) -> dict[str, Any]:
+    return {"targets": [m.x]}
+
+
+def target_that_is_a_name(m: Any) -> dict[str, Any]:
+    return {"targets": ["good"]}
+
+
+MODELS: dict[Callable[[Any], dict[str, Any]], str] = {
+    other_index_set: "^'cc': side 'z' has no member for index 3.*" + UNLIKE,
+    larger_index_set: "^'cc': side 'z' has a member that no pair takes, for index 4.*" + UNLIKE,
+    families_in_a_scalar: "^'cc': side 'x' stands for many variables. Index the Complementarity over the same set",
+    family_against_one: "^'cc': one pair cannot serve all indices, unless both its sides are indexed components",
+    mpec_family_without_a_member: r"^'cc\[3\]': side 'z' has no member at this index.*over the same set",
+    value_that_is_no_number: r"^'good\[2\]': the value of variable 'x\[2\]' is NaN. Give it a number, or None",
+    own_bound_that_is_no_number: "^'cc': side 'z' has the lower bound nan",
+    deactivated_target: r"^'good\[2\]': this target has no active pair, since 'good\[2\]' is deactivated.*activate\(\)",
+    deactivated_component: r"^'good': this target has no active pair, since 'good' is deactivated. Call good.activate",
+    target_in_a_deactivated_block: r"^'part\[1\].cc': .* since 'part\[1\]' is deactivated. Call part\[1\].activate",
+    target_of_another_model: "^'good': is no part of 'right'. Pass components of the model that is transformed",
+    target_of_another_kind: "^'x': a target is a Block, a Complementarity or one of its pairs",
+    target_that_is_a_name: "^''good'': a target is a Block, a Complementarity or one of its pairs",
+}
+
+
+@pytest.mark.parametrize("spoil", MODELS, ids=lambda spoil: spoil.__name__)
+def test_a_wrong_component_value_or_target_is_named(spoil: Callable[[Any], dict[str, Any]]) -> None:
+    m = right_model()
+    before = state(m)
+
+    def act() -> None:
+        nonlocal before
+        options = spoil(m)
+        before = state(m)
+        relaxation().apply_to(m, **options)
+
+    with pytest.raises(ComplementarityError, match=MODELS[spoil]) as caught:
+        act()
+    assert str(caught.value).endswith(".")
+    # What the mistake itself brought beside the pair, a variable z, is not the refusal's to remove.
+    after = {name: active for name, active in state(m).items() if name in before or not name.startswith("z")}
+    assert after == before
+
+
+# ---- what is no mistake
+
+
+def test_the_same_pair_twice_is_no_error() -> None:
+    m = right_model()
+    m.again = Complementarity(expr=complements(m.x[1] >= 0, m.y[1] >= 0))
+    m.swapped = Complementarity(expr=complements(m.y[1], m.x[1]))
+    relaxation().apply_to(m)
+    assert len(relaxation().relaxed_rows(m)) == 5
+    nl_text(m)
+
+
+def test_a_variable_may_be_at_either_of_its_bounds() -> None:
+    m = right_model()
+    m.either = Complementarity(expr=complements(m.box, m.box, first_bound="lower", second_bound="upper"))
+    relaxation().apply_to(m)
+    assert pyo.value(relaxation().get_rows(m.either)[0].body) == 0.25
+
+
+def test_a_fixed_integer_is_a_number() -> None:
+    m = right_model()
+    m.count.fix(2)
+    m.scaled = Complementarity(expr=complements(m.count * m.x[1] >= 0, m.y[1] >= 0))
+    relaxation().apply_to(m)
+    nl_text(m)
+
+
+def test_variables_need_no_values_yet() -> None:
+    m = right_model()
+    m.x[1].set_value(None)
+    relaxation().apply_to(m)
+    nl_text(m)

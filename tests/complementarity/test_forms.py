@@ -1,0 +1,330 @@
+"""All forms of a statement: what each means, judged by its projection formula and not by our own pairs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import pyomo.environ as pyo
+import pyomo.mpec as mpec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyomo.gdp import Disjunct
+
+from pyrobocop_pyomo.complementarity import (
+    Complementarity,
+    Part,
+    active_pairs,
+    canonical_form,
+    canonical_pair,
+    complements,
+    pair_residuals,
+)
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .harness import nl_text, relaxation, state
+
+BOTH = pytest.mark.parametrize("component", [Complementarity, mpec.Complementarity], ids=["ours", "pyomo.mpec"])
+whole = st.integers(-3, 3)
+
+
+def two_variables(f: float = 0.0, h: float = 0.0) -> Any:
+    m = pyo.ConcreteModel()
+    m.f, m.h = pyo.Var(initialize=f), pyo.Var(initialize=h)
+    m.lo, m.up = pyo.Param(initialize=-1, mutable=True), pyo.Param(initialize=2, mutable=True)
+    return m
+
+
+def row_holds(row: Any) -> bool:
+    return bool(pyo.value(row))
+
+
+def met(form: Any) -> bool:
+    """Whether the canonical form holds exactly, its rows included."""
+    rows = [row for pair in form.pairs for row in (pair.a_row, pair.b_row) if row is not None]
+    return all(map(row_holds, (*rows, *form.rows))) and all(
+        each.natural == 0 == each.infeasibility for each in pair_residuals(form.pairs)
+    )
+
+
+def projection_holds(f: float, h: float, lower: float, upper: float) -> bool:
+    """``l <= F <= u ⟂ H`` is ``F = mid(l, F - H, u)``, one equation for all bounds, infinite ones included."""
+    return f == min(max(f - h, lower), upper)
+
+
+# ---- meaning
+
+
+@given(f=whole, h=whole, lower=whole, width=st.integers(1, 3), scale=st.sampled_from([1, 2]))
+def test_a_range_is_met_where_the_projection_formula_holds(f, h, lower, width, scale):
+    m = two_variables(f, h)
+    m.cc = Complementarity(expr=complements(pyo.inequality(lower, scale * m.f, lower + width), m.h + 0 * m.f))
+    assert met(canonical_form(m.cc)) == projection_holds(scale * f, h, lower, lower + width)
+
+
+@given(f=whole, h=whole, which=st.sampled_from(["lower", "upper", "none"]))
+def test_an_infinite_bound_of_a_range_counts_as_none(f, h, which):
+    lower = -1 if which == "upper" else -math.inf
+    upper = 2 if which == "lower" else math.inf
+    m = two_variables(f, h)
+    # What is left is one bound, and the sign of the other side is that of the projection formula.
+    other = m.h >= 0 if which == "upper" else m.h <= 0
+    m.cc = Complementarity(expr=complements(pyo.inequality(lower, m.f, upper), other))
+    if which == "none":
+        with pytest.raises(ComplementarityError, match="'cc': "):
+            canonical_form(m.cc)
+        return
+    (pair,) = canonical_form(m.cc).pairs
+    assert pair.b_part is Part.WHOLE
+    assert met(canonical_form(m.cc)) == projection_holds(f, h, lower, upper)
+
+
+@given(f=whole, h=whole, sign=st.sampled_from([1, -1]), swapped=st.booleans())
+def test_a_range_against_a_signed_side_adds_the_sign(f, h, sign, swapped):
+    m = two_variables(f, h)
+    sides = (pyo.inequality(-1, m.f, 2), m.h >= 0 if sign == 1 else m.h <= 0)
+    m.cc = Complementarity(expr=complements(*(sides[::-1] if swapped else sides)))
+    form = canonical_form(m.cc)
+    assert (len(form.pairs), len(form.rows)) == (1, 1)
+    assert met(form) == (projection_holds(f, h, -1, 2) and sign * h >= 0)
+
+
+@given(f=whole, h=whole)
+def test_an_equality_holds_and_leaves_the_other_side_free(f, h):
+    m = two_variables(f, h)
+    for number, sides in enumerate([(m.f == 2, m.h), (m.h + m.f, m.f == 2), (m.f + m.h == 2 + m.h, m.h)]):
+        m.add_component(f"cc{number}", Complementarity(expr=complements(*sides)))
+        form = canonical_form(m.component(f"cc{number}"))
+        assert form.pairs == ()
+        assert met(form) == (f == 2)
+
+
+@given(f=whole, h=whole)
+def test_a_range_of_one_number_is_an_equality(f, h):
+    m = two_variables(f, h)
+    m.cc = Complementarity(expr=complements(pyo.inequality(1, m.f, 1), m.h))
+    assert canonical_form(m.cc).pairs == ()
+    assert met(canonical_form(m.cc)) == projection_holds(f, h, 1, 1)
+
+
+@given(f=whole, h=whole)
+def test_a_plain_variable_between_two_bounds_is_a_range(f, h):
+    m = two_variables(f, h)
+    m.x = pyo.Var(bounds=(m.lo, m.up), initialize=f)
+    m.cc = Complementarity(expr=complements(m.x, m.h))
+    form = canonical_form(m.cc)
+    assert [pair.a_row for pair in form.pairs] == [None, None]
+    assert (met(form) and -1 <= f <= 2) == projection_holds(f, h, -1, 2)
+
+
+@given(f=whole, h=whole)
+def test_swapping_the_sides_changes_nothing(f, h):
+    m = two_variables(f, h)
+    sides = (pyo.inequality(m.lo, m.f, m.up), m.h)
+    m.one, m.two = Complementarity(expr=complements(*sides)), Complementarity(expr=complements(*sides[::-1]))
+    one, two = (pair_residuals(canonical_form(source).pairs) for source in (m.one, m.two))
+    assert [(each.a, each.b) for each in one] == [(each.a, each.b) for each in two]
+    assert [each.name for each in one] == ["one (lower)", "one (upper)"]
+
+
+@BOTH
+@given(f=whole, h=whole, lower=whole, upper=whole)
+def test_mutable_bounds_are_followed(component, f, h, lower, upper):
+    m = two_variables(f, h)
+    m.cc = component(expr=(pyo.inequality(m.lo, m.f, 2 * m.up), m.h))
+    form = canonical_form(m.cc)
+    m.lo.set_value(lower)
+    m.up.set_value(upper)
+    if lower < 2 * upper:
+        assert met(form) == projection_holds(f, h, lower, 2 * upper)
+
+
+def test_a_named_expression_is_followed_on_both_sides():
+    m = two_variables(0, 3)
+    m.range, m.free = pyo.Expression(expr=m.f), pyo.Expression(expr=0.0)
+    m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.range, m.up), m.free))
+    form = canonical_form(m.cc)
+    assert met(form)
+    m.free.set_value(m.h)
+    assert not met(form)
+    m.range.set_value(m.f - 1)
+    assert met(form)
+
+
+@pytest.mark.parametrize("fixed", [(), ("f",), ("h",), ("f", "h")], ids=str)
+def test_fixing_variables_changes_nothing_about_the_form(fixed):
+    m = two_variables(1, 2)
+    m.x = pyo.Var(bounds=(0, 1), initialize=1)
+    m.statements = Complementarity([1, 2, 3, 4])
+    for name in fixed:
+        m.component(name).fix()
+    m.statements[1] = complements(pyo.inequality(m.lo, m.f, m.up), m.h)
+    m.statements[2] = complements(m.f == 1, m.h)
+    m.statements[3] = complements(m.h <= 0, pyo.inequality(m.lo, m.f, m.up))
+    m.statements[4] = complements(m.x, m.f - m.h)
+    forms = [canonical_form(m.statements[i]) for i in (1, 2, 3, 4)]
+    assert [(len(form.pairs), len(form.rows)) for form in forms] == [(2, 0), (0, 1), (1, 1), (2, 0)]
+
+
+# ---- what a plain variable's own bounds mean
+
+
+def test_own_bounds_of_a_free_side_are_just_bounds_when_asked_for():
+    m = two_variables()
+    m.speed = pyo.Var(bounds=(-10, 10))
+    m.force = pyo.Var(bounds=(-1, 1))
+    m.cc = Complementarity(expr=complements(m.force, m.speed, second_bound="free"))
+    pairs = canonical_form(m.cc).pairs
+    assert [pair.role for pair in pairs] == ["lower", "upper"]
+    assert all(pair.b is m.speed and pair.a_row is None and pair.b_row is None for pair in pairs)
+
+
+def test_in_pyomo_mpec_only_written_bounds_count_where_they_suffice():
+    m = two_variables()
+    m.speed = pyo.Var(bounds=(-10, 10))
+    m.range = mpec.Complementarity(expr=mpec.complements(pyo.inequality(-1, m.f, 1), m.speed))
+    m.equal = mpec.Complementarity(expr=mpec.complements(m.speed, m.f == 1))
+    assert [pair.name for pair in active_pairs(m)] == ["range (lower)", "range (upper)"]
+    m.own = mpec.Complementarity(expr=mpec.complements(m.speed, m.f))
+    assert [pair.name for pair in active_pairs(m, [m.own])] == ["own (lower)", "own (upper)"]
+
+
+def test_canonical_pair_is_for_statements_of_one_pair():
+    m = two_variables()
+    m.cc = Complementarity([1, 2])
+    m.cc[1] = complements(m.f >= 0, m.h >= 0)
+    m.cc[2] = complements(pyo.inequality(m.lo, m.f, m.up), m.h)
+    assert canonical_pair(m.cc[1]).a is m.f
+    with pytest.raises(ComplementarityError, match=r"'cc\[2\]': is a range or an equality: 2 pairs and 0 rows"):
+        canonical_pair(m.cc[2])
+
+
+# ---- families
+
+
+@BOTH
+def test_a_pair_of_families_means_their_members(component):
+    m = pyo.ConcreteModel()
+    m.I, m.J = pyo.Set(initialize=["a", "b"]), pyo.RangeSet(2)
+    m.x, m.y = pyo.Var(m.I, m.J, bounds=(0, None)), pyo.Var(m.I, m.J)
+    m.e = pyo.Expression(m.I, m.J, rule=lambda m, i, j: m.y[i, j] - 1)
+    m.box = pyo.Var(m.I, m.J, bounds=(0, 1))
+    m.cc = component(m.I, m.J, expr=(m.box, m.e))
+    forms = {source.index(): canonical_form(source) for source in m.cc.values()}
+    assert list(forms) == list(itertools.product("ab", (1, 2)))
+    for index, form in forms.items():
+        assert form.pairs[0].a is m.box[index]
+        assert form.pairs[0].b is m.e[index]
+
+
+def test_families_keep_the_chosen_bound_and_copies_their_own_members():
+    m = pyo.ConcreteModel()
+    m.I = pyo.Set(initialize=[1, 2])
+    m.x, m.y = pyo.Var(m.I, bounds=(0, 1)), pyo.Var(m.I, bounds=(0, None))
+    m.cc = Complementarity(m.I, expr=complements(m.x, m.y, first_bound="upper"))
+    copy = m.clone()
+    for model in (m, copy):
+        pair = canonical_pair(model.cc[2])
+        assert pair.b is model.y[2]
+        model.x[2].set_value(0.25)
+        assert pyo.value(pair.a) == 0.75
+
+
+def test_an_abstract_model_builds_its_families():
+    m = pyo.AbstractModel()
+    m.I = pyo.Set()
+    m.x, m.y = pyo.Var(m.I, bounds=(0, None)), pyo.Var(m.I, bounds=(0, None))
+    m.cc = Complementarity(m.I, expr=complements(m.x, m.y))
+    instance = m.create_instance({None: {"I": {None: [3, 4]}}})
+    assert [pair.a.name for pair in active_pairs(instance)] == ["x[3]", "x[4]"]
+
+
+# ---- relaxed
+
+
+@given(f=st.floats(-1, 2), h=st.floats(-3, 3), delta=st.floats(1e-6, 1))
+def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
+    """Each row is the bound of one part's product; the parts are variables that start at the parts of H."""
+    m = two_variables(f, h)
+    m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
+    relax = relaxation()
+    relax.apply_to(m, delta=delta)
+    *products, lower, upper, parts = relax.get_rows(m.cc)
+    for row, residual in zip(products, relax.residuals(m), strict=True):
+        assert pyo.value(row.body) == pytest.approx(residual.product)
+    assert pyo.value(parts.body) == pytest.approx(0.0) == parts.ub
+    assert (lower.lb, upper.ub) == (-1, 2)
+    assert lower.body is upper.body is m.f
+    assert [row.ub for row in relax.relaxed_rows(m)] == [delta, delta]
+
+
+def mixed() -> Any:
+    m = two_variables(1, 1)
+    m.cost = pyo.Objective(expr=m.f**2 + m.h**2)
+    m.I = pyo.Set(initialize=[1, 2])
+    m.x, m.y = pyo.Var(m.I, bounds=(0, 1), initialize=0.5), pyo.Var(m.I, initialize=0)
+    m.family = Complementarity(m.I, expr=complements(m.x, m.y))
+    m.range = mpec.Complementarity(expr=mpec.complements(pyo.inequality(m.lo, m.f + m.h, m.up), m.h))
+    m.equal = Complementarity(expr=complements(m.f == m.h, m.y[1]))
+    m.signed = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h <= 0))
+    m.single = Complementarity(expr=complements(m.f >= -4, m.h <= 4))
+    m.part = pyo.Block(m.I)
+    for i in m.I:
+        m.part[i].cc = mpec.ComplementarityList(
+            rule=[mpec.complements(m.f == m.y[i], m.h), mpec.complements(pyo.inequality(0, m.f, i), m.h)]
+        )
+    m.maybe = Disjunct()
+    m.maybe.cc = Complementarity(expr=complements(pyo.inequality(0, m.f, 1), m.h))
+    m.maybe.equal = Complementarity(expr=complements(m.f == 1, m.h))
+    return m
+
+
+def test_every_form_is_relaxed_and_reverted_in_any_order():
+    for order in itertools.permutations(range(3)):
+        m, relax = mixed(), relaxation()
+        before = state(m)
+        tokens = [relax.apply_to(m, targets=[m.range, m.equal, m.part[1]])]
+        tokens.append(relax.apply_to(m, targets=[m.family[2], m.signed, m.maybe]))
+        tokens.append(relax.apply_to(m))
+        rows = list(relax.relaxed_rows(m))
+        # Two for each of the six ranges, one for the signed and one for the single pair.
+        assert len(rows) == 14
+        assert {relax.get_source(row)[0].name for row in rows} == {
+            *("family[1]", "family[2]", "range", "signed", "single"),
+            *("part[1].cc[2]", "part[2].cc[2]", "maybe.cc"),
+        }
+        (equal,) = relax.get_rows(m.maybe.equal)
+        assert equal.parent_block().parent_block() is m.maybe
+        for number in order:
+            relax.revert(m, tokens[number])
+        assert state(m) == before
+
+
+def test_a_clone_and_the_original_write_the_same_and_answer_for_themselves():
+    m, relax = mixed(), relaxation()
+    m.maybe.deactivate()
+    relax.apply_to(m)
+    copy = m.clone()
+    assert nl_text(copy) == nl_text(m)
+    assert [source.model() for row in relax.get_rows(copy.range) for source in relax.get_source(row)] == [copy] * 5
+    relax.revert(copy)
+    assert len(relax.relaxed_rows(m)) == 12
+
+
+@pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
+def test_the_products_of_a_range_are_summed_and_charged_like_others(options):
+    """With its free side split into parts, none of which is negative, no product cancels another."""
+    m, relax = two_variables(-3, 4), relaxation()
+    m.range = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
+    m.cost = pyo.Objective(expr=m.f)
+    before = state(m)
+    token = relax.apply_to(m, delta=0.5, **options)
+    total = sum(each.product for each in relax.residuals(m))
+    if options.get("relaxation") == "penalty":
+        assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
+    else:
+        assert sum(pyo.value(row.body) for row in relax.relaxed_rows(m)) == pytest.approx(total)
+    relax.revert(m, token)
+    assert state(m) == before

@@ -1,0 +1,187 @@
+"""Relaxations as numbers: formulas, limits, nested sets, symmetry and equivalences, without a model or a solver."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from pyrobocop_pyomo.complementarity import (
+    AugmentedLagrangian,
+    ChenHarkerKanzowSmale,
+    Elastic,
+    FischerBurmeister,
+    Kadrani,
+    KanzowSchwartz,
+    LinFukushima,
+    Scholtes,
+    SteffensenUlbrich,
+    TwoSided,
+)
+from pyrobocop_pyomo.complementarity.relaxations import as_relaxation
+from pyrobocop_pyomo.complementarity.relaxations.words import RELAXATIONS
+
+BOUNDING = [
+    Scholtes(),
+    LinFukushima(),
+    Kadrani(),
+    SteffensenUlbrich(),
+    KanzowSchwartz(),
+    FischerBurmeister(),
+    ChenHarkerKanzowSmale(),
+    TwoSided(),
+    Elastic(),
+]
+NESTED = [each for each in BOUNDING if not isinstance(each, Kadrani)]
+
+sides = st.floats(0, 10)
+signed = st.floats(-2, 10)
+deltas = st.floats(1e-3, 1.0)
+
+
+def residuals(relaxation, a, b, delta):
+    further = getattr(relaxation, "further_residuals", lambda *_: ())
+    return [relaxation.residual(a, b, delta), *further(a, b, delta)]
+
+
+def accepts(relaxation, a, b, delta, margin=0.0):
+    """Whether the relaxed set holds the point; with a margin, whether it does so beyond rounding."""
+    slack = getattr(relaxation, "side_slack", lambda _: 0.0)(delta)
+    signs = [] if slack is None else [-a - slack, -b - slack]
+    return all(each <= margin for each in (*residuals(relaxation, a, b, delta), *signs))
+
+
+def stated(relaxation, a, b, delta):
+    """The formulas of the docstrings, written once more with nothing but the standard library."""
+    if isinstance(relaxation, LinFukushima):
+        return [a * b - delta**2, delta**2 - (a + delta) * (b + delta)]
+    if isinstance(relaxation, Kadrani):
+        return [(a - delta) * (b - delta)]
+    if isinstance(relaxation, SteffensenUlbrich):
+        z = a - b
+        phi = abs(z) if abs(z) >= delta else (-(z**4) / delta**3 + 6 * z**2 / delta + 3 * delta) / 8
+        return [a + b - phi]
+    if isinstance(relaxation, KanzowSchwartz):
+        p, q = a - delta, b - delta
+        return [p * q if p + q >= 0 else -(p**2 + q**2) / 2]
+    if isinstance(relaxation, FischerBurmeister):
+        return [a + b - math.sqrt(a * a + b * b + 2 * delta)]
+    if isinstance(relaxation, ChenHarkerKanzowSmale):
+        return [a + b - math.sqrt((a - b) ** 2 + 4 * delta)]
+    return [a * b - delta]
+
+
+@pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
+@given(a=signed, b=signed, delta=deltas)
+def test_floats_arrays_and_expressions_give_the_stated_formula(relaxation, a, b, delta):
+    expected = stated(relaxation, a, b, delta)
+    m = pyo.ConcreteModel()
+    m.a, m.b = pyo.Var(initialize=a), pyo.Var(initialize=b)
+    m.delta = pyo.Param(initialize=delta, mutable=True)
+    assert residuals(relaxation, a, b, delta) == pytest.approx(expected, abs=1e-9)
+    assert [pyo.value(each) for each in residuals(relaxation, m.a, m.b, m.delta)] == pytest.approx(expected, abs=1e-9)
+    for found, number in zip(residuals(relaxation, np.array([a, a]), np.array([b, b]), delta), expected, strict=True):
+        assert found == pytest.approx([number, number], abs=1e-9)
+
+
+@pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
+@given(a=signed, b=signed, delta=deltas)
+def test_swapping_the_sides_changes_nothing(relaxation, a, b, delta):
+    assert residuals(relaxation, a, b, delta) == pytest.approx(residuals(relaxation, b, a, delta), abs=1e-12)
+
+
+@pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
+@given(size=sides, delta=deltas)
+def test_the_relaxed_set_holds_the_pairs(relaxation, size, delta):
+    if isinstance(relaxation, Kadrani):
+        # It leaves out what is near the corner, and nothing else.
+        assert accepts(relaxation, 0.0, size, delta) == (size >= delta)
+    else:
+        assert accepts(relaxation, 0.0, size, delta, margin=1e-12)
+
+
+@pytest.mark.parametrize("relaxation", NESTED, ids=str)
+@given(a=signed, b=signed, delta=deltas, part=st.floats(0.05, 1))
+def test_a_smaller_delta_accepts_fewer_points(relaxation, a, b, delta, part):
+    if accepts(relaxation, a, b, part * delta):
+        assert accepts(relaxation, a, b, delta, margin=1e-9)
+
+
+@pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
+@given(a=signed, b=signed)
+def test_in_the_limit_only_the_pairs_are_accepted(relaxation, a, b):
+    assume(abs(min(a, b)) > 0.01)  # away from them
+    assert not accepts(relaxation, a, b, 1e-6)
+
+
+@given(a=signed, b=signed, delta=deltas)
+def test_kanzow_and_schwartz_bound_the_smaller_side(a, b, delta):
+    assume(abs(min(a, b) - delta) > 1e-9)
+    assert (KanzowSchwartz().residual(a, b, delta) <= 0) == (min(a, b) <= delta)
+
+
+@pytest.mark.parametrize("other", [FischerBurmeister(), ChenHarkerKanzowSmale()], ids=str)
+@given(a=sides, b=sides, delta=deltas)
+def test_both_roots_accept_what_the_product_accepts(other, a, b, delta):
+    assume(abs(a * b - delta) > 1e-9 * (1 + a + b) ** 2)
+    assert (other.residual(a, b, delta) <= 0) == (Scholtes().residual(a, b, delta) <= 0)
+
+
+@pytest.mark.parametrize("other", [FischerBurmeister(equality=True), ChenHarkerKanzowSmale(equality=True)], ids=str)
+@given(a=st.floats(0.01, 100), delta=deltas)
+def test_both_roots_vanish_where_the_product_is_delta(other, a, delta):
+    b = delta / a
+    assert other.residual(a, b, delta) == pytest.approx(0.0, abs=1e-12 * (a + b))
+    assert other.residual(a, 1.1 * b, delta) > 0 > other.residual(a, 0.9 * b, delta)
+
+
+@given(a=sides, b=sides)
+def test_the_smoothed_minimum_is_twice_the_minimum_at_zero(a, b):
+    assert ChenHarkerKanzowSmale().residual(a, b, 0.0) == pytest.approx(2 * min(a, b), abs=1e-12)
+
+
+@given(delta=deltas, sign=st.sampled_from([-1, 1]))
+def test_the_kink_meets_the_absolute_value_with_two_derivatives(delta, sign):
+    """The residual is a + b - phi(a - b): along a = t, b = -t it is -phi(2 t)."""
+
+    def phi(z):
+        return -SteffensenUlbrich().residual(z / 2, -z / 2, delta)
+
+    step = 1e-4 * delta
+    inside, edge, outside = (phi(sign * (delta + k * step)) for k in (-1, 0, 1))
+    assert edge == pytest.approx(delta)
+    assert (outside - inside) / (2 * step) == pytest.approx(1.0, abs=1e-6)
+    # The third derivative jumps by -3 / delta^2: the second difference vanishes with the step.
+    assert abs(outside - 2 * edge + inside) / step**2 <= 3.1 * step / delta**2
+
+
+@given(a=sides, b=sides, multiplier=sides, delta=deltas)
+def test_the_augmented_lagrangian_is_multiplier_and_square(a, b, multiplier, delta):
+    scheme, product = AugmentedLagrangian(), a * b
+    term = scheme.coefficient(delta) * scheme.charge(product, multiplier * delta)
+    assert term == pytest.approx(multiplier * product + product**2 / (2 * delta))
+
+
+@given(product=sides, multiplier=sides, delta=deltas, part=st.floats(0.01, 1))
+def test_the_multiplier_grows_by_the_weighted_product_whatever_delta_becomes(product, multiplier, delta, part):
+    found = AugmentedLagrangian().next_multiplier(multiplier * delta, product, delta, part * delta)
+    assert found / (part * delta) == pytest.approx(multiplier + product / delta)
+
+
+def test_words_stand_for_objects():
+    assert as_relaxation("two_sided") == as_relaxation("two-sided") == TwoSided()
+    assert as_relaxation("fischer-burmeister-equality") == FischerBurmeister(equality=True)
+    assert as_relaxation("linf") == as_relaxation("elastic") == Elastic()
+    for word in RELAXATIONS:
+        assert as_relaxation(word) == as_relaxation(as_relaxation(word))
+        hash(as_relaxation(word))
+
+
+@pytest.mark.parametrize("build", [lambda: Elastic(excess_bound=0), lambda: TwoSided(threshold=0.0)])
+def test_numbers_that_make_no_relaxation_are_refused(build):
+    with pytest.raises(ValueError, match="must be positive"):
+        build()

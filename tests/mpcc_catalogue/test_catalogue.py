@@ -1,0 +1,75 @@
+"""What every entry of the catalogue of complementarity problems has to satisfy, without solving anything."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pyomo.environ as pyo
+import pytest
+
+from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problem, mpcc_problems
+
+from .judge import Judge, read_pairs
+
+PROBLEMS = mpcc_problems()
+every_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+
+
+def test_enough_problems_and_no_name_twice() -> None:
+    assert sum(problem.feasible for problem in PROBLEMS) >= 70
+    assert sum(not problem.feasible for problem in PROBLEMS) >= 6
+    assert len({problem.name for problem in PROBLEMS}) == len(PROBLEMS)
+
+
+def test_every_kind_is_there() -> None:
+    tags = frozenset().union(*(problem.tags for problem in PROBLEMS))
+    wanted = {"academic", "bilevel", "linear", "biactive", "b-not-s", "infeasible", "mixed form", "maximise", "large"}
+    assert wanted <= tags
+
+
+@every_problem
+def test_a_build_is_new_and_has_pairs_and_a_start(problem: MpccProblem) -> None:
+    first, second = problem.build(), problem.build()
+    assert first is not second
+    assert read_pairs(first)
+    decided = [v for v in first.component_data_objects(pyo.Var) if not v.name.startswith("kkt")]
+    assert all(v.value is not None for v in decided)
+    assert ("maximise" in problem.tags) == Judge(first).maximise
+
+
+@every_problem
+def test_a_source_or_a_note_says_where_it_is_from(problem: MpccProblem) -> None:
+    assert problem.source or problem.notes or not problem.feasible
+    assert problem.name in str(problem)
+
+
+@pytest.mark.parametrize("problem", [each for each in PROBLEMS if each.answer], ids=lambda problem: problem.name)
+def test_known_answers_are_variables_and_complete_ones_are_optimal(problem: MpccProblem) -> None:
+    model = problem.build()
+    judge = Judge(model)
+    for name, number in problem.answer.items():
+        model.find_component(name).set_value(number)
+    if all(v.name in problem.answer for v in model.component_data_objects(pyo.Var)):
+        point = judge.point()
+        assert max(point.violation, point.natural) <= 1e-9
+        assert point.objective == pytest.approx(problem.best, rel=1e-9, abs=1e-9)
+
+
+def test_one_by_its_name_and_similar_names_in_the_message() -> None:
+    assert mpcc_problem("ralph1").name == "ralph1"
+    with pytest.raises(KeyError, match="'ralph1'"):
+        mpcc_problem("ralf1")
+
+
+def test_an_entry_cannot_contradict_itself() -> None:
+    with pytest.raises(ValueError, match="feasible is True and best is None"):
+        MpccProblem("odd", pyo.ConcreteModel, None)
+    with pytest.raises(ValueError, match=r"feasible is False and best is 1\.0"):
+        MpccProblem("odd", pyo.ConcreteModel, 1.0, feasible=False)
+
+
+def test_the_package_does_not_import_the_catalogue() -> None:
+    code = "import sys, pyrobocop_pyomo; print('pyrobocop_pyomo.catalogue' in sys.modules)"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.strip() == "False"

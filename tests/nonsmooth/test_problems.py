@@ -1,0 +1,150 @@
+"""Every nonsmooth problem is solved, judged by the true motion, and keeps the laws of its mechanics."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from nonsmooth_problems import PROBLEMS, turbo_car, turbo_car_with_hysteresis
+from nonsmooth_problems.problem import at_boundaries
+
+import pyrobocop_pyomo as rcp
+
+pytestmark = pytest.mark.casadi
+
+FROM_SOFT_TO_HARD = rcp.Geometric(first=1.0, factor=0.1, last=1e-8)
+# Products of 1e-8 leave 1e-4 where both sides of a pair are zero.
+BIACTIVE = 1e-4
+# The continuation from soft to hard does not converge for these with their switches at element boundaries.
+AT_POINTS = ("throw", "thermostat")
+
+
+@cache
+def solved(name: str, detect: bool = True, elements: int = 20) -> pyo.ConcreteModel:
+    model = PROBLEMS[name].build(elements, detect=detect, **({"stages": 2} if detect else {}))
+    result = rcp.solve(model, schedule=FROM_SOFT_TO_HARD if detect else None, progress=False)
+    result.raise_for_status()
+    return model
+
+
+def trajectory(name: str, *arguments: Any) -> rcp.Trajectory:
+    return solved(name, *arguments).phase.trajectory()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_problem_is_solved_by_independent_numbers(name: str) -> None:
+    judged = PROBLEMS[name].judge(solved(name, name not in AT_POINTS), residual=BIACTIVE)
+    assert judged.faults == ()
+
+
+# Where the switches are detected and the motion between them is a polynomial of the scheme's degree, nothing is left of
+# the discretisation: neither in the cost, nor in the motion.
+EXACT = ("sliding by step", "sliding by modes", "braking with friction", "turbo car", "turbo car with hysteresis",
+         "pushed blocks")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_detected_switches_leave_no_error_of_discretisation(name: str) -> None:
+    judged = PROBLEMS[name].judge(solved(name), residual=BIACTIVE)
+    assert abs(judged.objective_error) < 1e-5
+    assert judged.deviation < 1e-5
+
+
+def test_a_wrong_motion_is_not_accepted() -> None:
+    problem = PROBLEMS["sliding by step"]
+    model = problem.build(20, detect=True)
+    rcp.solve(model, schedule=FROM_SOFT_TO_HARD, progress=False).raise_for_status()
+    assert problem.judge(model).solved
+    for t in model.phase.points:
+        model.phase.right[t].set_value(0.3)
+    faults = " ".join(problem.judge(model).faults)
+    assert "violation" in faults
+    assert "natural residual" in faults
+
+
+def test_a_bad_local_optimum_is_not_accepted() -> None:
+    problem = PROBLEMS["turbo car"]
+    model = problem.build(20)
+    model.phase.v.setub(turbo_car.THRESHOLD / 10)  # without ever using the turbo
+    rcp.solve(model, progress=False).raise_for_status()
+    assert any(fault.startswith("objective error") for fault in problem.judge(model, residual=BIACTIVE).faults)
+
+
+@pytest.mark.parametrize("name", ["sliding by step", "sliding by modes"])
+def test_what_has_reached_the_surface_slides_on_it(name: str) -> None:
+    found = trajectory(name)
+    arrived = np.flatnonzero(np.abs(found.x) < 1e-6)
+    assert np.abs(found.x[arrived[0] :]).max() < 1e-6
+    assert found.time[arrived[0]] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_both_writings_of_the_switch_have_the_same_answer() -> None:
+    assert trajectory("sliding by step").duration == pytest.approx(trajectory("sliding by modes").duration, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "closed_form"),
+    [("turbo car", turbo_car.optimum), ("turbo car with hysteresis", turbo_car_with_hysteresis.optimum)],
+)
+def test_the_car_takes_the_minimal_time(name: str, closed_form: Any) -> None:
+    assert trajectory(name).duration == pytest.approx(closed_form(), rel=1e-6)
+
+
+def test_memory_makes_the_car_faster_and_it_brakes_with_the_turbo() -> None:
+    assert trajectory("turbo car with hysteresis").duration < trajectory("turbo car").duration - 0.3
+    found = trajectory("turbo car with hysteresis")
+    v = found(found.points)["v"]
+    braking = (found.points > found.duration / 2) & (v > 1.0 + 1e-6) & (v < 1.5 - 1e-6)
+    assert braking.any()
+    assert found.turbo[braking] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_mass_sticks_to_the_belt_exactly() -> None:
+    found = trajectory("belt")
+    v = found(found.points)["v"]
+    rides = (found.slower > 0.01) & (found.slower < 0.99)  # friction below its full strength
+    assert rides.sum() > 10
+    assert np.abs(v[rides] - 1).max() < 1e-5
+    assert v.max() < 1 + 1e-5  # friction never drags faster than the belt
+
+
+@pytest.mark.parametrize(
+    ("name", "gap"),
+    [
+        ("pushed blocks", lambda x: x.y - x.x - 1),
+        ("throw", lambda x: x.y),
+        ("hop", lambda x: x.y_f),
+        ("overflow", lambda x: 1 - x.g),
+        ("discs", lambda x: np.hypot(x.x_1 - x.x, x.y_1 - x.y) - 1),
+    ],
+)
+def test_nothing_penetrates(name: str, gap: Any) -> None:
+    assert gap(trajectory(name, name not in AT_POINTS)).min() > -1e-7
+
+
+def test_a_thrown_puck_gains_no_energy_and_ends_at_rest_on_the_floor() -> None:
+    states = at_boundaries(trajectory("throw", False), "y", "v", "w")
+    energy = 10 * states[:, 0] + 0.5 * (states[:, 1] ** 2 + states[:, 2] ** 2)
+    assert np.diff(energy).max() < 1e-6
+    assert states[-1] == pytest.approx([0, 0, 0], abs=1e-4)
+
+
+def test_the_discs_give_way_symmetrically() -> None:
+    found = trajectory("discs")
+    assert np.abs(found.y).max() < 1e-6
+    assert found.x_1 == pytest.approx(found.x_2, abs=1e-6)
+    assert found.y_1 == pytest.approx(-found.y_2, abs=1e-6)
+    assert found.force_1 == pytest.approx(found.force_2, abs=1e-5)
+
+
+def test_pairs_of_sums_allow_one_mode_per_element() -> None:
+    found = trajectory("turbo car")
+    stages = found.grid.scheme.stages
+    above, turbo = found.turbo_above, found.turbo
+    for element in range(found.grid.mesh.elements):
+        here = slice(element * stages, (element + 1) * stages)
+        assert above[here].max() * (1 - turbo[here]).max() < 1e-6
