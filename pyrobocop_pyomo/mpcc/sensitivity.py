@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import block_array, csr_array, diags_array, eye_array
-from scipy.sparse import vstack as stacked
-from scipy.sparse.linalg import splu
 
 from pyrobocop_pyomo.errors import SensitivityError
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 from .linearisation import Linearisation
@@ -111,17 +110,19 @@ class _Constraints:
     def values(self, x: FloatArray) -> FloatArray:
         return np.concatenate([self.nlp.constraints(x), x])
 
-    def jacobian(self, x: FloatArray) -> csr_array:
+    def jacobian(self, x: FloatArray) -> Any:
         rows = Linearisation.at(self.nlp, x).jacobian
-        return csr_array(stacked([rows, eye_array(self.nlp.n)], format="csr"))
+        return scipy.sparse.vstack([rows, scipy.sparse.eye_array(self.nlp.n)], format="csr")
 
-    def hessian(self, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> csr_array:
+    def hessian(self, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> Any:
         every = np.zeros(self.nlp.m)
         of_rows = active < self.nlp.m
         every[active[of_rows]] = multipliers[of_rows]
         rows, columns = self.nlp.hessian_structure
-        lower = csr_array((self.nlp.hessian(x, 1.0, every), (rows, columns)), shape=(self.nlp.n, self.nlp.n))
-        return csr_array(lower + lower.T - diags_array(lower.diagonal()))
+        lower = scipy.sparse.csr_array(
+            (self.nlp.hessian(x, 1.0, every), (rows, columns)), shape=(self.nlp.n, self.nlp.n)
+        )
+        return scipy.sparse.csr_array(lower + lower.T - scipy.sparse.diags_array(lower.diagonal()))
 
     def relative_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the nearer bound, relative to its size where that is above one."""
@@ -175,7 +176,7 @@ def _without_copies(constraints: _Constraints, x: FloatArray, near: NDArray[np.i
     return np.array(sorted(kept), dtype=np.intp)
 
 
-def _direction(jacobian: csr_array, number: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
+def _direction(jacobian: Any, number: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """The gradient of a constraint up to its length and sign: columns and slopes."""
     start, end = jacobian.indptr[number : number + 2]
     columns, slopes = jacobian.indices[start:end], jacobian.data[start:end]
@@ -190,8 +191,8 @@ def _least_squares_multipliers(constraints: _Constraints, x: FloatArray, chosen:
     free = constraints.free
     jacobian = constraints.jacobian(x)[chosen][:, free]
     sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
-    scaled = diags_array(1.0 / sizes) @ jacobian
-    solve = _factor(_augmented(eye_array(free.size), scaled, 1e-10))
+    scaled = scipy.sparse.diags_array(1.0 / sizes) @ jacobian
+    solve = _factor(_augmented(scipy.sparse.eye_array(free.size), scaled, 1e-10))
     right = np.concatenate([-constraints.nlp.gradient(x)[free], np.zeros(chosen.size)])
     return solve(right)[free.size :] / sizes
 
@@ -203,7 +204,9 @@ def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray
         return
     jacobian = constraints.jacobian(x)[active][:, free]
     sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
-    solve = _factor(_augmented(eye_array(free.size), diags_array(1.0 / sizes) @ jacobian, 1e-12))
+    solve = _factor(
+        _augmented(scipy.sparse.eye_array(free.size), scipy.sparse.diags_array(1.0 / sizes) @ jacobian, 1e-12)
+    )
     # A direction among the rows that the matrix hardly sees comes back enlarged by the square of its singular value.
     probe = np.random.default_rng(0).normal(size=active.size)
     found = solve(np.concatenate([np.zeros(free.size), probe]))[free.size :]
@@ -267,10 +270,10 @@ def _check_strict(constraints: _Constraints, x: FloatArray, active: NDArray[np.i
 
 def _kkt(
     constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray
-) -> tuple[Callable[[FloatArray], FloatArray], FloatArray, csr_array]:
+) -> tuple[Callable[[FloatArray], FloatArray], FloatArray, Any]:
     """A solver of the KKT system, the gradient of the Lagrangian at free variables, and the active Jacobian."""
     free = constraints.free
-    jacobian = csr_array(constraints.jacobian(x)[active])
+    jacobian = scipy.sparse.csr_array(constraints.jacobian(x)[active])
     hessian = constraints.hessian(x, active, multipliers)[free][:, free]
     gradient = (constraints.nlp.gradient(x) + jacobian.T @ multipliers)[free]
     probe = np.random.default_rng(0).normal(size=free.size + active.size)
@@ -292,16 +295,18 @@ def _kkt(
     return solve, gradient, jacobian
 
 
-def _augmented(upper_left: csr_array, jacobian: csr_array, regularisation: float) -> csr_array:
+def _augmented(upper_left: Any, jacobian: Any, regularisation: float) -> Any:
     rows = jacobian.shape[0]
-    return block_array(
-        [[upper_left, jacobian.T], [jacobian, -regularisation * eye_array(rows)]] if rows else [[upper_left]],
+    return scipy.sparse.block_array(
+        [[upper_left, jacobian.T], [jacobian, -regularisation * scipy.sparse.eye_array(rows)]]
+        if rows
+        else [[upper_left]],
         format="csc",
     )
 
 
-def _factor(matrix: csr_array) -> Callable[[FloatArray], FloatArray]:
-    return splu(matrix).solve
+def _factor(matrix: Any) -> Callable[[FloatArray], FloatArray]:
+    return scipy.sparse.linalg.splu(matrix).solve
 
 
 def _names(constraints: _Constraints, numbers: NDArray[np.intp]) -> str:
