@@ -105,7 +105,7 @@ class HomotopyResult:
 
 def homotopy(
     model: Any,
-    parameters: Mapping[Any, Any] | Iterable[tuple[Any, Any]] | Callable[[float], object],
+    parameters: Mapping[str, Any] | Iterable[tuple[Any, Any]] | Callable[[float], object],
     steps: int = 10,
     *,
     smallest_step: float = 1e-3,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -147,7 +147,7 @@ def multistart(
     starts: int = 10,
     *,
     seed: int = 0,
-    spread: float | Mapping[Any, float] = 1.0,
+    spread: float | Mapping[str, float] | Iterable[tuple[Any, float]] = 1.0,
     time_limit: float | None = None,
     progress: bool | None = None,
     **options: Any,
@@ -165,9 +165,9 @@ def multistart(
         How many, the guess included.
     seed : int
         The same seed gives the same starts, and start k does not depend on how many there are.
-    spread : float or mapping from Var or name to float
-        Scales the distances from the guess; with 1, variables with two bounds fill them. A mapping varies the
-        variables that it names and leaves the others at their guess.
+    spread : float, mapping or pairs
+        Scales the distances from the guess; with 1, variables with two bounds fill them. ``{"x": 0.5}`` or
+        ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their guess.
     time_limit : float, optional
         Seconds, for all starts together.
     progress : bool, optional

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ class RandomStarts:
     model : Block
         Its values are the guess.
     seed : int
-    spread : float or mapping from Var or name to float
+    spread : float, mapping or pairs
         How far from the guess; see `multistart`.
 
     Raises
@@ -34,7 +33,7 @@ class RandomStarts:
         If the spread makes no sense.
     """
 
-    def __init__(self, model: Any, seed: int, spread: float | Mapping[Any, float]) -> None:
+    def __init__(self, model: Any, seed: int, spread: Any) -> None:
         self._seed = seed
         self._groups: list[tuple[list[Any], FloatArray, FloatArray, FloatArray, bool]] = []
         wanted = _spreads(model, spread)
@@ -85,8 +84,8 @@ def _guess(variable: Any) -> float:
     return number if variable.ub is None else min(number, variable.ub)
 
 
-def _spreads(model: Any, spread: float | Mapping[Any, float]) -> dict[Any, float]:
-    given = by_component(spread, model) if isinstance(spread, Mapping) else [(None, spread)]
+def _spreads(model: Any, spread: Any) -> dict[Any, float]:
+    given = [(None, spread)] if isinstance(spread, (int, float)) else by_component(spread, model)
     found = {}
     for component, number in given:
         name = "spread" if component is None else f"the spread of '{getattr(component, 'name', component)}'"
