@@ -116,7 +116,7 @@ def homotopy(
     """Solve a model for data that move from an easy problem to the wanted one.
 
     Each problem starts from the solution of the last one. Where a problem ends in an infeasible point, the step along
-    the path is halved; after a success it is doubled again, up to ``1 / steps``. In the end the model holds the
+    the path is halved; after two successes in a row it is doubled again, up to ``1 / steps``. In the end the model holds the
     wanted data and their solution.
 
     Parameters
@@ -181,9 +181,9 @@ class _Follower:
         self._started = time.perf_counter()
 
     def follow(self) -> HomotopyResult:
-        length = self._longest
+        length, successes = self._longest, 0
         while self._position < 1.0:
-            # Sums of tenths miss one by rounding: what is left within half a smallest step is gone in one.
+            # Sums of tenths miss one by rounding.
             wanted = 0.0 if self._position < 0.0 else self._position + length
             wanted = 1.0 if wanted > 1.0 - 1e-9 else wanted
             try:
@@ -195,8 +195,12 @@ class _Follower:
             self._bar.line(f"{self._model.name}: {step}")
             if step.accepted:
                 self._good, self._position = self._values.read(), wanted
-                length = min(2.0 * length, self._longest)
+                successes += 1
+                # One success says little of the next step: doubling at once would fail every other time.
+                if successes > 1:
+                    length, successes = min(2.0 * length, self._longest), 0
                 continue
+            successes = 0
             self._go_back()
             length *= 0.5
             cut = step.result is not None and step.result.stop_reason in FINAL_REASONS

@@ -82,8 +82,7 @@ def long_report(
         component_table(pairs),
         f"Decided beforehand by bounds and fixed variables: {decided} of {len(pairs)} pairs.\n"
         f"Stationarity: {kind}\nCertificate: {certificate.value}",
-        "Worst pairs, by |min(first, second)|:\n"
-        + pair_table(sorted(pairs, key=lambda each: -abs(each.natural))[:worst]),
+        _worst(pairs, worst),
     ]
     biactive = [each for each in pairs if each.active is ActiveSide.BIACTIVE]
     if biactive:
@@ -96,6 +95,13 @@ def long_report(
                 + pair_table(sorted(cheapest, key=_least_multiplier)[:worst])
             )
     return "\n\n".join(parts)
+
+
+def _worst(pairs: Sequence[PairReport], most: int) -> str:
+    if not any(each.natural for each in pairs):
+        return "All pairs are met exactly."
+    ordered = sorted(pairs, key=lambda each: -abs(each.natural))[:most]
+    return "Worst pairs, by |min(first, second)|:\n" + pair_table(ordered)
 
 
 def _least_multiplier(pair: PairReport) -> float:

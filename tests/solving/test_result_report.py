@@ -55,6 +55,7 @@ def test_the_report_counts_and_names(result):
     text = result.report(worst=2)
     counts = next(line for line in text.splitlines() if line.startswith("pair  ") and " 3 " in line)
     assert counts.split()[:6] == ["pair", "3", "1", "1", "1", "0"]
+    assert "All pairs are met exactly." in text
     assert "Biactive pairs" in text
     assert "pair[3]" in text.split("Biactive pairs")[1]
     assert "pair[2]" in text.split("would gain most")[1]
@@ -84,6 +85,8 @@ def test_without_a_certificate_there_are_no_multipliers():
     found = rcp.solve(three_kinds(), polish=False)
     assert {(each.first_multiplier, each.second_multiplier) for each in found.pairs} == {(None, None)}
     assert " - " in found.table()
+    worst = max(found.pairs, key=lambda each: abs(each.natural))
+    assert worst.name in found.report(worst=1).split("Worst pairs")[1]
     assert "not examined" in found.report()
 
 
