@@ -116,8 +116,8 @@ def homotopy(
     """Solve a model for data that move from an easy problem to the wanted one.
 
     Each problem starts from the solution of the last one. Where a problem ends in an infeasible point, the step along
-    the path is halved; after two successes in a row it is doubled again, up to ``1 / steps``. In the end the model holds the
-    wanted data and their solution.
+    the path is halved; after two successes in a row it is doubled again, up to ``1 / steps``. In the end the model
+    holds the wanted data and their solution.
 
     Parameters
     ----------

@@ -108,6 +108,20 @@ def test_a_pair_of_pyomo_mpec_and_a_fixed_variable_as_data():
     assert m.data.fixed
 
 
+@pytest.mark.parametrize(("goal", "expected"), [(-3.0, (1.0, 0.0)), (0.25, (0.0, 0.0)), (4.0, (0.0, 1.0))])
+def test_a_range_against_a_free_side(goal, expected):
+    """x at its lower bound where y > 0, at its upper one where y < 0, and y = 0 in between."""
+    m = pyo.ConcreteModel()
+    m.low, m.high = pyo.Param(initialize=-1.0, mutable=True), pyo.Param(initialize=2.0, mutable=True)
+    m.goal = pyo.Param(initialize=goal, mutable=True)
+    m.x, m.y = pyo.Var(initialize=min(max(goal, -1.0), 2.0)), pyo.Var(initialize=-goal)
+    m.pair = rcp.Complementarity(expr=rcp.complements(pyo.inequality(m.low, m.x, m.high), m.y))
+    m.cost = pyo.Objective(expr=(m.x - m.goal) ** 2 + (m.y + m.goal) ** 2)
+    found = compared_with_resolves(m, [m.low, m.high, m.goal])
+    assert (found.derivative(m.x, m.low), found.derivative(m.x, m.high)) == pytest.approx(expected)
+    assert found.derivative(m.y, m.goal) == pytest.approx(0.0 if goal == 0.25 else -1.0)
+
+
 def test_a_trajectory_with_contact():
     m = pyo.ConcreteModel(name="mass")
     m.target = pyo.Param(initialize=0.1, mutable=True)
