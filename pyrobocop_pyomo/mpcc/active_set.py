@@ -106,6 +106,10 @@ class Limits:
         Most branches solved.
     lpec_seconds : float
         For one linear program with complementarity constraints.
+    exploring_radii : tuple of float
+        Trust radii for the search beyond a B-stationary point.
+    exploring_seconds : float
+        For one linear program of that search.
     """
 
     feasibility: float = 1e-6
@@ -115,6 +119,8 @@ class Limits:
     smallest_radius: float = 1e-6
     rounds: int = 20
     lpec_seconds: float = 5.0
+    exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
+    exploring_seconds: float = 0.5
 
 
 @dataclass(eq=False)
@@ -170,6 +176,30 @@ class ActiveSetSearch:
             piece = self._nearly_feasible_piece(point, radius)
             if piece is not None:
                 best = self._go("projection", piece.branch, best, start.x + piece.step) or best
+        return best
+
+    def explore(self, start: Candidate) -> Candidate:
+        """Try the pieces that look best from a B-stationary point when the trust region reaches far.
+
+        Where objective and rows are linear, the linear program with a large enough trust region knows the global
+        optimum; elsewhere it names branches worth solving. Each improvement starts the search anew.
+        """
+        best = start
+        tried: set[bytes] = set()
+        improved = True
+        while improved and best.branch is not None and not self._late():
+            improved = False
+            point = Linearisation.at(self.program.nlp, best.x)
+            tried.add(best.branch.key())
+            for radius in self.limits.exploring_radii:
+                piece = steepest_piece(self.program, point, radius, time_limit=self.limits.exploring_seconds)
+                if piece is None or piece.branch.key() in tried or self._late():
+                    continue
+                tried.add(piece.branch.key())
+                better = self._go("explore", piece.branch, best, best.x + piece.step)
+                if better is not None and self._improves(better, best):
+                    best, improved = self.descend(better), True
+                    break
         return best
 
     def _nearly_feasible_piece(self, point: Linearisation, radius: float) -> Descent | None:

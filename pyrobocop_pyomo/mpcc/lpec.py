@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import block_array, csr_array, vstack
+from scipy.sparse import block_array, csr_array, eye_array, vstack
 
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .branch import Branch, branch_with
 from .linearisation import Linearisation
+from .mixed_integer import minimise
 from .problem import ComplementarityProgram
 
 
@@ -101,35 +101,28 @@ def steepest_piece(
 
     matrix, rows_lower, rows_upper = _rows(point, radius, loose=elastic is not None)
     slack = matrix.shape[0] if elastic is not None else 0
-    constraints = []
-    if matrix.shape[0]:
-        parts = [matrix, csr_array((matrix.shape[0], count))]
-        if slack:
-            ones = csr_array((np.ones(slack), (np.arange(slack), np.arange(slack))), shape=(slack, slack))
-            parts += [ones, -ones]
-        constraints.append(LinearConstraint(block_array([parts], format="csr"), rows_lower, rows_upper))
+    binaries = csr_array((matrix.shape[0], count))
+    slacks = [sign * eye_array(slack, format="csr") for sign in (1.0, -1.0) if slack]
+    constraints = [(block_array([[matrix, binaries, *slacks]], format="csr"), rows_lower, rows_upper)]
     if count:
         pair_matrix, pair_lower, pair_upper = _pair_rows(program, open_pairs, a, b, n)
         wide = block_array([[pair_matrix, csr_array((pair_matrix.shape[0], 2 * slack))]], format="csr")
-        constraints.append(LinearConstraint(wide, pair_lower, pair_upper))
-    price = 0.0 if elastic is None else elastic
-    answer = milp(
-        np.concatenate([point.gradient, np.zeros(count), np.full(2 * slack, price)]),
-        integrality=np.concatenate([np.zeros(n), np.ones(count), np.zeros(2 * slack)]),
-        bounds=Bounds(
-            np.concatenate([lower, np.zeros(count + 2 * slack)]),
-            np.concatenate([upper, np.ones(count), np.full(2 * slack, np.inf)]),
-        ),
-        constraints=constraints or None,
-        options={"time_limit": time_limit, "mip_rel_gap": 1e-6},
+        constraints.append((wide, pair_lower, pair_upper))
+    values, proven = minimise(
+        np.concatenate([point.gradient, np.zeros(count), np.full(2 * slack, elastic or 0.0)]),
+        np.concatenate([lower, np.zeros(count + 2 * slack)]),
+        np.concatenate([upper, np.ones(count), np.full(2 * slack, np.inf)]),
+        np.concatenate([np.zeros(n), np.ones(count), np.zeros(2 * slack)]),
+        constraints,
+        time_limit,
     )
-    if answer.x is None:
+    if values is None:
         return None
-    step = answer.x[:n]
+    step = values[:n]
     a_zero = nearest.a_zero.copy()
-    a_zero[open_pairs] = answer.x[n : n + count] > 0.5
+    a_zero[open_pairs] = values[n : n + count] > 0.5
     decrease = max(0.0, -float(point.gradient @ step))
-    return Descent(radius * step, decrease, branch_with(program, a_zero), answer.status == 0, count)
+    return Descent(radius * step, decrease, branch_with(program, a_zero), proven, count)
 
 
 def _rows(point: Linearisation, radius: float, *, loose: bool) -> tuple[csr_array, FloatArray, FloatArray]:

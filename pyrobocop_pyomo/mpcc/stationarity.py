@@ -11,13 +11,13 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import block_array, csr_array, eye_array
 
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, lagrangian_residual
 
 from .branch import BoolArray, Branch, restricted
 from .linearisation import Linearisation
+from .mixed_integer import minimise
 from .problem import ComplementarityProgram, Sides
 
 # Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
@@ -155,22 +155,21 @@ class MultiplierProblem:
             block_array([[matrix, csr_array((matrix.shape[0], binaries))]], format="csr")
             for matrix in (self._matrix, self._residuals)
         )
-        constraints = [
-            LinearConstraint(equations, -self._point.gradient, -self._point.gradient),
-            LinearConstraint(residuals, -np.inf, 0.0),
-        ]
-        if right.size:
-            constraints.append(LinearConstraint(asked, -np.inf, right))
         largest = np.zeros(width + binaries)
         largest[width - 1] = 1.0
-        answer = milp(
+        values, _ = minimise(
             largest,
-            integrality=np.concatenate([np.zeros(width), np.ones(binaries)]),
-            bounds=Bounds(np.zeros(width + binaries), np.concatenate([upper, np.ones(binaries)])),
-            constraints=constraints,
-            options={"time_limit": time_limit},
+            np.zeros(width + binaries),
+            np.concatenate([upper, np.ones(binaries)]),
+            np.concatenate([np.zeros(width), np.ones(binaries)]),
+            [
+                (equations, -self._point.gradient, -self._point.gradient),
+                (residuals, -np.inf, 0.0),
+                (asked, -np.inf, right),
+            ],
+            time_limit,
         )
-        return answer.x
+        return values
 
     def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
         """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""

@@ -48,6 +48,10 @@ POLISH_OPTIONS = {
 }
 
 
+# Up to here a look beyond the nearest solution costs little, and finds the better optimum now and then.
+EXPLORED_PAIRS = 100
+
+
 class Finish:
     """Works on one relaxed model, as numbers.
 
@@ -76,6 +80,7 @@ class Finish:
         self._settings, self.written, self._recorder = settings, written, recorder
         self._values, self._left = values, left
         self._library = load_ipopt_library()
+        self._explores = len(relaxed.lifted) <= EXPLORED_PAIRS
         self._program, self._kept_rows = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
 
@@ -109,6 +114,14 @@ class Finish:
                 pair_multipliers = classify(problem, time_limit=self._limits.lpec_seconds)
             if pair_multipliers is not None and pair_multipliers.kind is Stationarity.S:
                 certificate = Certificate.PROVEN
+        if self._explores and certificate is Certificate.PROVEN and found.branch is not None:
+            explored = search.explore(found)
+            if explored is not found:
+                found, point = explored, Linearisation.at(self._program.nlp, explored.x)
+                certificate = search.certificate
+                pair_multipliers = self._strong(found, point) or classify(
+                    MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
+                )
         self.written.load_point(found.x)
         if found is not start:
             finding = self._replaced(finding, found)

@@ -17,7 +17,7 @@ from .attempt import FINAL_REASONS, Attempt, StepRecorder
 from .finding import Finding
 from .finish import Finish
 from .relaxed_model import RelaxedModel, relaxed_model
-from .rungs import BARRIER, LADDER, PROJECTION, TIGHT, Rung
+from .rungs import CONTINUATION, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
 from .variable_values import VariableValues
@@ -78,6 +78,7 @@ class Ladder:
         self._values = VariableValues(model)
         self._guess = self._values.read()
         self._place: _Workplace | None = None
+        self._found: list[Finding] = []
         self.best: Finding | None = None
         self.decided = 0
         self.solver = self.derivatives = ""
@@ -142,6 +143,7 @@ class Ladder:
             finding = self._attempted(rung, place)
         if finding is None:
             return
+        self._found.append(finding)
         if self.best is None or finding.is_better_than(self.best, self._settings.tolerances, self._judge.sign):
             logger.info("'%s': rung '%s' has the best point so far", self._model.name, finding.rung)
             self.best = finding
@@ -196,7 +198,16 @@ class Ladder:
             return False
         if not self.best.is_certain(self._settings.tolerances, self._settings.polish):
             return True
-        if rung is not TIGHT or self.best.rung != BARRIER.name:
-            return False
         assert self._place is not None
-        return not by_default or len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
+        small = len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
+        if rung is TIGHT:
+            return small or not by_default
+        # A certain point is a local solution. In large problems, which tend to have many, and where two solves have
+        # disagreed, the slow way down from delta = 1 is worth its time: it finds the better one more often than not.
+        return rung is CONTINUATION and (not small or self._disagree()) and self._settings.polish
+
+    def _disagree(self) -> bool:
+        """Whether the rungs so far have found different solutions."""
+        tolerances = self._settings.tolerances
+        found = [each.step.objective for each in self._found if each.step.excess(tolerances) <= 1.0]
+        return len(found) > 1 and max(found) - min(found) > 1e-4 * max(1.0, *map(abs, found))

@@ -1,0 +1,51 @@
+"""Linear programs, some with binary variables, by HiGHS through SciPy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+
+from pyrobocop_pyomo.ipopt.c_output import c_output_kept
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+
+
+def minimise(
+    cost: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    binary: FloatArray,
+    constraints: Sequence[tuple[Any, FloatArray | float, FloatArray | float]],
+    time_limit: float,
+) -> tuple[FloatArray | None, bool]:
+    """Minimise ``cost @ x``.
+
+    Parameters
+    ----------
+    cost, lower, upper, binary : float array, shape (n,)
+        Costs and bounds; 1 where a variable is an integer, else 0.
+    constraints : sequence of (matrix, lower, upper)
+        Rows ``lower <= matrix @ x <= upper``; a matrix without rows is left out.
+    time_limit : float
+        Seconds.
+
+    Returns
+    -------
+    float array or None
+        The best point found.
+    bool
+        Whether it is the optimum, to the solver's tolerances.
+    """
+    rows = [LinearConstraint(*each) for each in constraints if each[0].shape[0]]
+    # HiGHS prints a line of its own now and then, whatever it is told.
+    with c_output_kept():
+        answer = milp(
+            cost,
+            integrality=binary,
+            bounds=Bounds(lower, np.maximum(lower, upper)),
+            constraints=rows or None,
+            options={"time_limit": time_limit, "mip_rel_gap": 1e-6},
+        )
+    return answer.x, answer.status == 0
