@@ -19,7 +19,7 @@ class DataPath:
     Parameters
     ----------
     model : Block
-    path : mapping, pairs or callable
+    path : mapping, iterable or callable
         As `homotopy` takes it.
 
     Raises

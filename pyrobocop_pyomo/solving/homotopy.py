@@ -122,7 +122,7 @@ def homotopy(
     Parameters
     ----------
     model : Block
-    parameters : mapping, pairs or callable
+    parameters : mapping, iterable or callable
         What moves: ``{"p": (first, last)}`` by name, or pairs ``[(m.p, (first, last))]`` of mutable Params or fixed
         Vars; the last value alone where the path starts at the present one. They move on straight lines. For an
         indexed component, first and last are numbers for all members or mappings by index. A callable

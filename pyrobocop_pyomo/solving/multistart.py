@@ -165,7 +165,7 @@ def multistart(
         How many, the guess included.
     seed : int
         The same seed gives the same starts, and start k does not depend on how many there are.
-    spread : float, mapping or pairs
+    spread : float, mapping or iterable
         Scales the distances from the guess; with 1, variables with two bounds fill them. ``{"x": 0.5}`` or
         ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their guess.
     time_limit : float, optional

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 
 # A side of at most this size counts as zero, as where multipliers are classified.
 ZERO_SIDE = 1e-6
@@ -36,7 +36,7 @@ class PairReport:
         By how much the objective gets worse per unit where the side is held at a small positive number instead of
         zero: the minimised objective grows, the maximised one falls. So the signs mean the same in both senses, and
         at a biactive pair two nonnegative ones say that neither side wants to leave zero. Zero for a side that is not
-        held; None where the result is not certified.
+        held; None where the result is not certified, or the point not stationary.
     """
 
     name: str
@@ -77,7 +77,7 @@ class PairReport:
 
 def pair_reports(residuals: Sequence[PairResidual], multipliers: Multipliers | None) -> list[PairReport]:
     """Join residuals with the multipliers of the same pairs."""
-    if multipliers is None:
+    if multipliers is None or multipliers.kind is Stationarity.NONE:
         return [PairReport(each.name, each.a, each.b) for each in residuals]
     return [
         PairReport(each.name, each.a, each.b, nu, xi)

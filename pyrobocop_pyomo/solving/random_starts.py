@@ -24,7 +24,7 @@ class RandomStarts:
     model : Block
         Its values are the guess.
     seed : int
-    spread : float, mapping or pairs
+    spread : float, mapping or iterable
         How far from the guess; see `multistart`.
 
     Raises

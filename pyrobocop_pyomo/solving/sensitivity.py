@@ -93,7 +93,7 @@ class Sensitivity:
 
         Parameters
         ----------
-        values : mapping or pairs
+        values : mapping or iterable
             The new values: ``{"p": 1.5}`` by name, or pairs ``[(m.p, 1.5)]``. A parameter that is left out keeps
             its own.
 
@@ -140,8 +140,8 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
         With the values that `solve` left on it.
     result : SolveResult
         Of that solve.
-    parameters : Param, fixed Var, name, or a list of them
-        Indexed ones stand for all their members.
+    parameters : Param, fixed Var, str or list
+        What to differentiate for, or names of it. Indexed ones stand for all their members.
     derivatives_by : {"asl", "casadi"}, optional
         Where derivatives come from; by default ASL where it is present.
 

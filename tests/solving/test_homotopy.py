@@ -54,16 +54,6 @@ def test_the_data_end_where_they_are_wanted(how):
 
 
 @pytest.mark.casadi
-def test_a_path_stays_on_its_branch():
-    """From the other branch the wanted problem has another, better solution, that a path does not jump to."""
-    m = corner()
-    m.p.set_value(3.0)
-    rcp.homotopy(m, {"q": (0.1, 4.0)}, steps=8)
-    assert m.x.value == pytest.approx(3.0, abs=1e-5)  # objective 32, where y = 4 has 9
-    assert m.y.value == pytest.approx(0.0, abs=1e-8)
-
-
-@pytest.mark.casadi
 def test_members_can_have_their_own_ends():
     m = corner()
     rcp.homotopy(m, [(m.q, (0.5, {1: 0.75}))], steps=2, **QUICK)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given
@@ -11,7 +12,9 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo import optional_imports
-from pyrobocop_pyomo.solving.pair_report import split_name
+from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.solving.pair_report import pair_reports, split_name
 from pyrobocop_pyomo.solving.result_text import pair_table
 
 sizes = st.floats(0.0, 10.0).filter(lambda size: size == 0.0 or size > 1e-5)
@@ -129,3 +132,11 @@ def test_a_long_table_says_what_it_leaves_out():
     pairs = [rcp.PairReport(f"p[{i}]", 0.0, math.pi) for i in range(9)]
     assert pair_table(pairs, 4).splitlines()[-1] == "... and 5 more"
     assert len(pair_table(pairs).splitlines()) == 10
+
+
+@pytest.mark.parametrize("kind", list(Stationarity))
+def test_multipliers_of_a_point_that_is_not_stationary_are_not_shown(kind):
+    found = Multipliers(kind, np.array([2.0]), np.array([0.5]), np.empty(0), 0.0)
+    (pair,) = pair_reports([PairResidual("p", 0.0, 0.0)], found)
+    expected = (None, None) if kind is Stationarity.NONE else (2.0, 0.5)
+    assert (pair.first_multiplier, pair.second_multiplier) == expected
