@@ -25,20 +25,20 @@ class StartOutcome:
 
     Attributes
     ----------
-    number : int
+    start : int
         0 is the guess that was on the model.
     result : SolveResult or None
         None where solving raised an error.
     error : str
         That error, empty otherwise.
-    values : list of float
-        Of the free variables, for `MultistartResult.load`.
+    point : list of float
+        Values of the free variables, for `MultistartResult.load`.
     """
 
-    number: int
+    start: int
     result: SolveResult | None
     error: str = ""
-    values: Values = field(default_factory=list, repr=False)
+    point: Values = field(default_factory=list, repr=False)
 
     @property
     def feasible(self) -> bool:
@@ -104,8 +104,8 @@ class MultistartResult(Sequence[StartOutcome]):
         """
         chosen = self.outcomes[rank]
         if chosen.result is None:
-            raise SolveFailed(f"'{self.name}': start {chosen.number} has no point. {chosen.error}", self)
-        self._values.write(chosen.values)
+            raise SolveFailed(f"'{self.name}': start {chosen.start} has no point. {chosen.error}", self)
+        self._values.write(chosen.point)
         return chosen.result
 
     def raise_for_status(self) -> None:
@@ -122,7 +122,7 @@ class MultistartResult(Sequence[StartOutcome]):
         """A data frame with a row per start, the best first."""
         rows = [
             {
-                "start": each.number,
+                "start": each.start,
                 "objective": float("nan") if each.result is None else each.result.objective,
                 "quality": "error" if each.result is None else each.result.quality.name.lower(),
                 "certificate": "" if each.result is None else each.result.certificate.name.lower(),
@@ -214,7 +214,7 @@ def multistart(
             values.write(guess)
             raise
     ranked = sorted(done, key=lambda each: _order(each, sign))
-    values.write(ranked[0].values if ranked[0].result is not None else guess)
+    values.write(ranked[0].point if ranked[0].result is not None else guess)
     seconds = time.perf_counter() - started
     return MultistartResult(model.name, tuple(ranked), starts - len(done), seconds, values)
 
@@ -226,24 +226,24 @@ def _solve_one(model: Any, number: int, values: VariableValues, options: Mapping
         raise  # no other start could do better
     except PyRobocopError as error:
         return StartOutcome(number, None, f"{type(error).__name__}: {error}")
-    return StartOutcome(number, result, values=values.read())
+    return StartOutcome(number, result, point=values.read())
 
 
 def _order(outcome: StartOutcome, sign: float) -> tuple[Any, ...]:
     result = outcome.result
     if result is None:
-        return (2, 0.0, outcome.number)
+        return (2, 0.0, outcome.start)
     if not outcome.feasible:
-        return (1, max(result.constraint_violation, result.largest_product), outcome.number)
+        return (1, max(result.constraint_violation, result.largest_product), outcome.start)
     # Starts that lead to one optimum differ by the solver's tolerance, which must not decide.
-    return (0, float(f"{sign * result.objective:.6g}"), not result.solved, outcome.number)
+    return (0, float(f"{sign * result.objective:.6g}"), not result.solved, outcome.start)
 
 
 def _line(outcome: StartOutcome) -> str:
     result = outcome.result
     if result is None:
-        return f"{outcome.number:>5} {'-':>14}  error: {outcome.error}"
+        return f"{outcome.start:>5} {'-':>14}  error: {outcome.error}"
     return (
-        f"{outcome.number:>5} {result.objective:>14.7g}  {result.quality.name.lower():<10} "
+        f"{outcome.start:>5} {result.objective:>14.7g}  {result.quality.name.lower():<10} "
         f"{result.certificate.name.lower():<11} {result.iterations:>6}"
     )

@@ -49,7 +49,7 @@ def test_a_better_valley_than_that_of_the_guess_is_found(sense):
     sign = 1 if sense == pyo.minimize else -1
     objectives = [sign * each.result.objective for each in found if each.feasible]
     assert objectives == pytest.approx(sorted(objectives), rel=1e-5)
-    assert {each.number for each in found} == set(range(8))
+    assert {each.start for each in found} == set(range(8))
     worst = found.load(len(found) - 1)
     assert pyo.value(m.cost) == pytest.approx(worst.objective)
 
@@ -60,7 +60,7 @@ def test_a_seed_fixes_the_outcome():
     for seed in (3, 3, 4):
         m = two_valleys()
         found = rcp.multistart(m, 4, seed=seed, **QUICK)
-        runs.append(([(each.number, each.result.objective) for each in found], m.x.value))
+        runs.append(([(each.start, each.result.objective) for each in found], m.x.value))
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
@@ -127,12 +127,12 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
     monkeypatch.setattr(module, "solve", flaky)
     m = two_valleys()
     found = rcp.multistart(m, 4, **QUICK)
-    assert [each.number for each in found][2:] == [3, 2]
+    assert [each.start for each in found][2:] == [3, 2]
     assert (found[2].feasible, found[3].result, found[3].error) == (False, None, "EvaluationError: no value")
     with pytest.raises(SolveFailed, match="start 2 has no point. EvaluationError"):
         found.load(3)
     frame = found.to_pandas()
-    assert list(frame["start"]) == [each.number for each in found]
+    assert list(frame["start"]) == [each.start for each in found]
     assert "error: EvaluationError" in str(found)
 
 
