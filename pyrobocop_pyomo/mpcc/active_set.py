@@ -81,8 +81,8 @@ def candidate_at(
 class NlpSolver(Protocol):
     """Solves a nonlinear program from a point with multipliers."""
 
-    def __call__(self, nlp: NonlinearProgram, start: Candidate) -> IpoptOutcome:
-        """Return how it ended, with the last point in any case."""
+    def __call__(self, nlp: NonlinearProgram, start: Candidate, iterations: int | None) -> IpoptOutcome:
+        """Return how it ended, with the last point in any case; with at most so many iterations, if that is given."""
         ...
 
 
@@ -110,6 +110,8 @@ class Limits:
         Trust radii for the search beyond a B-stationary point.
     exploring_seconds : float
         For one linear program of that search.
+    exploring_iterations : int
+        For one branch of that search.
     """
 
     feasibility: float = 1e-6
@@ -121,6 +123,7 @@ class Limits:
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
     exploring_seconds: float = 0.5
+    exploring_iterations: int = 200
 
 
 @dataclass(eq=False)
@@ -178,14 +181,19 @@ class ActiveSetSearch:
                 best = self._go("projection", piece.branch, best, start.x + piece.step) or best
         return best
 
-    def explore(self, start: Candidate) -> Candidate:
+    def explore(self, start: Candidate, tried: set[bytes]) -> Candidate:
         """Try the pieces that look best from a B-stationary point when the trust region reaches far.
 
         Where objective and rows are linear, the linear program with a large enough trust region knows the global
         optimum; elsewhere it names branches worth solving. Each improvement starts the search anew.
+
+        Parameters
+        ----------
+        start : Candidate
+        tried : set
+            Keys of branches to leave out; grows by those that are tried.
         """
         best = start
-        tried: set[bytes] = set()
         improved = True
         while improved and best.branch is not None and not self._late():
             improved = False
@@ -256,7 +264,8 @@ class ActiveSetSearch:
     def _go(self, purpose: str, branch: Branch, start: Candidate, x: FloatArray) -> Candidate | None:
         """Solve a branch; None where its answer may not replace the start."""
         nlp = restricted(self.program, branch)
-        outcome = self.solve(nlp, replace(start, x=np.clip(x, nlp.x_lower, nlp.x_upper)))
+        iterations = self.limits.exploring_iterations if purpose == "explore" else None
+        outcome = self.solve(nlp, replace(start, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
         if not np.isfinite(outcome.x).all():
             return None
         multipliers = (outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers)

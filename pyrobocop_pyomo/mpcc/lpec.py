@@ -108,7 +108,7 @@ def steepest_piece(
         pair_matrix, pair_lower, pair_upper = _pair_rows(program, open_pairs, a, b, n)
         wide = block_array([[pair_matrix, csr_array((pair_matrix.shape[0], 2 * slack))]], format="csr")
         constraints.append((wide, pair_lower, pair_upper))
-    values, proven = minimise(
+    answer, proven = minimise(
         np.concatenate([point.gradient, np.zeros(count), np.full(2 * slack, elastic or 0.0)]),
         np.concatenate([lower, np.zeros(count + 2 * slack)]),
         np.concatenate([upper, np.ones(count), np.full(2 * slack, np.inf)]),
@@ -116,11 +116,11 @@ def steepest_piece(
         constraints,
         time_limit,
     )
-    if values is None:
+    if answer is None:
         return None
-    step = values[:n]
+    step = answer[:n]
     a_zero = nearest.a_zero.copy()
-    a_zero[open_pairs] = values[n : n + count] > 0.5
+    a_zero[open_pairs] = answer[n : n + count] > 0.5
     decrease = max(0.0, -float(point.gradient @ step))
     return Descent(radius * step, decrease, branch_with(program, a_zero), proven, count)
 

@@ -30,6 +30,8 @@ _STOP_REASONS = {
     IpoptStatus.TIME_LIMIT: StopReason.TIME_LIMIT,
     IpoptStatus.INFEASIBLE: StopReason.INFEASIBLE,
 }
+# So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
+SHORTENED_STEPS = 4
 FINAL_REASONS = (StopReason.INTERRUPTED, StopReason.TIME_LIMIT)
 
 
@@ -95,6 +97,15 @@ class AttemptedPoint:
     multipliers: Callable[[WrittenModel], tuple[FloatArray, FloatArray, FloatArray]]
 
 
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Where a schedule got to, and how to be there again."""
+
+    delta: float
+    values: Values
+    rewind: Callable[[], None]
+
+
 class Attempt:
     """Runs a schedule, and remembers the best point.
 
@@ -140,29 +151,41 @@ class Attempt:
 
     def _follow(self, schedule: FollowBarrier, options: Mapping[str, Any]) -> None:
         step = None
-        for run in self._session.follow(schedule, time_limit=self._left()):
+        for run in self._session.follow(schedule, time_limit=self._left(), options=options):
             step = self._take(run)
         # The rows may have moved in the very last iterations; products above their final bound say so.
         if step is not None and step.status.solved and step.largest_product > 10 * schedule.floor:
             self._take(self._session.run(schedule.floor, warm=True, time_limit=self._left(), options=options))
 
     def _shrink(self, schedule: Schedule, options: Mapping[str, Any]) -> None:
-        warm = False
-        steps = list(schedule.steps())
-        for delta in steps:
+        """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
+        wanted = list(schedule.steps())[::-1]
+        last = wanted[0]
+        solved: _Solved | None = None
+        shortened = 0
+        while wanted:
+            delta = wanted.pop()
             # As exact as the relaxation is, but for the last: what is left is taken on by the next run.
-            loose = {} if delta == steps[-1] else {"tol": max(1e-8, min(1e-4, 1e-3 * delta))}
+            loose = {} if delta == last else {"tol": max(1e-8, min(1e-4, 1e-3 * delta))}
             step = self._take(
-                self._session.run(delta, warm=warm, time_limit=self._left(), options={**loose, **options})
+                self._session.run(delta, warm=solved is not None, time_limit=self._left(), options={**loose, **options})
             )
             if self.stop_reason in FINAL_REASONS:
                 return
-            # A failed run leaves multipliers that are worth nothing, and often a point that is.
-            warm = step.status.solved or step.status is IpoptStatus.TINY_STEP
-            if not warm and self._best is not None:
-                self._values.write(self._best.values)
             if step.status.solved and step.largest_natural_residual <= 1e-9:
                 return
+            if step.status.solved or step.status is IpoptStatus.TINY_STEP:
+                solved = _Solved(delta, self._values.read(), self._session.rewinder())
+            elif solved is not None and shortened < SHORTENED_STEPS:
+                self._values.write(solved.values)
+                solved.rewind()
+                wanted += [delta, (delta * solved.delta) ** 0.5]
+                shortened += 1
+            else:
+                # A failed run leaves multipliers that are worth nothing, and often a point that is.
+                solved = None
+                if self._best is not None:
+                    self._values.write(self._best.values)
 
     def _take(self, run: Run) -> Step:
         step = self._recorder.record(run)

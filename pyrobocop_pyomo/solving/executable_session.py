@@ -99,22 +99,25 @@ class ExecutableSession:
             options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
         return self._run("fixed delta" if delta is not None else "solve", delta, options, warm, time_limit)
 
-    def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+    def follow(
+        self, schedule: FollowBarrier, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
+    ) -> Iterator[Run]:
         """See `Session.follow`."""
         started = time.perf_counter()
-        tolerance = float(self._options.get("tol", 1e-8))
-        mu = float(self._options.get("mu_init", DEFAULT_MU))
+        wanted = {**self._options, **(options or {})}
+        tolerance = float(wanted.get("tol", 1e-8))
+        mu = float(wanted.get("mu_init", DEFAULT_MU))
         warm = False
         while True:
             last = mu <= tolerance
-            options = {**self._options, "mu_init": mu}
+            now = {**wanted, "mu_init": mu}
             if warm:
-                options = {**WARM_START_OPTIONS, **options}
+                now = {**WARM_START_OPTIONS, **now}
             if not last:
                 # Stop at this barrier problem, solved as loosely as Ipopt itself would before reducing mu.
-                options |= {"mu_target": mu, "tol": max(tolerance, 10 * mu)}
+                now |= {"mu_target": mu, "tol": max(tolerance, 10 * mu)}
             left = None if time_limit is None else time_limit - (time.perf_counter() - started)
-            run = self._run("delta = mu, from outside", schedule.delta_for(mu), options, warm, left)
+            run = self._run("delta = mu, from outside", schedule.delta_for(mu), now, warm, left)
             yield run
             if last or not (run.status.solved or run.status is IpoptStatus.TINY_STEP):
                 return
@@ -175,6 +178,18 @@ class ExecutableSession:
     def stationarity(self) -> float | None:
         """See `Session.stationarity`."""
         return None
+
+    def rewinder(self) -> Callable[[], None]:
+        """See `Session.rewinder`."""
+        suffixes = [self._own.component(name) for name in ("dual", "ipopt_zL_out", "ipopt_zU_out")]
+        kept = [(suffix, list(suffix.items())) for suffix in suffixes]
+
+        def rewind() -> None:
+            for suffix, items in kept:
+                suffix.clear()
+                suffix.update(items)
+
+        return rewind
 
     def suffix_loader(self) -> Callable[[], None]:
         """See `Session.suffix_loader`."""

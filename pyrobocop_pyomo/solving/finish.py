@@ -52,6 +52,9 @@ POLISH_OPTIONS = {
 EXPLORED_PAIRS = 100
 
 
+POLISHED_VIOLATION = 1e-2
+
+
 class Finish:
     """Works on one relaxed model, as numbers.
 
@@ -66,6 +69,8 @@ class Finish:
         The user's variables.
     left : callable
         Seconds that are left, or None.
+    explored : set
+        Branches that need not be explored again; grows.
     """
 
     def __init__(
@@ -76,10 +81,12 @@ class Finish:
         recorder: StepRecorder,
         values: VariableValues,
         left: Callable[[], float | None],
+        explored: set[bytes],
     ) -> None:
         self._settings, self.written, self._recorder = settings, written, recorder
         self._values, self._left = values, left
         self._library = load_ipopt_library()
+        self._explored = explored
         self._explores = len(relaxed.lifted) <= EXPLORED_PAIRS
         self._program, self._kept_rows = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
@@ -88,7 +95,8 @@ class Finish:
         """Polish the point on the model, follow descending branches, and certify where that ends."""
         start = candidate_at(self._program, self.written.current_point(), self._without_relaxing_rows(multipliers))
         search = self._search()
-        polished = search.polish(start)
+        # Far from feasible the nearest branch means nothing: that is for other rungs.
+        polished = search.polish(start) if start.violation <= POLISHED_VIOLATION else start
         return self._judged(finding, search, polished, start)
 
     def project(self, finding: Finding) -> Finding:
@@ -115,7 +123,7 @@ class Finish:
             if pair_multipliers is not None and pair_multipliers.kind is Stationarity.S:
                 certificate = Certificate.PROVEN
         if self._explores and certificate is Certificate.PROVEN and found.branch is not None:
-            explored = search.explore(found)
+            explored = search.explore(found, self._explored)
             if explored is not found:
                 found, point = explored, Linearisation.at(self._program.nlp, explored.x)
                 certificate = search.certificate
@@ -157,8 +165,10 @@ class Finish:
         self._solved: list[tuple[Step, IpoptOutcome, Candidate]] = []
         return ActiveSetSearch(self._program, self._solve, self._limits, self._record)
 
-    def _solve(self, nlp: NonlinearProgram, start: Candidate) -> IpoptOutcome:
+    def _solve(self, nlp: NonlinearProgram, start: Candidate, iterations: int | None) -> IpoptOutcome:
         options: Mapping[str, Any] = {**POLISH_OPTIONS, **self._settings.options}
+        if iterations is not None:
+            options = {**options, "max_iter": min(iterations, options["max_iter"])}
         left = self._left()
         if left is not None:
             options = {**options, "max_wall_time": max(left, 1e-3)}

@@ -94,12 +94,15 @@ class InProcessSession:
         assert self._outcome is not None
         return ComponentMap(zip(self._written.constraints, self._outcome.g_multipliers.tolist(), strict=True))
 
-    def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+    def follow(
+        self, schedule: FollowBarrier, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
+    ) -> Iterator[Run]:
         """See `Session.follow`."""
         nlp = self._nlp
         if not isinstance(nlp, ShiftedRows):
             raise TypeError("delta can follow the barrier parameter only where it shifts rows")
-        delta = schedule.delta_for(float(self._options.get("mu_init", DEFAULT_MU)))
+        wanted = {**self._options, **(options or {})}
+        delta = schedule.delta_for(float(wanted.get("mu_init", DEFAULT_MU)))
         nlp.delta = delta
         path: list[tuple[float, float]] = []
 
@@ -110,7 +113,7 @@ class InProcessSession:
             path.append((record.mu, delta))
             nlp.delta = delta = schedule.delta_for(record.mu)
 
-        outcome = self._solve(self._options, False, time_limit, follow_mu)
+        outcome = self._solve(wanted, False, time_limit, follow_mu)
         yield self._report("delta follows mu", delta, outcome, path)
 
     def _solve(
@@ -165,6 +168,15 @@ class InProcessSession:
         return lagrangian_residual(
             self._nlp, outcome.x, outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers
         )
+
+    def rewinder(self) -> Callable[[], None]:
+        """See `Session.rewinder`."""
+        outcome = self._outcome
+
+        def rewind() -> None:
+            self._outcome = outcome
+
+        return rewind
 
     def suffix_loader(self) -> Callable[[], None]:
         """See `Session.suffix_loader`."""

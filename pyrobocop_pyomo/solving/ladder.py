@@ -20,6 +20,7 @@ from .relaxed_model import RelaxedModel, relaxed_model
 from .rungs import CONTINUATION, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
+from .solve_result import StopReason
 from .variable_values import VariableValues
 
 logger = logging.getLogger(__name__)
@@ -27,7 +28,8 @@ logger = logging.getLogger(__name__)
 # Up to here a second solve from the user's guess costs little, and finds the better optimum now and then. Where it
 # does, it is quick; where it is not, it rarely does.
 CROSS_CHECKED_PAIRS = 100
-CROSS_CHECK_ITERATIONS = 150
+# A small problem that takes longer does not get anywhere; the next rung does.
+SMALL_PROBLEM_ITERATIONS = {"barrier": 300, "tight": 100, "continuation": 200, "elastic": 100}
 
 
 @dataclass(eq=False)
@@ -78,6 +80,8 @@ class Ladder:
         self._values = VariableValues(model)
         self._guess = self._values.read()
         self._place: _Workplace | None = None
+        self._by_default = True
+        self._explored: set[bytes] = set()
         self._found: list[Finding] = []
         self.best: Finding | None = None
         self.decided = 0
@@ -91,9 +95,10 @@ class Ladder:
         rungs : sequence of Rung, optional
             By default the whole ladder.
         """
+        self._by_default = rungs is None
         with contextlib.ExitStack() as stack:
             for rung in LADDER if rungs is None else rungs:
-                if self.best is not None and not self._goes_on(rung, by_default=rungs is None):
+                if self.best is not None and not self._goes_on(rung):
                     break
                 self._move_to(rung, stack)
                 assert self._place is not None
@@ -183,25 +188,29 @@ class Ladder:
             written = place.session.written()
         if written is None:
             return None
-        return Finish(self._settings, place.relaxed, written, self._recorder, self._values, self._left)
+        return Finish(self._settings, place.relaxed, written, self._recorder, self._values, self._left, self._explored)
 
     def _options_of(self, rung: Rung) -> Mapping[str, Any]:
-        if rung is TIGHT and self.best is not None:
-            return {"max_iter": min(CROSS_CHECK_ITERATIONS, self._settings.options["max_iter"])}
-        return {}
+        assert self._place is not None
+        limit = SMALL_PROBLEM_ITERATIONS.get(rung.name)
+        if limit is None or not self._by_default or len(self._place.relaxed.pairs) > CROSS_CHECKED_PAIRS:
+            return {}
+        return {"max_iter": min(limit, self._settings.options["max_iter"])}
 
-    def _goes_on(self, rung: Rung, *, by_default: bool) -> bool:
+    def _goes_on(self, rung: Rung) -> bool:
         """Whether the next rung is to be climbed to."""
         assert self.best is not None
         left = self._left()
         if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
             return False
         if not self.best.is_certain(self._settings.tolerances, self._settings.polish):
-            return True
+            # Where two solves have ended in local infeasibility, only a rung that asks for less can go on.
+            hopeless = [each.reason is StopReason.INFEASIBLE for each in self._found]
+            return not (rung is CONTINUATION and self._by_default and len(hopeless) > 1 and all(hopeless))
         assert self._place is not None
         small = len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
         if rung is TIGHT:
-            return small or not by_default
+            return small or not self._by_default
         # A certain point is a local solution. In large problems, which tend to have many, and where two solves have
         # disagreed, the slow way down from delta = 1 is worth its time: it finds the better one more often than not.
         return rung is CONTINUATION and (not small or self._disagree()) and self._settings.polish

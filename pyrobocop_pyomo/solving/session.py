@@ -60,7 +60,9 @@ class Session(Protocol):
         """Solve with a fixed delta, from the current point or warm from the last run; options of this run win."""
         ...
 
-    def follow(self, schedule: FollowBarrier, *, time_limit: float | None = None) -> Iterator[Run]:
+    def follow(
+        self, schedule: FollowBarrier, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
+    ) -> Iterator[Run]:
         """Solve with delta following the barrier parameter, from the current point."""
         ...
 
@@ -77,6 +79,10 @@ class Session(Protocol):
 
     def stationarity(self) -> float | None:
         """Size of the Lagrangian's gradient at the last point, relative to the multipliers; None if unknown."""
+        ...
+
+    def rewinder(self) -> Callable[[], None]:
+        """What lets the next warm run start with the multipliers that are the last ones now."""
         ...
 
     def suffix_loader(self) -> Callable[[], None]:

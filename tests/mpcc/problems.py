@@ -40,7 +40,7 @@ def at_origin(program, branch=None):
     return candidate_at(program, np.zeros(nlp.n), multipliers, branch)
 
 
-def ipopt(nlp, start):
+def ipopt(nlp, start, iterations=None):
     options = {"bound_relax_factor": 0.0, "warm_start_init_point": "yes", "mu_init": 1e-4}
     return run_ipopt(
         load_ipopt_library(),

@@ -58,7 +58,7 @@ def test_a_polish_that_ends_badly_is_not_kept():
     program = trap()
     start = at_origin(program, nearest_branch(program, np.zeros(2)))
 
-    def fails(nlp, start):
+    def fails(nlp, start, iterations):
         outcome = ipopt(nlp, start)
         return type(outcome)(**{**vars(outcome), "x": np.array([0.0, 7.0])})
 
