@@ -17,7 +17,9 @@
     ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
     ├── EvaluationError (ArithmeticError) the functions of a problem have no finite value at a point
     ├── SimulationFailed (RuntimeError)  a forward simulation that could not go on
+    ├── SensitivityError (ArithmeticError) a solution that has no derivative with respect to its data
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
+    │   └── HomotopyStalled              a path of data that could not be followed to its end
     └── TrajectoryError (ValueError)     a trajectory that cannot be read, evaluated or verified
 
 `ModelError` and `TrajectoryError` are `ValueError` as well, so that code which knows nothing of this
@@ -83,6 +85,10 @@ class EvaluationError(PyRobocopError, ArithmeticError):
     """A function or a derivative of a nonlinear program has no finite value at the point asked for."""
 
 
+class SensitivityError(PyRobocopError, ArithmeticError):
+    """A solution has no derivative with respect to its data: it has a kink there, or is not unique."""
+
+
 class SimulationFailed(PyRobocopError, RuntimeError):
     """A forward simulation that could not go on.
 
@@ -112,6 +118,22 @@ class SolveFailed(PyRobocopError, RuntimeError):
     def __init__(self, message: str, result: object = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+class HomotopyStalled(SolveFailed):
+    """A path of data could not be followed to its end; the model holds the last data that were solved, with the point.
+
+    Attributes
+    ----------
+    result : HomotopyResult
+        What was solved.
+    reached : float
+        How much of the path, from 0 to 1; negative where even its start could not be solved.
+    """
+
+    def __init__(self, message: str, result: object, reached: float) -> None:
+        super().__init__(message, result)
+        self.reached = reached
 
 
 class TrajectoryError(PyRobocopError, ValueError):

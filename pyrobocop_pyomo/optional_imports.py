@@ -17,7 +17,9 @@ def _remedy(package: str, extra: str) -> str:
 casadi, casadi_available = attempt_import("casadi", error_message=_remedy("CasADi", "ipopt"))
 highspy, highspy_available = attempt_import("highspy", error_message=_remedy("HiGHS", "certify"))
 matplotlib, matplotlib_available = attempt_import(
-    "matplotlib", error_message=_remedy("Matplotlib", "plot"), deferred_submodules=["cm", "colors", "figure", "patches"]
+    "matplotlib",
+    error_message=_remedy("Matplotlib", "plot"),
+    deferred_submodules=["cm", "colors", "figure", "lines", "patches"],
 )
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))

@@ -243,6 +243,14 @@ def strong_multipliers(
     if lagrangian_residual(restricted(program, branch), point.x, rows, lower, upper) > tolerance:
         return None
     scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+    # Where a row says as well that a held side is nonnegative, the solver has split the multiplier at will.
+    held_pairs = tuple(
+        np.flatnonzero(zero & ~sides.constant)
+        for sides, zero in ((program.a, branch.a_zero), (program.b, branch.b_zero))
+    )
+    at_lower, at_upper = _rows_of_sides(program, point, (held_pairs[0], held_pairs[1]))
+    rows = rows.copy()
+    rows[at_lower], rows[at_upper] = np.maximum(rows[at_lower], 0.0), np.minimum(rows[at_upper], 0.0)
     gradient = point.lagrangian_gradient(rows)
     found = []
     for sides, held, partner in (
@@ -327,17 +335,28 @@ def _row_activity(
 ) -> _Activity:
     found = _Activity.of(point.rows, point.nlp.g_lower, point.nlp.g_upper, tolerance)
     # A row that only says that a zero side is nonnegative has no multiplier of its own: it is the pair's nu or xi.
+    for at_bound, rows in zip(
+        (found.at_lower, found.at_upper), _rows_of_sides(program, point, zero_pairs), strict=True
+    ):
+        at_bound[rows] = False
+    return found
+
+
+def _rows_of_sides(
+    program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows whose lower, and rows whose upper bound only says that a zero side is nonnegative."""
     jacobian = point.jacobian.copy()
-    jacobian.eliminate_zeros()
+    jacobian.eliminate_zeros()  # what is zero at this point has no say in first derivatives
     single = np.flatnonzero(np.diff(jacobian.indptr) == 1)
     column, slope = jacobian.indices[jacobian.indptr[single]], jacobian.data[jacobian.indptr[single]]
+    at_lower, at_upper = np.zeros(single.size, dtype=bool), np.zeros(single.size, dtype=bool)
     for sides, pairs in zip((program.a, program.b), zero_pairs, strict=True):
         for sign in (1.0, -1.0):
-            index = sides.index[pairs[sides.sign[pairs] == sign]]
-            of_side = np.isin(column, index)
-            found.at_lower[single[of_side & (sign * slope > 0)]] = False
-            found.at_upper[single[of_side & (sign * slope < 0)]] = False
-    return found
+            of_side = np.isin(column, sides.index[pairs[sides.sign[pairs] == sign]])
+            at_lower |= of_side & (sign * slope > 0)
+            at_upper |= of_side & (sign * slope < 0)
+    return single[at_lower], single[at_upper]
 
 
 def _active_rows(point: Linearisation, activity: _Activity) -> _Block:

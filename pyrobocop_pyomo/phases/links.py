@@ -199,7 +199,7 @@ class Link(AllOrNothingBlock):
         ``jump(pre, post)`` with a `PhaseEnd` each returns {name of a state: its start in the second phase, an
         expression of ``pre``}, or one or several relations between both. A state whose start stands in an equality
         does not continue by itself.
-    parameters : list of parameters, optional
+    parameters : list of Parameter, optional
         Parameters that have the same value in both phases.
     rule : callable, optional
         ``rule(link, *index)`` adds whatever else, by ``link.pre`` and ``link.post``.

@@ -1,8 +1,18 @@
 """Pictures from plain arrays: the only reader of Matplotlib."""
 
 from .linkage import draw_linkage
+from .pairs import plot_pair_sides, plot_products
 from .phase_marks import mark_phases
 from .planar_pushing import draw_planar_pushing
 from .signals import plot_signals
+from .solve_history import plot_history
 
-__all__ = ["draw_linkage", "draw_planar_pushing", "mark_phases", "plot_signals"]
+__all__ = [
+    "draw_linkage",
+    "draw_planar_pushing",
+    "mark_phases",
+    "plot_history",
+    "plot_pair_sides",
+    "plot_products",
+    "plot_signals",
+]

@@ -61,7 +61,7 @@ def plot_signals(
             axis.plot(time, values[name], linewidth=1.4)
             if len(nodes[name][0]) <= _MOST_DOTS:
                 axis.plot(*nodes[name], ".", markersize=3, color="0.35")
-        _show_no_noise(axis, values[name])
+        show_no_noise(axis, values[name])
         axis.set_ylabel((labels or {}).get(name, name))
         axis.grid(alpha=0.3)
     for axis in axes[len(values) :]:
@@ -75,7 +75,7 @@ def plot_signals(
     return figure
 
 
-def _show_no_noise(axis: Any, values: Array) -> None:
+def show_no_noise(axis: Any, values: Array) -> None:
     """A constant up to the solver's tolerance is drawn as a constant, not stretched over the panel."""
     lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
     least = max(1e-4 * max(abs(lowest), abs(highest)), 1e-6)

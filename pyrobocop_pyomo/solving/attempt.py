@@ -16,7 +16,8 @@ from pyrobocop_pyomo.programs.written_model import WrittenModel
 from .assessment import PointJudge
 from .progress import Progress
 from .session import Run, Session
-from .solve_result import Step, StopReason
+from .solve_result import StopReason
+from .step import Step
 from .tolerances import Tolerances
 from .variable_values import Values, VariableValues
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 
-from .solve_result import Quality, Step, StopReason
+from .solve_result import Quality, StopReason
+from .step import Step
 from .tolerances import Tolerances
 from .variable_values import Values
 

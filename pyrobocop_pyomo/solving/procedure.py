@@ -28,7 +28,8 @@ from .relaxed_model import RelaxedModel
 from .rungs import Rung, as_rungs
 from .session import Session
 from .settings import Settings
-from .solve_result import STEP_HEADER, SolveResult
+from .solve_result import SolveResult
+from .step import STEP_HEADER
 from .tolerances import Tolerances
 
 logger = logging.getLogger(__name__)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.errors import SolveFailed
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.optional_imports import pandas
 
-from .tolerances import Tolerances
+from .pair_report import ActiveSide, PairReport, pair_reports
+from .result_pictures import draw_history, draw_pairs, draw_products
+from .result_text import long_report, pair_sentence, pair_table
+from .step import STEP_HEADER, Step
 
 
 class StopReason(enum.Enum):
@@ -32,59 +36,6 @@ class Quality(enum.Enum):
     OPTIMAL = "Feasible and stationary, and every pair is complementary, within the tolerances."
     FEASIBLE = "Feasible, and every pair is complementary, but the point is not shown to be stationary."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
-
-
-@dataclass(frozen=True)
-class Step:
-    """One run of Ipopt within the procedure.
-
-    Attributes
-    ----------
-    label : str
-        What kind of run it was.
-    delta : float or None
-        The bound of the products at its end; None for a problem without pairs.
-    mu : float or None
-        Ipopt's barrier parameter at its end, where it is known.
-    status : IpoptStatus
-    iterations : int
-    seconds : float
-    objective : float
-        The user's objective at its last point.
-    constraint_violation, largest_product, largest_natural_residual : float
-        Recomputed at its last point.
-    path : sequence of (mu, delta)
-        Per iteration, where delta followed mu inside the run.
-    """
-
-    label: str
-    delta: float | None
-    mu: float | None
-    status: IpoptStatus
-    iterations: int
-    seconds: float
-    objective: float
-    constraint_violation: float
-    largest_product: float
-    largest_natural_residual: float
-    path: Sequence[tuple[float, float]] = field(default=(), repr=False)
-
-    def excess(self, tolerances: Tolerances) -> float:
-        """How far the residuals exceed the tolerances; 1 if they do not."""
-        found = max(self.constraint_violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
-        return found if found == found else float("inf")
-
-    def __str__(self) -> str:
-        delta = "-" if self.delta is None else f"{self.delta:.1e}"
-        return (
-            f"{self.label:<22} {delta:>8} {self.iterations:>6} {self.objective:>14.7g} "
-            f"{self.constraint_violation:>9.1e} {self.largest_product:>9.1e} {self.seconds:>8.2f}  {self.status.name}"
-        )
-
-
-STEP_HEADER = (
-    f"{'step':<22} {'delta':>8} {'iter':>6} {'objective':>14} {'violation':>9} {'max a*b':>9} {'seconds':>8}  status"
-)
 
 
 @dataclass(frozen=True)
@@ -167,6 +118,101 @@ class SolveResult:
         """True when the point is `Quality.OPTIMAL`."""
         return self.quality is Quality.OPTIMAL
 
+    @cached_property
+    def pairs(self) -> list[PairReport]:
+        """Sides, multipliers and the zero side of every pair, in the order of `residuals`."""
+        return pair_reports(self.residuals, self.multipliers)
+
+    @property
+    def biactive(self) -> list[PairReport]:
+        """The pairs of which both sides are zero."""
+        return [each for each in self.pairs if each.active is ActiveSide.BIACTIVE]
+
+    def table(self) -> str:
+        """The pairs as a table in text."""
+        return pair_table(self.pairs)
+
+    def to_pandas(self) -> Any:
+        """The pairs as a data frame, indexed by name."""
+        rows = [
+            {
+                "component": each.component,
+                "index": each.index,
+                "first": each.first,
+                "second": each.second,
+                "product": each.product,
+                "natural": each.natural,
+                "active": each.active.value,
+                "first_multiplier": each.first_multiplier,
+                "second_multiplier": each.second_multiplier,
+            }
+            for each in self.pairs
+        ]
+        index = pandas.Index([each.name for each in self.pairs], name="pair", dtype=object)
+        columns = list(rows[0]) if rows else ["component", "index", "first", "second", "active"]
+        return pandas.DataFrame(rows, index=index, columns=columns)
+
+    def steps_table(self) -> str:
+        """The runs as a table in text."""
+        return "\n".join([STEP_HEADER, *map(str, self.steps)])
+
+    def steps_to_pandas(self) -> Any:
+        """The runs as a data frame, numbered from 1."""
+        columns = ("label", "delta", "mu", "status", "iterations", "seconds", "objective")
+        residuals = ("constraint_violation", "largest_product", "largest_natural_residual")
+        rows = [
+            {**{name: getattr(step, name) for name in (*columns, *residuals)}, "status": step.status.name}
+            for step in self.steps
+        ]
+        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+
+    def report(self, worst: int = 5) -> str:
+        """All that is known: counts per component, stationarity, certificate, the worst pairs, the runs.
+
+        Parameters
+        ----------
+        worst : int
+            How many pairs to show in each list.
+        """
+        return long_report(str(self), self.pairs, self.multipliers, self.certificate, self.decided_pairs, worst)
+
+    def plot(self, figure: Any = None) -> Any:
+        """Draw objective, delta, mu and residuals over the iterations of all runs; returns a figure."""
+        return draw_history(self.name, self.steps, self.best_step, figure)
+
+    def plot_pairs(self, component: str | None = None, *, axis_label: str | None = None, figure: Any = None) -> Any:
+        """Draw both sides of the pairs of a component over its index.
+
+        Parameters
+        ----------
+        component : str, optional
+            Its name, such as ``"push.contact"``; not needed where there is only one.
+        axis_label : str, optional
+            What the index means, such as ``"time [s]"``.
+        figure : Figure or SubFigure, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.figure.Figure or SubFigure
+
+        Raises
+        ------
+        ModelError
+            When there is no such component.
+        """
+        return draw_pairs(self.name, self.pairs, component, axis_label, figure)
+
+    def plot_products(self, figure: Any = None) -> Any:
+        """Draw largest product and natural residual of each run against its delta; returns a figure.
+
+        Raises
+        ------
+        ModelError
+            When no run had a delta.
+        """
+        return draw_products(self.name, self.steps, figure)
+
     def raise_for_status(self) -> None:
         """Do nothing when the point is optimal.
 
@@ -194,7 +240,7 @@ class SolveResult:
                 f"objective {self.objective:.8g}, constraints {self.constraint_violation:.1e}, "
                 f"max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}{stationarity}; "
                 f"{self.iterations} iterations in {self.seconds:.2f} s",
-                STEP_HEADER,
-                *map(str, self.steps),
+                *([pair_sentence(self.pairs, self.multipliers, self.certificate)] if self.residuals else []),
+                self.steps_table(),
             ]
         )

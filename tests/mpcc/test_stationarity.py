@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from problems import ralph1, scholtes4, sides, trap
 
+from pyrobocop_pyomo.mpcc.branch import Branch
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram
-from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify
+from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify, strong_multipliers
 
 TWO_MULTIPLIERS = st.tuples(st.sampled_from([-2.0, 0.0, 3.0]), st.sampled_from([-1.0, 0.0, 1.0]))
 
@@ -99,3 +100,16 @@ def test_a_row_that_repeats_a_side_has_no_multiplier_of_its_own():
     with_row = ComplementarityProgram(nlp, sides(0), sides(1))
     found = classify(at(with_row, [0.0, 0.0]))
     assert (found.kind, round(found.nu[0], 6), round(found.xi[0], 6)) == (Stationarity.A, 1.0, -1.0)
+
+
+def test_a_solver_that_shares_the_multiplier_between_row_and_side_changes_nothing():
+    """Minimise -y + (x + 3)^2 / 2 with x held at zero by the branch, and by a row x >= 0 that takes a part."""
+    nlp = QuadraticProgram([3, 1], H=np.eye(2), A=[[2, 0]], g_lower=[0], x_lower=[-np.inf, 0])
+    program = ComplementarityProgram(nlp, sides(0), sides(1))
+    point = Linearisation.at(nlp, np.zeros(2))
+    branch = Branch(np.array([True]), np.array([True]))
+    for part in (0.0, 0.5, 1.5):
+        solver = (np.array([-part]), np.zeros(2), np.zeros(2))
+        found = strong_multipliers(program, point, branch, solver)
+        assert found is not None
+        assert (found.nu[0], found.xi[0]) == pytest.approx((3.0, 1.0))

@@ -1,0 +1,314 @@
+"""How a solution moves with its data: derivatives of a strictly complementary point by one factorisation.
+
+The active constraints are found from distances and multipliers, the point is refined by Newton's method on them, and
+the refined point is asked whether the active set is beyond doubt. Then the implicit function theorem gives the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import SensitivityError
+from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+
+from .linearisation import Linearisation
+
+NEAR = 1e-4  # a row or bound at most this far away may be active
+STRICT = 1e-7  # smallest relative multiplier of an active one, and smallest relative distance of an inactive one
+NEWTON_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """A solution, and its derivatives with respect to parameters.
+
+    Attributes
+    ----------
+    x : float array, shape (n,)
+        The refined point; parameters among it as they were.
+    objective : float array, shape (k,)
+        Derivative of the minimised objective.
+    variables : float array, shape (n, k)
+        Of the variables; a row of the identity for each parameter.
+    active : int array, shape (a,)
+        Numbers of the active constraints: first rows, then bounds of variables.
+    multipliers : float array, shape (a,)
+        Of the active constraints: the Lagrangian is f + multipliers @ constraints.
+    multiplier_derivatives : float array, shape (a, k)
+    """
+
+    x: FloatArray
+    objective: FloatArray
+    variables: FloatArray
+    active: NDArray[np.intp]
+    multipliers: FloatArray
+    multiplier_derivatives: FloatArray
+
+
+def derivatives(
+    nlp: NonlinearProgram, x: FloatArray, parameters: NDArray[np.intp], describe: Callable[[int], str]
+) -> Derivatives:
+    """Differentiate a local solution with respect to some variables that stand for parameters.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+        Its variables are those of the problem and the parameters; the bounds of the latter do not count.
+    x : float array, shape (n,)
+        A local solution to a solver's accuracy.
+    parameters : int array, shape (k,)
+        Numbers of the variables that are parameters.
+    describe : callable
+        From the number of a constraint (rows first, then bounds of variables) to its name, for messages.
+
+    Raises
+    ------
+    SensitivityError
+        If the point is not stationary, an active constraint has no multiplier, active constraints are linearly
+        dependent, or the Lagrangian is flat in a direction that they leave.
+
+    References
+    ----------
+    Fiacco (1976), Sensitivity analysis for nonlinear programming using penalty methods,
+    doi:10.1007/BF01580677
+    """
+    constraints = _Constraints(nlp, parameters, describe)
+    active, multipliers = _guess_active(constraints, x)
+    x, multipliers = _refined(constraints, x, active, multipliers)
+    _check_strict(constraints, x, active, multipliers)
+    free = constraints.free
+    factor, _, jacobian = _kkt(constraints, x, active, multipliers)
+    hessian = constraints.hessian(x, active, multipliers)
+    right = np.concatenate([hessian[free][:, parameters].toarray(), jacobian[:, parameters].toarray()])
+    solution = -factor(right)
+    moved = np.zeros((nlp.n, parameters.size))
+    moved[free] = solution[: free.size]
+    moved[parameters, np.arange(parameters.size)] = 1.0
+    # The envelope theorem: only what a parameter does to the Lagrangian by itself counts.
+    objective = (nlp.gradient(x) + jacobian.T @ multipliers)[parameters]
+    return Derivatives(x, objective, moved, active, multipliers, solution[free.size :])
+
+
+class _Constraints:
+    """Rows and bounds of the free variables in one list, with their first and second derivatives."""
+
+    def __init__(self, nlp: NonlinearProgram, parameters: NDArray[np.intp], describe: Callable[[int], str]) -> None:
+        self.nlp, self.parameters, self.describe = nlp, parameters, describe
+        self.free = np.setdiff1d(np.arange(nlp.n), parameters)
+        lower, upper = nlp.x_lower.copy(), nlp.x_upper.copy()
+        lower[parameters], upper[parameters] = -np.inf, np.inf
+        self.lower = np.concatenate([nlp.g_lower, lower])
+        self.upper = np.concatenate([nlp.g_upper, upper])
+        self.equations = self.lower == self.upper
+
+    def values(self, x: FloatArray) -> FloatArray:
+        return np.concatenate([self.nlp.constraints(x), x])
+
+    def jacobian(self, x: FloatArray) -> Any:
+        rows = Linearisation.at(self.nlp, x).jacobian
+        return scipy.sparse.vstack([rows, scipy.sparse.eye_array(self.nlp.n)], format="csr")
+
+    def hessian(self, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> Any:
+        every = np.zeros(self.nlp.m)
+        of_rows = active < self.nlp.m
+        every[active[of_rows]] = multipliers[of_rows]
+        rows, columns = self.nlp.hessian_structure
+        lower = scipy.sparse.csr_array(
+            (self.nlp.hessian(x, 1.0, every), (rows, columns)), shape=(self.nlp.n, self.nlp.n)
+        )
+        return scipy.sparse.csr_array(lower + lower.T - scipy.sparse.diags_array(lower.diagonal()))
+
+    def relative_distance(self, x: FloatArray) -> FloatArray:
+        """Distance from the nearer bound, relative to its size where that is above one."""
+        values = self.values(x)
+        nearer = np.where(values - self.lower <= self.upper - values, self.lower, self.upper)
+        with np.errstate(invalid="ignore"):
+            found = np.abs(values - nearer) / np.maximum(1.0, np.abs(nearer))
+        return np.where(np.isfinite(nearer), found, np.inf)
+
+    def gaps(self, x: FloatArray, active: NDArray[np.intp]) -> FloatArray:
+        """What the active constraints lack to the bound that they are at."""
+        values = self.values(x)[active]
+        lower, upper = self.lower[active], self.upper[active]
+        return values - np.where(values - lower <= upper - values, lower, upper)
+
+    def pushes(self, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> FloatArray:
+        """Multipliers with the sign that is positive where an inequality holds back."""
+        values = self.values(x)[active]
+        at_lower = values - self.lower[active] <= self.upper[active] - values
+        return np.where(at_lower, -multipliers, multipliers)
+
+    def scale(self, x: FloatArray) -> float:
+        return max(1.0, float(np.abs(self.nlp.gradient(x)[self.free]).max(initial=0.0)))
+
+
+def _guess_active(constraints: _Constraints, x: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Which constraints are active: those whose multiplier is larger than the distance from their bound."""
+    distance = constraints.relative_distance(x)
+    near = np.flatnonzero(constraints.equations | (distance <= NEAR))
+    near = _without_copies(constraints, x, near)
+    multipliers = _least_squares_multipliers(constraints, x, near)
+    push = constraints.pushes(x, near, multipliers) / constraints.scale(x)
+    chosen = constraints.equations[near] | (push > distance[near])
+    active = near[chosen]
+    _check_independent(constraints, x, active)
+    return active, _least_squares_multipliers(constraints, x, active)
+
+
+def _without_copies(constraints: _Constraints, x: FloatArray, near: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Leave out inequalities that say the same as an equation or as another one: a side at zero and its bound."""
+    jacobian = constraints.jacobian(x)
+    seen = set()
+    kept = []
+    for number in sorted(near.tolist(), key=lambda each: (not constraints.equations[each], each)):
+        key = _direction(jacobian, number)
+        if not np.isin(key[0], constraints.free).any():
+            continue  # a row of parameters alone is a matter of data
+        if key not in seen or constraints.equations[number]:
+            kept.append(number)
+        seen.add(key)
+    return np.array(sorted(kept), dtype=np.intp)
+
+
+def _direction(jacobian: Any, number: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """The gradient of a constraint up to its length and sign: columns and slopes."""
+    start, end = jacobian.indptr[number : number + 2]
+    columns, slopes = jacobian.indices[start:end], jacobian.data[start:end]
+    columns, slopes = columns[slopes != 0.0], slopes[slopes != 0.0]
+    order = np.argsort(columns)
+    largest = slopes[np.abs(slopes).argmax()] if slopes.size else 1.0
+    return tuple(columns[order].tolist()), tuple(np.round(slopes[order] / largest, 9).tolist())
+
+
+def _least_squares_multipliers(constraints: _Constraints, x: FloatArray, chosen: NDArray[np.intp]) -> FloatArray:
+    """The multipliers that leave the least gradient of the Lagrangian, the shortest ones where they are not unique."""
+    free = constraints.free
+    jacobian = constraints.jacobian(x)[chosen][:, free]
+    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
+    scaled = scipy.sparse.diags_array(1.0 / sizes) @ jacobian
+    solve = _factor(_augmented(scipy.sparse.eye_array(free.size), scaled, 1e-10))
+    right = np.concatenate([-constraints.nlp.gradient(x)[free], np.zeros(chosen.size)])
+    return solve(right)[free.size :] / sizes
+
+
+def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp]) -> None:
+    """Refuse active constraints with (nearly) dependent gradients: their multipliers are not unique."""
+    free = constraints.free
+    if not active.size:
+        return
+    jacobian = constraints.jacobian(x)[active][:, free]
+    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
+    solve = _factor(
+        _augmented(scipy.sparse.eye_array(free.size), scipy.sparse.diags_array(1.0 / sizes) @ jacobian, 1e-12)
+    )
+    # A direction among the rows that the matrix hardly sees comes back enlarged by the square of its singular value.
+    probe = np.random.default_rng(0).normal(size=active.size)
+    found = solve(np.concatenate([np.zeros(free.size), probe]))[free.size :]
+    if not np.abs(found).max() <= 1e10 * np.abs(probe).max():
+        involved = np.argsort(-np.abs(found))[:5]
+        involved = involved[np.abs(found[involved]) > 1e-3 * np.abs(found).max()]
+        raise SensitivityError(
+            f"the active constraints are linearly dependent, so their multipliers are not unique; among them: "
+            f"{_names(constraints, active[np.sort(involved)])}. Remove what says the same twice."
+        )
+
+
+def _refined(
+    constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Newton's method on the active constraints: what an interior-point solver left open is closed."""
+    free, scale = constraints.free, constraints.scale(x)
+    start = x
+    for _ in range(NEWTON_STEPS):
+        solve, gradient, _ = _kkt(constraints, x, active, multipliers)
+        gaps = constraints.gaps(x, active)
+        if max(np.abs(gradient).max(initial=0.0) / scale, np.abs(gaps).max(initial=0.0)) <= 1e-11:
+            break
+        step = solve(-np.concatenate([gradient, gaps]))
+        x = x.copy()
+        x[free] += step[: free.size]
+        multipliers = multipliers + step[free.size :]
+    moved = np.abs(x - start) / np.maximum(1.0, np.abs(start))
+    if not moved.max(initial=0.0) <= 1e-2:
+        worst = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
+        raise SensitivityError(
+            f"the point is no solution that could be refined: Newton's method moves "
+            f"{constraints.describe(constraints.nlp.m + worst)} from {start[worst]:g} to {x[worst]:g}. Solve again, "
+            "with a tighter tolerance: options={'tol': 1e-10}."
+        )
+    return x, multipliers
+
+
+def _check_strict(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> None:
+    """Refuse a point where it is in doubt which inequalities are active."""
+    push = constraints.pushes(x, active, multipliers) / constraints.scale(x)
+    inequality = ~constraints.equations[active]
+    weak = active[inequality & ~(push >= STRICT)]
+    distance = constraints.relative_distance(x)
+    values = constraints.values(x)
+    outside = (values < constraints.lower) | (values > constraints.upper)
+    unsure = ~constraints.equations & ((distance < STRICT) | outside)
+    unsure[active] = False
+    jacobian = constraints.jacobian(x)
+    said = {_direction(jacobian, number) for number in active.tolist()}
+    for number in np.flatnonzero(unsure).tolist():
+        unsure[number] = _direction(jacobian, number) not in said
+    doubtful = np.union1d(weak, np.flatnonzero(unsure))
+    if doubtful.size:
+        raise SensitivityError(
+            f"strict complementarity fails: {doubtful.size} inequalities are met with equality but nothing pushes "
+            f"against them: {_names(constraints, doubtful)}. The solution has a kink in the parameters there; remove "
+            "the inequalities if they do not matter, or move the data."
+        )
+
+
+def _kkt(
+    constraints: _Constraints, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray
+) -> tuple[Callable[[FloatArray], FloatArray], FloatArray, Any]:
+    """A solver of the KKT system, the gradient of the Lagrangian at free variables, and the active Jacobian."""
+    free = constraints.free
+    jacobian = scipy.sparse.csr_array(constraints.jacobian(x)[active])
+    hessian = constraints.hessian(x, active, multipliers)[free][:, free]
+    gradient = (constraints.nlp.gradient(x) + jacobian.T @ multipliers)[free]
+    probe = np.random.default_rng(0).normal(size=free.size + active.size)
+    try:
+        solve = _factor(_augmented(hessian, jacobian[:, free], 0.0))
+        found = solve(probe)
+    except RuntimeError:  # SciPy's way to say: exactly singular
+        found = np.array([np.inf])
+    if not np.abs(found).max() <= 1e12 * np.abs(probe).max():
+        where = ""
+        if found.size > 1 and np.isfinite(found).all():
+            order = np.argsort(-np.abs(found[: free.size]))[:3]
+            where = f", among them along {_names(constraints, constraints.nlp.m + free[order])}"
+        raise SensitivityError(
+            "the solution is not unique: there is a direction in which the active constraints and the Lagrangian are "
+            f"flat{where}. Make the objective strictly convex there, for example by a small quadratic term, or fix "
+            "what is undetermined."
+        )
+    return solve, gradient, jacobian
+
+
+def _augmented(upper_left: Any, jacobian: Any, regularisation: float) -> Any:
+    rows = jacobian.shape[0]
+    return scipy.sparse.block_array(
+        [[upper_left, jacobian.T], [jacobian, -regularisation * scipy.sparse.eye_array(rows)]]
+        if rows
+        else [[upper_left]],
+        format="csc",
+    )
+
+
+def _factor(matrix: Any) -> Callable[[FloatArray], FloatArray]:
+    return scipy.sparse.linalg.splu(matrix).solve
+
+
+def _names(constraints: _Constraints, numbers: NDArray[np.intp]) -> str:
+    shown = ", ".join(constraints.describe(int(number)) for number in numbers[:5])
+    return shown + (", ..." if numbers.size > 5 else "")
