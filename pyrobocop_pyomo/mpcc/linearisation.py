@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
 
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,7 @@ class Linearisation:
         """Evaluate everything at a point."""
         structure = nlp.jacobian_structure
         # Entries that are given twice add up, as Ipopt reads them.
-        jacobian = csr_array((nlp.jacobian(x), structure), shape=(nlp.m, nlp.n))
+        jacobian = scipy.sparse.csr_array((nlp.jacobian(x), structure), shape=(nlp.m, nlp.n))
         return cls(nlp, x, np.array(nlp.gradient(x)), np.array(nlp.constraints(x)), jacobian)
 
     def lagrangian_gradient(self, g_multipliers: FloatArray) -> FloatArray:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import block_array, csr_array, eye_array, vstack
 
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .branch import Branch, branch_with
 from .linearisation import Linearisation
 from .mixed_integer import minimise
 from .problem import ComplementarityProgram
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +105,13 @@ def steepest_piece(
 
     matrix, rows_lower, rows_upper = _rows(point, radius, loose=elastic is not None)
     slack = matrix.shape[0] if elastic is not None else 0
-    binaries = csr_array((matrix.shape[0], count))
-    slacks = [sign * eye_array(slack, format="csr") for sign in (1.0, -1.0) if slack]
-    constraints = [(block_array([[matrix, binaries, *slacks]], format="csr"), rows_lower, rows_upper)]
+    binaries = scipy.sparse.csr_array((matrix.shape[0], count))
+    slacks = [sign * scipy.sparse.eye_array(slack, format="csr") for sign in (1.0, -1.0) if slack]
+    constraints = [(scipy.sparse.block_array([[matrix, binaries, *slacks]], format="csr"), rows_lower, rows_upper)]
     if count:
         pair_matrix, pair_lower, pair_upper = _pair_rows(program, open_pairs, a, b, n)
-        wide = block_array([[pair_matrix, csr_array((pair_matrix.shape[0], 2 * slack))]], format="csr")
+        no_slacks = scipy.sparse.csr_array((pair_matrix.shape[0], 2 * slack))
+        wide = scipy.sparse.block_array([[pair_matrix, no_slacks]], format="csr")
         constraints.append((wide, pair_lower, pair_upper))
     answer, proven = minimise(
         np.concatenate([point.gradient, np.zeros(count), np.full(2 * slack, elastic or 0.0)]),
@@ -144,12 +149,12 @@ def _pair_rows(
     blocks, lower, upper = [], [], []
     for sides, values, y_factor, right in ((program.a, a, 1.0, 1.0), (program.b, b, -1.0, 0.0)):
         value = values[pairs]
-        slope = csr_array((sides.sign[pairs], (numbers, sides.index[pairs])), shape=(count, n))
-        choice = csr_array((y_factor * (value + 1.0), (numbers, numbers)), shape=(count, count))
+        slope = scipy.sparse.csr_array((sides.sign[pairs], (numbers, sides.index[pairs])), shape=(count, n))
+        choice = scipy.sparse.csr_array((y_factor * (value + 1.0), (numbers, numbers)), shape=(count, count))
         blocks += [
-            block_array([[slope, csr_array((count, count))]], format="csr"),
-            block_array([[slope, choice]], format="csr"),
+            scipy.sparse.block_array([[slope, scipy.sparse.csr_array((count, count))]], format="csr"),
+            scipy.sparse.block_array([[slope, choice]], format="csr"),
         ]
         lower += [-value, np.full(count, -np.inf)]
         upper += [np.full(count, np.inf), right * (value + 1.0) - value]
-    return vstack(blocks, format="csr"), np.concatenate(lower), np.concatenate(upper)
+    return scipy.sparse.vstack(blocks, format="csr"), np.concatenate(lower), np.concatenate(upper)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.optimize import Bounds, LinearConstraint, milp
 
 from pyrobocop_pyomo.ipopt.c_output import c_output_kept
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 
@@ -38,13 +38,13 @@ def minimise(
     bool
         Whether it is the optimum, to the solver's tolerances.
     """
-    rows = [LinearConstraint(*each) for each in constraints if each[0].shape[0]]
+    rows = [scipy.optimize.LinearConstraint(*each) for each in constraints if each[0].shape[0]]
     # HiGHS prints a line of its own now and then, whatever it is told.
     with c_output_kept():
-        answer = milp(
+        answer = scipy.optimize.milp(
             cost,
             integrality=binary,
-            bounds=Bounds(lower, np.maximum(lower, upper)),
+            bounds=scipy.optimize.Bounds(lower, np.maximum(lower, upper)),
             constraints=rows or None,
             options={"time_limit": time_limit, "mip_rel_gap": 1e-6},
         )

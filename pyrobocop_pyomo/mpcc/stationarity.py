@@ -9,16 +9,20 @@ from __future__ import annotations
 import enum
 import itertools
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import block_array, csr_array, eye_array
 
+from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, lagrangian_residual
 
 from .branch import BoolArray, Branch, restricted
 from .linearisation import Linearisation
 from .mixed_integer import minimise
 from .problem import ComplementarityProgram, Sides
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
 # as good as dependent, and a mixed-integer program could not tell such a number from its own tolerance.
@@ -109,13 +113,13 @@ class MultiplierProblem:
             _residual(point.nlp.n),
         ]
         columns = [sign * block.columns for block in blocks for sign in (1.0, -1.0)]
-        self._matrix = block_array([[*columns, csr_array((point.nlp.n, 1))]], format="csr")
+        self._matrix = scipy.sparse.block_array([[*columns, scipy.sparse.csr_array((point.nlp.n, 1))]], format="csr")
         parts = [part for block in blocks for part in (block.positive, block.negative)]
         self._upper = np.append(np.minimum(np.concatenate(parts), self._bound), np.inf)
         weights = np.concatenate([block.weight for block in blocks for _ in range(2)]) / self._scale
         weighted = np.flatnonzero(weights)
         numbers = np.arange(weighted.size)
-        self._residuals = csr_array(
+        self._residuals = scipy.sparse.csr_array(
             (
                 np.concatenate([weights[weighted], -np.ones(weighted.size)]),
                 (np.tile(numbers, 2), np.concatenate([weighted, np.full(weighted.size, weights.size)])),
@@ -152,7 +156,7 @@ class MultiplierProblem:
         """Minimise the largest residual."""
         width = upper.size
         equations, residuals = (
-            block_array([[matrix, csr_array((matrix.shape[0], binaries))]], format="csr")
+            scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], binaries))]], format="csr")
             for matrix in (self._matrix, self._residuals)
         )
         largest = np.zeros(width + binaries)
@@ -205,10 +209,10 @@ class MultiplierProblem:
         ]
         shape = (len(asked) * count, width + binaries)
         if not entries:
-            return csr_array(shape), np.empty(0), 0, upper
+            return scipy.sparse.csr_array(shape), np.empty(0), 0, upper
         rows, columns, values = (np.concatenate(each) for each in zip(*entries, strict=True))
         right = np.repeat([limit for _, _, limit in asked], count)
-        return csr_array((values, (rows, columns)), shape=shape), right, binaries, upper
+        return scipy.sparse.csr_array((values, (rows, columns)), shape=shape), right, binaries, upper
 
 
 def strong_multipliers(
@@ -265,7 +269,7 @@ def strong_multipliers(
     return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
 
 
-def classify(problem: MultiplierProblem, tolerance: float = 1e-6, time_limit: float = 5.0) -> Multipliers:
+def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0) -> Multipliers:
     """Find the strongest kind of stationarity that a point meets.
 
     Parameters
@@ -374,15 +378,19 @@ def _active_bounds(
         found.at_lower[index[rising]] = False
         found.at_upper[index[~rising]] = False
     active = np.flatnonzero(found.active)
-    return found.block(csr_array((np.ones(active.size), (active, np.arange(active.size))), shape=(nlp.n, active.size)))
+    return found.block(_unit_columns(active, np.ones(active.size), nlp.n))
 
 
 def _residual(n: int) -> _Block:
     infinite = np.full(n, np.inf)
-    return _Block(eye_array(n, format="csr"), infinite, infinite, np.ones(n))
+    return _Block(scipy.sparse.eye_array(n, format="csr"), infinite, infinite, np.ones(n))
 
 
 def _sides(sides: Sides, pairs: np.ndarray, n: int) -> _Block:
-    columns = csr_array((-sides.sign[pairs], (sides.index[pairs], np.arange(pairs.size))), shape=(n, pairs.size))
+    columns = _unit_columns(sides.index[pairs], -sides.sign[pairs], n)
     free = np.full(pairs.size, np.inf)
     return _Block(columns, free, free, np.zeros(pairs.size))
+
+
+def _unit_columns(rows: np.ndarray, values: FloatArray, n: int) -> csr_array:
+    return scipy.sparse.csr_array((values, (rows, np.arange(rows.size))), shape=(n, rows.size))

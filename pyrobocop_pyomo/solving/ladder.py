@@ -108,8 +108,9 @@ class Ladder:
                 self._climb_to(rung)
         if self.best is None:
             raise ComplementarityError(
-                f"'{self._model.name}': no rung could run. The projection starts from a point that another rung "
-                "left, and delta follows the barrier parameter only where it bounds rows."
+                f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
+                f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
+                "that another rung left. Use schedule=Geometric(...) or Fixed(...), or other rungs."
             )
         self._values.write(self.best.values)
         self.best.load_suffixes()

@@ -76,7 +76,7 @@ def test_every_route_finds_the_corner(route: str) -> None:
     assert result.objective == pytest.approx(1.0, abs=1e-6)
     assert [each.name for each in result.residuals] == ["pair"]
     assert result.largest_product <= 1e-7
-    assert result.steps[-1].delta == 1e-8
+    assert min(step.delta for step in result.steps if step.delta is not None) == 1e-8
     assert "Ipopt" in result.solver
     assert result.derivatives.startswith("CasADi" if route in ("casadi", "mapped") else "ASL")
 
@@ -149,7 +149,7 @@ def test_a_model_without_pairs_is_solved_by_one_run(route: str) -> None:
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_delta_follows_mu_inside_the_solve(route: str, factor: float) -> None:
     schedule = rcp.FollowBarrier(floor=1e-8, factor=factor)
-    (step,) = rcp.solve(touching_mass(), route=route, schedule=schedule).steps
+    (step,) = rcp.solve(touching_mass(), route=route, schedule=schedule, polish=False).steps
     mus, deltas = zip(*step.path, strict=True)
     assert len(mus) == step.iterations + 1
     assert mus[0] == pytest.approx(0.1)
@@ -178,7 +178,7 @@ def test_following_mu_takes_fewer_iterations_than_no_relaxation(route: str) -> N
 
 @pytest.mark.executable
 def test_from_outside_delta_walks_down_with_mu() -> None:
-    result = rcp.solve(touching_mass(), route="executable", schedule=rcp.FollowBarrier(factor=1.0))
+    result = rcp.solve(touching_mass(), route="executable", schedule=rcp.FollowBarrier(factor=1.0), polish=False)
     deltas = [step.delta for step in result.steps]
     assert deltas == sorted(deltas, reverse=True)
     assert deltas[0] == pytest.approx(0.1)
@@ -192,7 +192,7 @@ def test_from_outside_delta_walks_down_with_mu() -> None:
 def test_a_limit_is_told_apart_from_success_and_keeps_the_point(route: str) -> None:
     m = touching_mass()
     start = m.move.push[m.move.final_time].value
-    result = rcp.solve(m, route=route, options={"max_iter": 4}, schedule=rcp.FollowBarrier())
+    result = rcp.solve(m, route=route, options={"max_iter": 4}, schedule=rcp.FollowBarrier(), polish=False)
     assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
     assert result.quality is rcp.Quality.INFEASIBLE
     assert m.move.push[m.move.final_time].value != start
@@ -206,7 +206,7 @@ def test_a_contradiction_is_not_called_solved(route: str) -> None:
     m.apart = pyo.Constraint([1, 2], rule=lambda m, i: (m.x if i == 1 else m.y) >= 1)
     result = rcp.solve(m, route=route)
     assert result.quality is rcp.Quality.INFEASIBLE
-    assert len(result.steps) > 1  # the fallback was tried
+    assert len(result.steps) > 1  # other rungs were tried
     with pytest.raises(rcp.SolveFailed):
         result.raise_for_status()
 
