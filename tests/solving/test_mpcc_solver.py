@@ -100,10 +100,14 @@ def test_nothing_generated_stays_on_the_model():
     assert [each.name for each in m.dual] == ["row"]
 
 
-def test_duals_and_reduced_costs_are_prices():
+ROUTES = [pytest.param(word, marks=getattr(pytest.mark, word)) for word in ("asl", "casadi", "executable")]
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_duals_and_reduced_costs_are_prices(route):
     m = two_corners()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    results = solver().solve(m)
+    results = solver().solve(m, route=route)
     assert m.dual[m.row] == pytest.approx(1.0, abs=1e-5)  # d/dr (r - 1)^2 at 3/2
     assert results.solution_loader.get_duals([m.row])[m.row] == m.dual[m.row]
     assert results.solution_loader.get_reduced_costs([m.y])[m.y] == pytest.approx(0.0, abs=1e-5)
