@@ -74,3 +74,13 @@ def test_growth_is_about_linear_and_a_phase_costs_less_than_pyomo_dae() -> None:
 def test_a_re_solve_costs_little_beyond_ipopt() -> None:
     (row,) = [line.split() for line in run_quick("receding_horizon").splitlines() if line.split()[0] == "20"]
     assert 1.0 <= float(row[3]) < 2.0  # a coarse mesh on a busy machine: the real figures are those of the full run
+
+
+def test_relaxing_a_pair_costs_less_than_with_pyomo() -> None:
+    lines = run_quick("complementarity_cost").splitlines()
+    rows = [line for line in lines if line.startswith(("variables", "affine"))]
+    assert len(rows) == 12
+    assert sum("lifted" in line for line in rows) == 4
+    for kind in ("variables", "affine"):
+        applied = {line[11:43].strip(): float(line[43:].split()[2]) for line in rows if line.startswith(kind)}
+        assert applied["pair, scholtes"] < applied["mpec.simple_nonlinear"]
