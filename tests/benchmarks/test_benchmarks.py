@@ -93,3 +93,13 @@ def test_nonsmooth_problems_are_solved_where_the_switches_are_softened_first() -
     assert len(softened) == 6
     assert all(" yes " in line for line in softened)
     assert "solved, of 2" in table
+
+
+def test_relaxing_a_pair_costs_less_than_with_pyomo() -> None:
+    lines = run_quick("complementarity_cost").splitlines()
+    rows = [line for line in lines if line.startswith(("variables", "affine"))]
+    assert len(rows) == 12
+    assert sum("lifted" in line for line in rows) == 4
+    for kind in ("variables", "affine"):
+        applied = {line[11:43].strip(): float(line[43:].split()[2]) for line in rows if line.startswith(kind)}
+        assert applied["pair, scholtes"] < applied["mpec.simple_nonlinear"]

@@ -22,7 +22,7 @@ class FischerBurmeister:
     def shift(self, delta: Any) -> Any:
         """Return None: delta stands under the root and cannot be split off.
 
-        So it cannot follow the barrier parameter inside a solve, and needs ``grouping="pair"`` and a schedule of
-        several solves.
+        So it cannot follow the barrier parameter inside a solve and needs a schedule of several solves; in a group,
+        each product gets a share of delta.
         """
         return None
