@@ -15,13 +15,8 @@ from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Candidate, Certificate, Limits, candidate_at
 from pyrobocop_pyomo.mpcc.branch import restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
-from pyrobocop_pyomo.mpcc.stationarity import (
-    MultiplierProblem,
-    Multipliers,
-    Stationarity,
-    classify,
-    strong_multipliers,
-)
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, lagrangian_residual
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 

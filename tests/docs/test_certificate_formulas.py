@@ -21,8 +21,9 @@ from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Certificate, candid
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import steepest_piece
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, violation
-from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify
+from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 
 SMALL = st.integers(-3, 3).map(float)
 

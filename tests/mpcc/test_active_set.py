@@ -16,8 +16,9 @@ from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import steepest_piece
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
-from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify
+from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 
 needs_ipopt = pytest.mark.casadi
 

@@ -11,8 +11,9 @@ from problems import ralph1, scholtes4, sides, trap
 
 from pyrobocop_pyomo.mpcc.branch import Branch
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram
-from pyrobocop_pyomo.mpcc.stationarity import MultiplierProblem, Stationarity, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 
 TWO_MULTIPLIERS = st.tuples(st.sampled_from([-2.0, 0.0, 3.0]), st.sampled_from([-1.0, 0.0, 1.0]))
 

@@ -1,0 +1,271 @@
+"""Looking for multipliers at a point: are there any with the signs that a kind of stationarity asks for?
+
+Multipliers are a matter of existence. Where they are not unique, those of a solver prove nothing by their signs, so
+they are looked for among all: by a linear program for W and S, with a binary or two per biactive pair for M, C and A.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, lagrangian_residual
+
+from .branch import BoolArray, Branch, restricted
+from .linearisation import Linearisation
+from .mixed_integer import minimise
+from .multiplier_columns import (
+    active_bounds,
+    active_rows,
+    residual_columns,
+    row_activity,
+    rows_of_sides,
+    side_columns,
+)
+from .problem import ComplementarityProgram, Sides
+from .stationarity import Multipliers, Stationarity
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
+# as good as dependent, and a mixed-integer program could not tell such a number from its own tolerance.
+LARGEST_MULTIPLIER = 1e5
+
+
+class MultiplierProblem:
+    """The conditions that multipliers have to meet at one point.
+
+    Parameters
+    ----------
+    program : ComplementarityProgram
+    point : Linearisation
+        At a feasible point.
+    biactive_tolerance : float
+        A side of at most this size counts as zero.
+    active_tolerance : float
+        A row or bound this close may have a multiplier; its distance times the multiplier is a residual as well.
+    """
+
+    def __init__(
+        self,
+        program: ComplementarityProgram,
+        point: Linearisation,
+        biactive_tolerance: float = 1e-6,
+        active_tolerance: float = 1e-2,
+    ) -> None:
+        self._program, self._point = program, point
+        self.pairs, self.rows = program.pairs, point.nlp.m
+        self._scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+        self._bound = LARGEST_MULTIPLIER * self._scale
+        a, b = program.a.values(point.x), program.b.values(point.x)
+        a_zero, b_zero = a <= biactive_tolerance, b <= biactive_tolerance
+        self._a_pairs = np.flatnonzero(a_zero & ~program.a.constant)
+        self._b_pairs = np.flatnonzero(b_zero & ~program.b.constant)
+        self.biactive = np.flatnonzero(a_zero & b_zero & ~program.a.constant & ~program.b.constant)
+        activity = row_activity(program, point, (self._a_pairs, self._b_pairs), active_tolerance)
+        # Columns come in five blocks, each twice: positive parts, then negative parts. One more column is the largest
+        # residual, which is minimised.
+        blocks = [
+            active_rows(point, activity),
+            active_bounds(program, point, (self._a_pairs, self._b_pairs), active_tolerance),
+            side_columns(program.a, self._a_pairs, point.nlp.n),
+            side_columns(program.b, self._b_pairs, point.nlp.n),
+            residual_columns(point.nlp.n),
+        ]
+        columns = [sign * block.columns for block in blocks for sign in (1.0, -1.0)]
+        self._matrix = scipy.sparse.block_array([[*columns, scipy.sparse.csr_array((point.nlp.n, 1))]], format="csr")
+        parts = [part for block in blocks for part in (block.positive, block.negative)]
+        self._upper = np.append(np.minimum(np.concatenate(parts), self._bound), np.inf)
+        weights = np.concatenate([block.weight for block in blocks for _ in range(2)]) / self._scale
+        weighted = np.flatnonzero(weights)
+        numbers = np.arange(weighted.size)
+        self._residuals = scipy.sparse.csr_array(
+            (
+                np.concatenate([weights[weighted], -np.ones(weighted.size)]),
+                (np.tile(numbers, 2), np.concatenate([weighted, np.full(weighted.size, weights.size)])),
+            ),
+            shape=(weighted.size, weights.size + 1),
+        )
+        sizes = np.cumsum([0, *(block.weight.size for block in blocks for _ in range(2))])
+        self._parts = [slice(start, end) for start, end in itertools.pairwise(sizes)]
+        self._row_numbers = np.flatnonzero(activity.active)
+
+    def find(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
+        """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
+        asked, right, binaries, upper = self._signs(kind)
+        values = self._solved(asked, right, binaries, upper, time_limit)
+        if values is not None and binaries:
+            # To a mixed-integer program a binary of 1e-6 is zero, and times a large bound it is not. So the choice is
+            # taken from it, and the multipliers from the linear program that is left.
+            width = upper.size
+            room = right - asked[:, width:] @ np.round(values[width:])
+            closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
+            upper[closed] = 0.0
+            values = self._solved(asked[:0, :width], right[:0], 0, upper, time_limit)
+        if values is None:
+            return None
+        signed = [values[self._parts[2 * i]] - values[self._parts[2 * i + 1]] for i in range(4)]
+        nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
+        rows = np.zeros(self._point.nlp.m)
+        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
+        return Multipliers(kind, nu, xi, rows, float(values[self._upper.size - 1]))
+
+    def _solved(
+        self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, time_limit: float
+    ) -> FloatArray | None:
+        """Minimise the largest residual."""
+        width = upper.size
+        equations, residuals = (
+            scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], binaries))]], format="csr")
+            for matrix in (self._matrix, self._residuals)
+        )
+        largest = np.zeros(width + binaries)
+        largest[width - 1] = 1.0
+        values, _ = minimise(
+            largest,
+            np.zeros(width + binaries),
+            np.concatenate([upper, np.ones(binaries)]),
+            np.concatenate([np.zeros(width), np.ones(binaries)]),
+            [
+                (equations, -self._point.gradient, -self._point.gradient),
+                (residuals, -np.inf, 0.0),
+                (asked, -np.inf, right),
+            ],
+            time_limit,
+        )
+        return values
+
+    def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
+        """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""
+        nu = [np.searchsorted(self._a_pairs, self.biactive) + self._parts[i].start for i in (4, 5)]
+        xi = [np.searchsorted(self._b_pairs, self.biactive) + self._parts[i].start for i in (6, 7)]
+        upper = self._upper.copy()
+        count, bound, width = self.biactive.size, self._bound, self._upper.size
+        if kind is Stationarity.S:
+            upper[nu[1]] = upper[xi[1]] = 0.0
+        # Each rule: parts that add up, binaries with their factors, right-hand side; per biactive pair.
+        first, second = width + np.arange(count), width + count + np.arange(count)
+        rules: dict[Stationarity, list[tuple[list[np.ndarray], list[tuple[np.ndarray, float]], float]]] = {
+            # One binary: 1 asks for nu >= 0, 0 for xi >= 0.
+            Stationarity.A: [([nu[1]], [(first, bound)], bound), ([xi[1]], [(first, -bound)], 0.0)],
+            # One binary: 1 asks for both >= 0, 0 for both <= 0.
+            Stationarity.C: [
+                *[([part], [(first, bound)], bound) for part in (nu[1], xi[1])],
+                *[([part], [(first, -bound)], 0.0) for part in (nu[0], xi[0])],
+            ],
+            # Two binaries: the first asks for nu = 0, the second for xi = 0, neither for both >= 0.
+            Stationarity.M: [
+                (nu, [(first, bound)], bound),
+                (xi, [(second, bound)], bound),
+                ([nu[1], xi[1]], [(first, -bound), (second, -bound)], 0.0),
+            ],
+        }
+        asked = rules.get(kind, [])
+        binaries = count * {Stationarity.A: 1, Stationarity.C: 1, Stationarity.M: 2}.get(kind, 0)
+        entries = [
+            (rule * count + np.arange(count), columns, np.full(count, factor))
+            for rule, (parts, with_binaries, _) in enumerate(asked)
+            for columns, factor in [*((part, 1.0) for part in parts), *with_binaries]
+        ]
+        shape = (len(asked) * count, width + binaries)
+        if not entries:
+            return scipy.sparse.csr_array(shape), np.empty(0), 0, upper
+        rows, columns, values = (np.concatenate(each) for each in zip(*entries, strict=True))
+        right = np.repeat([limit for _, _, limit in asked], count)
+        return scipy.sparse.csr_array((values, (rows, columns)), shape=shape), right, binaries, upper
+
+
+def strong_multipliers(
+    program: ComplementarityProgram,
+    point: Linearisation,
+    branch: Branch,
+    solver_multipliers: tuple[FloatArray, FloatArray, FloatArray],
+    reach: float = 1e-3,
+    tolerance: float = 1e-6,
+) -> Multipliers | None:
+    """Read strong stationarity off the multipliers of a solved branch, where their signs show it.
+
+    Parameters
+    ----------
+    program : ComplementarityProgram
+    point : Linearisation
+    branch : Branch
+        Whose nonlinear program the point solves.
+    solver_multipliers : tuple of float arrays
+        Of rows, lower and upper bounds, in Ipopt's signs.
+    reach : float
+        A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
+    tolerance : float
+        Relative to the objective's gradient.
+
+    Returns
+    -------
+    Multipliers or None
+        None says nothing: other multipliers may have the signs.
+    """
+    rows, lower, upper = solver_multipliers
+    if lagrangian_residual(restricted(program, branch), point.x, rows, lower, upper) > tolerance:
+        return None
+    scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+    # Where a row says as well that a held side is nonnegative, the solver has split the multiplier at will.
+    held_pairs = tuple(
+        np.flatnonzero(zero & ~sides.constant)
+        for sides, zero in ((program.a, branch.a_zero), (program.b, branch.b_zero))
+    )
+    at_lower, at_upper = rows_of_sides(program, point, (held_pairs[0], held_pairs[1]))
+    rows = rows.copy()
+    rows[at_lower], rows[at_upper] = np.maximum(rows[at_lower], 0.0), np.minimum(rows[at_upper], 0.0)
+    gradient = point.lagrangian_gradient(rows)
+    found = []
+    for sides, held, partner in (
+        (program.a, branch.a_zero & ~program.a.constant, program.b.values(point.x)),
+        (program.b, branch.b_zero & ~program.b.constant, program.a.values(point.x)),
+    ):
+        of_bounds = np.where(sides.constant, 0.0, np.where(sides.sign > 0, lower[sides.index], upper[sides.index]))
+        held_multipliers = np.where(_first_of_its_variable(sides, held), sides.slopes(gradient), 0.0)
+        if (held_multipliers[held & (partner <= reach)] < -tolerance * scale).any():
+            return None
+        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= tolerance, of_bounds, 0.0)))
+    return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
+
+
+def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
+    """Where a variable is held at zero for several pairs, its multiplier is theirs together: the first one gets it."""
+    numbers = np.flatnonzero(held)
+    _, first = np.unique(sides.index[numbers], return_index=True)
+    chosen = np.zeros(held.size, dtype=bool)
+    chosen[numbers[first]] = True
+    return chosen
+
+
+def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0) -> Multipliers:
+    """Find the strongest kind of stationarity that a point meets.
+
+    Parameters
+    ----------
+    problem : MultiplierProblem
+    tolerance : float
+        Largest residual, relative to the objective's gradient.
+    time_limit : float
+        Seconds for each kind.
+
+    Returns
+    -------
+    Multipliers
+        Of that kind.
+    """
+    weak = problem.find(Stationarity.W, time_limit)
+    if weak is None:
+        nothing, rows = np.zeros(problem.pairs), np.zeros(problem.rows)
+        return Multipliers(Stationarity.NONE, nothing, nothing, rows, np.inf)
+    if not weak.residual <= tolerance:
+        return Multipliers(Stationarity.NONE, weak.nu, weak.xi, weak.rows, weak.residual)
+    for kind in (Stationarity.S, Stationarity.M, Stationarity.C, Stationarity.A):
+        found = problem.find(kind, time_limit)
+        if found is not None and found.residual <= tolerance:
+            return found
+    return weak
