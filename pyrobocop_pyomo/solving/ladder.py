@@ -206,9 +206,7 @@ class Ladder:
         if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
             return False
         if not self.best.is_certain(self._settings.tolerances, self._settings.polish):
-            # Where two solves have ended in local infeasibility, only a rung that asks for less can go on.
-            hopeless = [each.reason is StopReason.INFEASIBLE for each in self._found]
-            return not (rung is CONTINUATION and self._by_default and len(hopeless) > 1 and all(hopeless))
+            return True
         assert self._place is not None
         small = len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
         if rung is TIGHT:
