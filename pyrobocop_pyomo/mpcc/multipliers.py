@@ -7,6 +7,7 @@ they are looked for among all: by a linear program for W and S, with a binary or
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,7 +98,7 @@ class MultiplierProblem:
     def find(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
         """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
         asked, right, binaries, upper = self._signs(kind)
-        values = self._solved(asked, right, binaries, upper, time_limit)
+        values, proven = self._solved(asked, right, binaries, upper, time_limit)
         if values is not None and binaries:
             # To a mixed-integer program a binary of 1e-6 is zero, and times a large bound it is not. So the choice is
             # taken from it, and the multipliers from the linear program that is left.
@@ -105,8 +106,8 @@ class MultiplierProblem:
             room = right - asked[:, width:] @ np.round(values[width:])
             closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
             upper[closed] = 0.0
-            values = self._solved(asked[:0, :width], right[:0], 0, upper, time_limit)
-        if values is None:
+            values, proven = self._solved(asked[:0, :width], right[:0], 0, upper, time_limit)
+        if values is None or not proven:
             return None
         signed = [values[self._parts[2 * i]] - values[self._parts[2 * i + 1]] for i in range(4)]
         nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
@@ -116,7 +117,7 @@ class MultiplierProblem:
 
     def _solved(
         self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, time_limit: float
-    ) -> FloatArray | None:
+    ) -> tuple[FloatArray | None, bool]:
         """Minimise the largest residual."""
         width = upper.size
         equations, residuals = (
@@ -125,7 +126,7 @@ class MultiplierProblem:
         )
         largest = np.zeros(width + binaries)
         largest[width - 1] = 1.0
-        values, _ = minimise(
+        return minimise(
             largest,
             np.zeros(width + binaries),
             np.concatenate([upper, np.ones(binaries)]),
@@ -137,7 +138,6 @@ class MultiplierProblem:
             ],
             time_limit,
         )
-        return values
 
     def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
         """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""
@@ -242,7 +242,7 @@ def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
     return chosen
 
 
-def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0) -> Multipliers:
+def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0) -> Multipliers | None:
     """Find the strongest kind of stationarity that a point meets.
 
     Parameters
@@ -255,15 +255,14 @@ def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: fl
 
     Returns
     -------
-    Multipliers
-        Of that kind.
+    Multipliers or None
+        Of that kind; None where even the linear program for W had no answer in time.
     """
     weak = problem.find(Stationarity.W, time_limit)
     if weak is None:
-        nothing, rows = np.zeros(problem.pairs), np.zeros(problem.rows)
-        return Multipliers(Stationarity.NONE, nothing, nothing, rows, np.inf)
+        return None
     if not weak.residual <= tolerance:
-        return Multipliers(Stationarity.NONE, weak.nu, weak.xi, weak.rows, weak.residual)
+        return replace(weak, kind=Stationarity.NONE)
     for kind in (Stationarity.S, Stationarity.M, Stationarity.C, Stationarity.A):
         found = problem.find(kind, time_limit)
         if found is not None and found.residual <= tolerance:

@@ -95,6 +95,7 @@ class AttemptedPoint:
     stationarity: float | None
     load_suffixes: Callable[[], None]
     multipliers: Callable[[WrittenModel], tuple[FloatArray, FloatArray, FloatArray]]
+    rewind: Callable[[], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +139,17 @@ class Attempt:
         self._best: AttemptedPoint | None = None
         self.stop_reason = StopReason.FINISHED
 
-    def go(self, schedule: Schedule | None, options: Mapping[str, Any]) -> AttemptedPoint:
-        """Run the schedule; None stands for one run of a model without pairs."""
+    def go(self, schedule: Schedule | None, options: Mapping[str, Any], *, warm: bool = False) -> AttemptedPoint:
+        """Run the schedule; None stands for one run of a model without pairs.
+
+        With ``warm`` a shrinking schedule starts with the point on the model and the session's last multipliers.
+        """
         if schedule is None:
             self._take(self._session.run(None, time_limit=self._left(), options=options))
         elif isinstance(schedule, FollowBarrier):
             self._follow(schedule, options)
         else:
-            self._shrink(schedule, options)
+            self._shrink(schedule, options, warm)
         assert self._best is not None
         return self._best
 
@@ -157,11 +161,13 @@ class Attempt:
         if step is not None and step.status.solved and step.largest_product > 10 * schedule.floor:
             self._take(self._session.run(schedule.floor, warm=True, time_limit=self._left(), options=options))
 
-    def _shrink(self, schedule: Schedule, options: Mapping[str, Any]) -> None:
+    def _shrink(self, schedule: Schedule, options: Mapping[str, Any], warm: bool) -> None:
         """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
         wanted = list(schedule.steps())[::-1]
         last = wanted[0]
         solved: _Solved | None = None
+        if warm:
+            solved = _Solved(wanted[-1], self._values.read(), self._session.rewinder())
         shortened = 0
         while wanted:
             delta = wanted.pop()
@@ -193,7 +199,12 @@ class Attempt:
         if self._best is None or self._rank(step) <= self._rank(self._best.step):
             session = self._session
             self._best = AttemptedPoint(
-                step, self._values.read(), session.stationarity(), session.suffix_loader(), session.multipliers
+                step,
+                self._values.read(),
+                session.stationarity(),
+                session.suffix_loader(),
+                session.multipliers,
+                session.rewinder(),
             )
         return step
 

@@ -32,8 +32,8 @@ class Finding:
     load_suffixes : callable
         Fills the suffixes of the user with its multipliers.
     certificate : Certificate
-    multipliers : Multipliers or None
-        Of the pairs.
+    explain : callable
+        Looks for the multipliers of the pairs; None where there are none to be found.
     """
 
     rung: str
@@ -43,7 +43,7 @@ class Finding:
     stationarity: float | None
     load_suffixes: Callable[[], None]
     certificate: Certificate = Certificate.UNKNOWN
-    multipliers: Multipliers | None = None
+    explain: Callable[[], Multipliers | None] = lambda: None
 
     def quality(self, tolerances: Tolerances) -> Quality:
         """How good the point is."""
@@ -59,7 +59,7 @@ class Finding:
         if self.quality(tolerances) is not Quality.OPTIMAL:
             return False
         strict = self.step.largest_natural_residual <= tolerances.natural
-        return not polished or (strict and self.certificate is Certificate.PROVEN)
+        return not polished or strict
 
     def is_better_than(self, other: Finding, tolerances: Tolerances, sign: float) -> bool:
         """Feasible first, then exactly complementary, then the objective, then what is certified.

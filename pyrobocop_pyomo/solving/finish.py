@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -26,7 +27,7 @@ from .numeric_pairs import numeric_pairs
 from .relaxed_model import RelaxedModel
 from .session import WARM_START_OPTIONS, Run
 from .settings import Settings
-from .solve_result import Step, StopReason
+from .solve_result import Quality, Step, StopReason
 from .variable_values import VariableValues
 
 # Enough to leave a bound that the branch does not hold any more, little enough to stay near the point.
@@ -103,39 +104,40 @@ class Finish:
         return self._judged(replace(finding, rung="projection"), search, search.project(start), start)
 
     def _judged(self, finding: Finding, search: ActiveSetSearch, found: Candidate, start: Candidate) -> Finding:
+        best, certificate = self._certified(search, found)
+        if self._explores and certificate is Certificate.PROVEN and best.branch is not None:
+            explored = search.explore(best, self._explored)
+            if explored is not best:
+                best, certificate = self._certified(search, explored)
+        self.written.load_point(best.x)
+        if best is not start:
+            finding = self._replaced(finding, best)
+        explain = functools.cache(functools.partial(self._explained, best))
+        finding = replace(finding, certificate=certificate, explain=explain)
+        if finding.quality(self._settings.tolerances) is not Quality.FEASIBLE:
+            return finding
+        # What Ipopt said does not count where multipliers are at hand that show the point to be stationary.
+        multipliers = explain()
+        if multipliers is None or multipliers.kind is Stationarity.NONE:
+            return finding
+        return replace(finding, reason=StopReason.FINISHED, stationarity=multipliers.residual)
+
+    def _certified(self, search: ActiveSetSearch, found: Candidate) -> tuple[Candidate, Certificate]:
+        """Follow descending branches, unless the multipliers show already that there are none."""
+        if found.branch is None or found.violation > self._limits.feasibility:
+            return found, Certificate.UNKNOWN
+        if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
+            return found, Certificate.PROVEN
+        descended = search.descend(found)
+        return descended, search.certificate
+
+    def _explained(self, found: Candidate) -> Multipliers | None:
+        """Multipliers of the strongest kind at a point; None where it is not met, or there was no time."""
+        if max(found.violation, found.natural_residual) > self._settings.tolerances.natural:
+            return None
         point = Linearisation.at(self._program.nlp, found.x)
-        pair_multipliers = self._strong(found, point)
-        certificate = Certificate.PROVEN if pair_multipliers is not None else Certificate.UNKNOWN
-        if pair_multipliers is None and found.violation <= self._limits.feasibility:
-            descended = search.descend(found)
-            certificate = search.certificate
-            if descended is not found:
-                found, point = descended, Linearisation.at(self._program.nlp, descended.x)
-                pair_multipliers = self._strong(found, point)
-            if pair_multipliers is None and found.natural_residual <= self._settings.tolerances.natural:
-                problem = MultiplierProblem(self._program, point)
-                pair_multipliers = classify(problem, time_limit=self._limits.lpec_seconds)
-            if pair_multipliers is not None and pair_multipliers.kind is Stationarity.S:
-                certificate = Certificate.PROVEN
-        if self._explores and certificate is Certificate.PROVEN and found.branch is not None:
-            explored = search.explore(found, self._explored)
-            if explored is not found:
-                found, point = explored, Linearisation.at(self._program.nlp, explored.x)
-                certificate = search.certificate
-                pair_multipliers = self._strong(found, point) or classify(
-                    MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
-                )
-        self.written.load_point(found.x)
-        if found is not start:
-            finding = self._replaced(finding, found)
-        proven = pair_multipliers is not None and pair_multipliers.kind is not Stationarity.NONE
-        return replace(
-            finding,
-            # What Ipopt said does not count where multipliers are at hand that show the point to be stationary.
-            reason=StopReason.FINISHED if proven else finding.reason,
-            stationarity=pair_multipliers.residual if proven and pair_multipliers else finding.stationarity,
-            certificate=certificate,
-            multipliers=pair_multipliers,
+        return self._strong(found, point) or classify(
+            MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
         )
 
     def _replaced(self, finding: Finding, found: Candidate) -> Finding:

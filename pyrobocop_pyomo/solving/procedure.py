@@ -16,6 +16,8 @@ from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
@@ -138,7 +140,9 @@ def solve(
     recorder = StepRecorder(judge, bar)
     ladder = Ladder(model, judge, settings, recorder, partial(_open_session, settings, bar), left)
     best = ladder.climb(_chosen_rungs(schedule, rungs))
-    quality = best.quality(tolerances)
+    quality, multipliers = best.quality(tolerances), best.explain()
+    if multipliers is not None and multipliers.kind is Stationarity.S:
+        best.certificate = Certificate.PROVEN
     return SolveResult(
         name=model.name,
         stop_reason=best.reason,
@@ -147,7 +151,7 @@ def solve(
         constraint_violation=best.step.constraint_violation,
         stationarity=best.stationarity,
         certificate=best.certificate,
-        multipliers=best.multipliers,
+        multipliers=multipliers,
         residuals=recorder.residuals(),
         steps=recorder.steps,
         best_step=recorder.steps.index(best.step),
