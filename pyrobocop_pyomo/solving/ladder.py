@@ -20,7 +20,6 @@ from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
 from .rungs import CONTINUATION, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
-from .solve_result import StopReason
 from .variable_values import VariableValues
 
 logger = logging.getLogger(__name__)
