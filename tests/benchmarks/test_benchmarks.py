@@ -79,7 +79,7 @@ def test_a_re_solve_costs_little_beyond_ipopt() -> None:
 def test_methods_on_the_catalogue_are_judged_by_one_judge() -> None:
     table = run_quick("mpcc_methods")
     assert "4 feasible and 1 infeasible problems" in table
-    rows = {line[:34].strip(): line[34:].split() for line in table.splitlines()[4:]}
+    rows = {line[:38].strip(): line[38:].split() for line in table.splitlines()[4:]}
     assert {"Pyomo mpec.simple_nonlinear", "Pyomo mpec_nlp, 1 to 1e-7", "cold continuation, 1 to 1e-8"} < set(rows)
     assert rows["rcp.solve"][0] == "4"  # solved, all of them
     assert [row[3:5] for row in rows.values()] == [["0", "0"]] * len(rows)  # none falsely, and none broken
