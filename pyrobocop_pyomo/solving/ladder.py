@@ -244,6 +244,8 @@ class Ladder:
 
     def _disagree(self) -> bool:
         """Whether the rungs so far have found different solutions."""
+        if any(each.outdone for each in self._found):
+            return True
         tolerances = self._settings.tolerances
         found = [each.step.objective for each in self._found if each.step.excess(tolerances) <= 1.0]
         return len(found) > 1 and max(found) - min(found) > 1e-4 * max(1.0, *map(abs, found))
