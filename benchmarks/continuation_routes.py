@@ -8,8 +8,8 @@ shifts the relaxed rows; "ASL", "CasADi" and "mapped" say where derivatives come
 with ASL: per delta one file is written, one process started, one answer read, and multipliers travel as suffixes.
 
 Seconds from the stated model to the last answer, relaxing and writing included: the least of the repeats, which take
-turns. "files / ASL" compares the two warm columns with the same derivatives. There is no polish and no second rung:
-all walk the same path, and the last two columns of a row compare where it ends.
+turns. The ratios are files to ASL, which have the same derivatives. There is no polish and no second rung: all walk the
+same path, and "spread" compares where they end.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ def main() -> None:
         [
             ("model", "<24"),
             *((way, f">{len(way)}.3f") for way in WAYS),
-            ("files / ASL", ">11.1f"),
-            ("cold f/A", ">8.1f"),
+            ("warm ratio", ">10.1f"),
+            ("cold ratio", ">10.1f"),
         ]
     )
     seconds.header()
