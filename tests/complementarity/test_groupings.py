@@ -35,8 +35,9 @@ def stages(values=(1.0,) * 8):
     m.a = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[:4], strict=True)))
     m.b = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[4:], strict=True)))
     m.cc = Complementarity(
-        m.I, m.I, rule=lambda m, i, k: complements(m.a[i, k], m.b[i, k]), group=lambda m, i, k: i, weight=0.5
-    )
+        m.I, m.I, rule=lambda m, i, k: complements(m.a[i, k], m.b[i, k]), group=lambda m, i, k: i, weight=0.5,
+        family="stages",
+    )  # fmt: skip
     m.cost = pyo.Objective(expr=m.a[0, 0])
     return m
 
