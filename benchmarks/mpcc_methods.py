@@ -149,7 +149,7 @@ def main() -> None:
     results: dict[str, list[Outcome]] = {}
     table = Table(
         [
-            ("method", "<34"), ("solved", ">6d"), ("strict", ">6d"), ("feasible", ">8d"), ("false", ">5d"),
+            ("method", "<38"), ("solved", ">6d"), ("strict", ">6d"), ("feasible", ">8d"), ("false", ">5d"),
             ("broken", ">6d"), ("iterations", ">10d"), ("median", ">6d"), ("seconds", ">7.1f"),
         ]
     )  # fmt: skip
@@ -170,7 +170,7 @@ def show_details(results: dict[str, list[Outcome]]) -> None:
     print()
     table = Table(
         [
-            ("problem", "<32"), ("method", "<34"), ("verdict", "<20"), ("objective", ">14.7g"), ("best", ">14.7g"),
+            ("problem", "<32"), ("method", "<38"), ("verdict", "<20"), ("objective", ">14.7g"), ("best", ">14.7g"),
             ("violation", ">9.1e"), ("a*b", ">8.1e"), ("natural", ">8.1e"), ("iterations", ">10d"),
             ("seconds", ">7.2f"),
         ]

@@ -1,10 +1,12 @@
-"""Nonsmooth problems of optimal control with known answers, by the writing of their switches and by the schedule.
+"""Nonsmooth problems of optimal control with known answers, by the writing of their switches and the way down.
 
-    python benchmarks/nonsmooth_control.py [--quick] [--problems NAME ...] [--elements N] [--stages S]
+    python benchmarks/nonsmooth_control.py [--quick] [--problems NAME ...] [--ways WAY ...]
+        [--elements N] [--stages S]
 
 "pair" writes each pair at each collocation point of a uniform mesh; "crossed" multiplies the sides of all points of an
 element with each other; "detected" writes pairs of sums per element, its left end included, and lets the boundaries of
-the elements move.
+the elements move. "default" is ``rcp.solve`` as it is, "barrier" its first rung alone, "x 0.1" a continuation with
+delta = 1, 0.1, ..., 1e-8, "superlinear" one with fewer and fewer steps, "1e-8" a single delta; all are polished.
 
 "error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
 "motion" the largest difference from the true motion under the plan's own controls, every switch located. "solved"
@@ -14,6 +16,7 @@ judges all of them.
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import pyomo.environ as pyo
 from nonsmooth_problems import PROBLEMS
@@ -22,12 +25,13 @@ from table import Table, show_progress
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.schedules import Superlinear
 
-SCHEDULES = {
-    "default": None,
-    "follow": rcp.FollowBarrier(factor=2.0),
-    "x 0.1": rcp.Geometric(first=1.0, factor=0.1, last=1e-8),
-    "1e-8": rcp.Fixed(1e-8),
-    "superlinear": Superlinear(first=1.0, last=1e-8),
+# Name: what `rcp.solve` is told.
+WAYS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "barrier": {"rungs": "barrier"},
+    "x 0.1": {"schedule": rcp.Geometric(first=1.0, factor=0.1, last=1e-8)},
+    "superlinear": {"schedule": Superlinear(first=1.0, last=1e-8)},
+    "1e-8": {"schedule": rcp.Fixed(1e-8)},
 }
 # Name: whether switches are detected, grouping.
 WRITINGS = {"pair": (False, "pair"), "crossed": (False, "crossed"), "detected": (True, "pair")}
@@ -36,23 +40,25 @@ WRITINGS = {"pair": (False, "pair"), "crossed": (False, "crossed"), "detected": 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="two problems, 10 elements")
+    parser.add_argument("--quick", action="store_true", help="two problems, two ways, 10 elements")
     parser.add_argument("--problems", nargs="+", choices=list(PROBLEMS), default=list(PROBLEMS), metavar="NAME")
-    parser.add_argument("--schedules", nargs="+", choices=list(SCHEDULES), default=list(SCHEDULES), metavar="NAME")
+    parser.add_argument("--ways", nargs="+", choices=list(WAYS), default=list(WAYS), metavar="WAY")
     parser.add_argument("--elements", type=int, default=20)
     parser.add_argument("--stages", type=int, default=None, help="default: that of each problem")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds per run")
     arguments = parser.parse_args()
-    schedules = {word: SCHEDULES[word] for word in arguments.schedules}
+    ways = {word: WAYS[word] for word in arguments.ways}
+    if arguments.quick:
+        ways = {word: WAYS[word] for word in ("default", "x 0.1")}
     names = ["sliding by step", "pushed blocks"] if arguments.quick else arguments.problems
     elements = 10 if arguments.quick else arguments.elements
 
     print(f"{elements} elements of Radau with two stages, one where bodies collide and pairs are not crossed\n")
     table = Table(
         [
-            ("problem", "<26"), ("writing", "<8"), ("schedule", "<11"), ("solved", "<6"), ("iterations", ">10d"),
+            ("problem", "<26"), ("writing", "<8"), ("way", "<11"), ("solved", "<6"), ("iterations", ">10d"),
             ("objective", ">10.5f"), ("error", ">8.1e"), ("residual", ">8.1e"), ("motion", ">8.1e"),
-            ("seconds", ">7.2f"),
+            ("rung", "<12"), ("seconds", ">7.2f"),
         ]
     )  # fmt: skip
     table.header()
@@ -63,25 +69,23 @@ def main() -> None:
             # A single stage has nothing to be crossed with.
             stages = {} if writing == "pair" else {"stages": 2}
             stages |= {} if arguments.stages is None else {"stages": arguments.stages}
-            for word, schedule in schedules.items():
+            for word, way in ways.items():
                 show_progress(f"{name}, {writing}, {word}")
                 model: pyo.ConcreteModel = problem.build(elements, detect=detect, **stages)
-                result = rcp.solve(
-                    model, grouping=grouping, schedule=schedule, progress=False, time_limit=arguments.time_limit
-                )
+                result = rcp.solve(model, grouping=grouping, progress=False, time_limit=arguments.time_limit, **way)
                 judged = problem.judge(model)
                 counts[writing, word] = counts.get((writing, word), 0) + judged.solved
                 show_progress("")
                 table.add(
                     name, writing, word, "yes" if judged.solved else "no", result.iterations, judged.objective,
-                    judged.objective_error, judged.natural_residual, judged.deviation, result.seconds,
+                    judged.objective_error, judged.natural_residual, judged.deviation, result.rung, result.seconds,
                 )  # fmt: skip
 
     print(f"\nsolved, of {len(names)}\n")
-    summary = Table([("writing", "<10"), *((word, ">12d") for word in schedules)])
+    summary = Table([("writing", "<10"), *((word, ">12d") for word in ways)])
     summary.header()
     for writing in WRITINGS:
-        summary.add(writing, *(counts[writing, word] for word in schedules))
+        summary.add(writing, *(counts[writing, word] for word in ways))
 
 
 if __name__ == "__main__":

@@ -103,13 +103,6 @@ def switch_at_boundaries(m: pyo.ConcreteModel) -> None:
     )
 
 
-def search(case: str, elements: int = 20, **options) -> tuple[pyo.ConcreteModel, rcp.SolveResult]:
-    """Solve from soft to hard: while the pairs are soft, nothing decides too early how many elements a mode gets."""
-    m = build(case, elements)
-    m.name = f"{m.name} - {case}"
-    return m, rcp.solve(m, schedule=rcp.Geometric(first=1.0, factor=0.1, last=1e-8), **options)
-
-
 def minimal_time(case: str) -> float:
     """In closed form: full pedal up to the highest speed, that speed, full brake."""
     seconds = metres = 0.0
@@ -135,4 +128,4 @@ if __name__ == "__main__":
     from run_example import run_example
 
     cases = {name: {"case": name} for name in ("turbo", "hysteresis")}
-    run_example(build, draw, cases=cases, default="all", coarse={"elements": 10}, size=(10, 6), search=search)
+    run_example(build, draw, cases=cases, default="all", coarse={"elements": 10}, size=(10, 6))

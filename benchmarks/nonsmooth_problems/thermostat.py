@@ -70,4 +70,4 @@ def deviation(m: pyo.ConcreteModel) -> float:
     return float(np.abs(at_boundaries(trajectory, "heat", "radiator") - true[:, :2]).max())
 
 
-PROBLEM = NonsmoothProblem("thermostat", build, deviation, optimum, accuracy=(0.03, 2.5))
+PROBLEM = NonsmoothProblem("thermostat", build, deviation, optimum, accuracy=(0.03, 1.1))

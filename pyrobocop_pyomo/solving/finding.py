@@ -34,6 +34,8 @@ class Finding:
     certificate : Certificate
     explain : callable
         Looks for the multipliers of the pairs; None where there are none to be found.
+    outdone : bool
+        Whether this rung has left another local solution for it: there are several then.
     """
 
     rung: str
@@ -44,6 +46,7 @@ class Finding:
     load_suffixes: Callable[[], None]
     certificate: Certificate = Certificate.UNKNOWN
     explain: Callable[[], Multipliers | None] = lambda: None
+    outdone: bool = False
 
     def quality(self, tolerances: Tolerances) -> Quality:
         """How good the point is."""

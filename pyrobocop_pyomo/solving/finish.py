@@ -112,6 +112,7 @@ class Finish:
             explored = search.explore(best, self._explored)
             if explored is not best:
                 best, certificate = self._certified(search, explored)
+                finding = replace(finding, outdone=True)
         self.written.load_point(best.x)
         if best is not start:
             finding = self._replaced(finding, best)

@@ -20,7 +20,6 @@ from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
 from .rungs import CONTINUATION, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
-from .solve_result import StopReason
 from .variable_values import VariableValues
 
 logger = logging.getLogger(__name__)
@@ -234,9 +233,7 @@ class Ladder:
         if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
             return False
         if not self.best.is_certain(self._settings.tolerances, self._settings.polish):
-            # Where two solves have ended in local infeasibility, only a rung that asks for less can go on.
-            hopeless = [each.reason is StopReason.INFEASIBLE for each in self._found]
-            return not (rung is CONTINUATION and self._by_default and len(hopeless) > 1 and all(hopeless))
+            return True
         assert self._place is not None
         small = len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
         if rung is TIGHT:
@@ -247,6 +244,8 @@ class Ladder:
 
     def _disagree(self) -> bool:
         """Whether the rungs so far have found different solutions."""
+        if any(each.outdone for each in self._found):
+            return True
         tolerances = self._settings.tolerances
         found = [each.step.objective for each in self._found if each.step.excess(tolerances) <= 1.0]
         return len(found) > 1 and max(found) - min(found) > 1e-4 * max(1.0, *map(abs, found))

@@ -15,18 +15,16 @@ import pyrobocop_pyomo as rcp
 
 pytestmark = pytest.mark.casadi
 
-FROM_SOFT_TO_HARD = rcp.Geometric(first=1.0, factor=0.1, last=1e-8)
-# Products of 1e-8 leave 1e-4 where both sides of a pair are zero.
-BIACTIVE = 1e-4
-# The continuation from soft to hard does not converge for these with their switches at element boundaries.
-AT_POINTS = ("throw", "thermostat")
+# With one mode per element the thermostat is not found, and the discs have a better answer that passes through them.
+AT_POINTS = ("thermostat", "discs")
 
 
 @cache
-def solved(name: str, detect: bool = True, elements: int = 20) -> pyo.ConcreteModel:
+def solved(name: str, detect: bool | None = None, elements: int = 20) -> pyo.ConcreteModel:
+    """By ``rcp.solve`` as it is; switches are detected, but for the problems above."""
+    detect = name not in AT_POINTS if detect is None else detect
     model = PROBLEMS[name].build(elements, detect=detect, **({"stages": 2} if detect else {}))
-    result = rcp.solve(model, schedule=FROM_SOFT_TO_HARD if detect else None, progress=False)
-    result.raise_for_status()
+    rcp.solve(model, progress=False).raise_for_status()
     return model
 
 
@@ -37,8 +35,9 @@ def trajectory(name: str, *arguments: Any) -> rcp.Trajectory:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_problem_is_solved_by_independent_numbers(name: str) -> None:
-    judged = PROBLEMS[name].judge(solved(name, name not in AT_POINTS), residual=BIACTIVE)
+    judged = PROBLEMS[name].judge(solved(name))
     assert judged.faults == ()
+    assert judged.natural_residual < 1e-6
 
 
 # Where the switches are detected and the motion between them is a polynomial of the scheme's degree, nothing is left of
@@ -49,15 +48,16 @@ EXACT = ("sliding by step", "sliding by modes", "braking with friction", "turbo 
 
 @pytest.mark.parametrize("name", EXACT)
 def test_detected_switches_leave_no_error_of_discretisation(name: str) -> None:
-    judged = PROBLEMS[name].judge(solved(name), residual=BIACTIVE)
-    assert abs(judged.objective_error) < 1e-5
-    assert judged.deviation < 1e-5
+    judged = PROBLEMS[name].judge(solved(name))
+    assert abs(judged.objective_error) < 1e-7
+    assert judged.deviation < 1e-7
+    assert judged.natural_residual < 1e-8
 
 
 def test_a_wrong_motion_is_not_accepted() -> None:
     problem = PROBLEMS["sliding by step"]
     model = problem.build(20, detect=True)
-    rcp.solve(model, schedule=FROM_SOFT_TO_HARD, progress=False).raise_for_status()
+    rcp.solve(model, progress=False).raise_for_status()
     assert problem.judge(model).solved
     for t in model.phase.points:
         model.phase.right[t].set_value(0.3)
@@ -71,7 +71,7 @@ def test_a_bad_local_optimum_is_not_accepted() -> None:
     model = problem.build(20)
     model.phase.v.setub(turbo_car.THRESHOLD / 10)  # without ever using the turbo
     rcp.solve(model, progress=False).raise_for_status()
-    assert any(fault.startswith("objective error") for fault in problem.judge(model, residual=BIACTIVE).faults)
+    assert any(fault.startswith("objective error") for fault in problem.judge(model).faults)
 
 
 @pytest.mark.parametrize("name", ["sliding by step", "sliding by modes"])
@@ -83,7 +83,7 @@ def test_what_has_reached_the_surface_slides_on_it(name: str) -> None:
 
 
 def test_both_writings_of_the_switch_have_the_same_answer() -> None:
-    assert trajectory("sliding by step").duration == pytest.approx(trajectory("sliding by modes").duration, abs=1e-6)
+    assert trajectory("sliding by step").duration == pytest.approx(trajectory("sliding by modes").duration, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_both_writings_of_the_switch_have_the_same_answer() -> None:
     [("turbo car", turbo_car.optimum), ("turbo car with hysteresis", turbo_car_with_hysteresis.optimum)],
 )
 def test_the_car_takes_the_minimal_time(name: str, closed_form: Any) -> None:
-    assert trajectory(name).duration == pytest.approx(closed_form(), rel=1e-6)
+    assert trajectory(name).duration == pytest.approx(closed_form(), rel=1e-7)
 
 
 def test_memory_makes_the_car_faster_and_it_brakes_with_the_turbo() -> None:
@@ -108,8 +108,8 @@ def test_the_mass_sticks_to_the_belt_exactly() -> None:
     v = found(found.points)["v"]
     rides = (found.slower > 0.01) & (found.slower < 0.99)  # friction below its full strength
     assert rides.sum() > 10
-    assert np.abs(v[rides] - 1).max() < 1e-5
-    assert v.max() < 1 + 1e-5  # friction never drags faster than the belt
+    assert np.abs(v[rides] - 1).max() < 1e-7
+    assert v.max() < 1 + 1e-7  # friction never drags faster than the belt
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_the_mass_sticks_to_the_belt_exactly() -> None:
     ],
 )
 def test_nothing_penetrates(name: str, gap: Any) -> None:
-    assert gap(trajectory(name, name not in AT_POINTS)).min() > -1e-7
+    assert gap(trajectory(name)).min() > -1e-7
 
 
 def test_a_thrown_puck_gains_no_energy_and_ends_at_rest_on_the_floor() -> None:
@@ -131,6 +131,21 @@ def test_a_thrown_puck_gains_no_energy_and_ends_at_rest_on_the_floor() -> None:
     energy = 10 * states[:, 0] + 0.5 * (states[:, 1] ** 2 + states[:, 2] ** 2)
     assert np.diff(energy).max() < 1e-6
     assert states[-1] == pytest.approx([0, 0, 0], abs=1e-4)
+
+
+def test_the_best_answer_of_all_rungs_wins() -> None:
+    """The barrier parameter leads to a dearer local solution; the way down from delta = 1 finds a better one."""
+    problem = PROBLEMS["signum"]
+    objectives = {}
+    for rungs in ("barrier", "continuation", None):
+        model = problem.build(20)
+        result = rcp.solve(model, rungs=rungs, progress=False)
+        assert result.solved
+        assert problem.judge(model).solved
+        objectives[rungs] = result.objective
+    assert objectives["continuation"] < objectives["barrier"] - 0.05
+    assert objectives[None] == pytest.approx(objectives["continuation"], rel=1e-8)
+    assert result.rung == "continuation"
 
 
 def test_the_discs_give_way_symmetrically() -> None:
