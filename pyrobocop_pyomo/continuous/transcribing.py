@@ -181,7 +181,7 @@ def _mark_pairs(found: list[Spot], done: Discretisation) -> None:
                     if spot.component._group_rule is None:
                         data.set_group(elements[time])
                     if spot.component._family_rule is None:
-                        data.set_family(spot.family(index, axes, domain)[-1])
+                        data.set_family(spot.family(index, axes, domain)[-1][1])
                     if spot.component._weight_rule is None:
                         data.set_weight(weights[time])
 

@@ -84,9 +84,7 @@ class Finish:
         self._library = load_ipopt_library()
         self._explored = explored
         self._crossed = relaxed.crossed
-        self._program, self._kept_rows = numeric_pairs(
-            written, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed
-        )
+        self._program, self._kept_rows = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
         self._explores = self._program.pairs <= EXPLORED_PAIRS
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
 
