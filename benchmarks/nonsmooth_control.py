@@ -1,11 +1,13 @@
 """Nonsmooth problems of optimal control with known answers, by the writing of their switches and the way down.
 
-    python benchmarks/nonsmooth_control.py [--quick] [--problems NAME ...] [--ways WAY ...]
+    python benchmarks/nonsmooth_control.py [--quick] [--problems NAME ...] [--writings WRITING ...] [--ways WAY ...]
         [--elements N] [--stages S]
 
-"pair" writes each pair at each collocation point of a uniform mesh; "crossed" multiplies the sides of all points of an
-element with each other; "detected" writes pairs of sums per element, its left end included, and lets the boundaries of
-the elements move. "default" is ``rcp.solve`` as it is, "barrier" its first rung alone, "x 0.1" a continuation with
+"pair" writes each pair at each collocation point of a uniform mesh; "crossed" lets the boundaries of the elements move
+and multiplies the sides of all points of an element with each other, its left end included, by the grouping
+``Crossed(left_end="first")``; "detected" says the same by pairs of sums per element.
+
+"default" is ``rcp.solve`` as it is, "barrier" its first rung alone, "x 0.1" a continuation with
 delta = 1, 0.1, ..., 1e-8, "superlinear" one with fewer and fewer steps, "1e-8" a single delta; all are polished.
 
 "error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
@@ -33,8 +35,12 @@ WAYS: dict[str, dict[str, Any]] = {
     "superlinear": {"schedule": Superlinear(first=1.0, last=1e-8)},
     "1e-8": {"schedule": rcp.Fixed(1e-8)},
 }
-# Name: whether switches are detected, grouping.
-WRITINGS = {"pair": (False, "pair"), "crossed": (False, "crossed"), "detected": (True, "pair")}
+# Name: how the model is built, grouping.
+WRITINGS: dict[str, tuple[dict[str, bool], Any]] = {
+    "pair": ({}, "pair"),
+    "crossed": ({"moving": True}, rcp.Crossed(left_end="first")),
+    "detected": ({"detect": True}, "pair"),
+}
 
 
 def main() -> None:
@@ -42,12 +48,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="two problems, two ways, 10 elements")
     parser.add_argument("--problems", nargs="+", choices=list(PROBLEMS), default=list(PROBLEMS), metavar="NAME")
+    parser.add_argument("--writings", nargs="+", choices=list(WRITINGS), default=list(WRITINGS), metavar="WRITING")
     parser.add_argument("--ways", nargs="+", choices=list(WAYS), default=list(WAYS), metavar="WAY")
     parser.add_argument("--elements", type=int, default=20)
     parser.add_argument("--stages", type=int, default=None, help="default: that of each problem")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds per run")
     arguments = parser.parse_args()
     ways = {word: WAYS[word] for word in arguments.ways}
+    writings = {word: WRITINGS[word] for word in arguments.writings}
     if arguments.quick:
         ways = {word: WAYS[word] for word in ("default", "x 0.1")}
     names = ["sliding by step", "pushed blocks"] if arguments.quick else arguments.problems
@@ -65,13 +73,13 @@ def main() -> None:
     counts: dict[tuple[str, str], int] = {}
     for name in names:
         problem = PROBLEMS[name]
-        for writing, (detect, grouping) in WRITINGS.items():
+        for writing, (built, grouping) in writings.items():
             # A single stage has nothing to be crossed with.
             stages = {} if writing == "pair" else {"stages": 2}
             stages |= {} if arguments.stages is None else {"stages": arguments.stages}
             for word, way in ways.items():
                 show_progress(f"{name}, {writing}, {word}")
-                model: pyo.ConcreteModel = problem.build(elements, detect=detect, **stages)
+                model: pyo.ConcreteModel = problem.build(elements, **built, **stages)
                 result = rcp.solve(model, grouping=grouping, progress=False, time_limit=arguments.time_limit, **way)
                 judged = problem.judge(model)
                 counts[writing, word] = counts.get((writing, word), 0) + judged.solved
@@ -84,7 +92,7 @@ def main() -> None:
     print(f"\nsolved, of {len(names)}\n")
     summary = Table([("writing", "<10"), *((word, ">12d") for word in ways)])
     summary.header()
-    for writing in WRITINGS:
+    for writing in writings:
         summary.add(writing, *(counts[writing, word] for word in ways))
 
 

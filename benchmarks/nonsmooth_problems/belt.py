@@ -22,11 +22,13 @@ HORIZON, BELT, FRICTION = 3.0, 1.0, 2.0
 DISTANCE = BELT * HORIZON - BELT**2 / FRICTION
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """Rest to rest over DISTANCE."""
     m = pyo.ConcreteModel(name="belt")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t / HORIZON)
     b.v = rcp.State(initial=0, final=0, guess=0.5)

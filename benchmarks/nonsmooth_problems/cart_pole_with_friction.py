@@ -27,11 +27,13 @@ def accelerations(force, angle, rate, sine, cosine):
     return cart, -cart * cosine - GRAVITY * sine
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """From hanging to standing, at rest, least squared force."""
     m = pyo.ConcreteModel(name="cart-pole with friction")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=0, final=0, bounds=(-2, 2))
     b.angle = rcp.State(initial=0, final=pi, bounds=(-2 * pi, 2 * pi), guess=lambda t: pi * t / HORIZON)

@@ -10,7 +10,7 @@ boundaries may move, they move to the switches, and the scheme keeps its order; 
 happen at its boundaries.
 
 Nurkanović, Sperl, Albrecht & Diehl, Finite Elements with Switch Detection for direct optimal control of nonsmooth
-systems, Numer. Math. 156 (2024), sec. 3, doi:10.1007/s00211-024-01412-z
+systems, Numer. Math. 156 (2024), doi:10.1007/s00211-024-01412-z
 """
 
 from __future__ import annotations

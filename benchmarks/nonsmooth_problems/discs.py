@@ -19,11 +19,13 @@ from .switches import add_pair
 HORIZON, REACH, ASIDE = 4.0, 1.5, 0.6
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """From (-REACH, 0) to (REACH, 0), past discs at (0, ASIDE) and (0, -ASIDE)."""
     m = pyo.ConcreteModel(name="discs")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=-REACH, final=REACH, guess=lambda t: REACH * (2 * t / HORIZON - 1))
     b.y = rcp.State(initial=0, final=0)

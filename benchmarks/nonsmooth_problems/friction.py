@@ -21,12 +21,14 @@ from .switches import add_step
 DISTANCE, FRICTION, LARGEST = 2.0, 1.0, 3.0
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """Rest to rest over DISTANCE."""
     m = pyo.ConcreteModel(name="braking with friction")
     duration = rcp.Duration(bounds=(0.5, 10), guess=3)
     m.phase = b = rcp.PhaseBlock(
-        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t)
     b.v = rcp.State(initial=0, final=0, guess=1)

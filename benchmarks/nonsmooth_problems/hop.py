@@ -21,11 +21,13 @@ from .problem import NonsmoothProblem, at_boundaries, held
 HORIZON, START, GOAL, FOOT_GOAL, FOOT_MASS, GRAVITY, LONGEST = 0.8, 0.5, 1.2, 0.5, 0.25, 10.0, 0.9
 
 
-def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 1, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """Forces per mass of the body and per 10 m/s^2, so that standing takes a force of one."""
     m = pyo.ConcreteModel(name="hop")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.y_b = rcp.State(initial=START, final=GOAL, guess=lambda t: START + (GOAL - START) * t / HORIZON)
     b.v_b = rcp.State(initial=0)

@@ -23,11 +23,13 @@ from .problem import NonsmoothProblem, at_boundaries, held
 HORIZON, LEVEL = 2.0, 0.5
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """The first tank holds a volume of one."""
     m = pyo.ConcreteModel(name="overflow")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.g = rcp.State(initial=0, guess=0.5)
     b.h = rcp.State(initial=0, final=LEVEL, guess=lambda t: LEVEL * t / HORIZON)

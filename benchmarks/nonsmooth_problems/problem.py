@@ -55,7 +55,8 @@ class NonsmoothProblem:
     ----------
     name : str
     build : callable
-        ``build(elements, stages, scheme)`` states the model; it has one phase, ``m.phase``, and one objective.
+        ``build(elements, stages, scheme)`` states the model; it has one phase, ``m.phase``, and one objective. With
+        ``moving=True`` the boundaries of the elements move; with ``detect=True`` pairs are sums over an element, too.
     deviation : callable
         ``deviation(model)`` compares the plan with the true motion; see `Judgement`.
     optimum : callable or None

@@ -18,11 +18,13 @@ from .problem import NonsmoothProblem, at_boundaries, held
 HORIZON = 3.0
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """The contact force exists only where there is no gap."""
     m = pyo.ConcreteModel(name="pushed blocks")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=0, guess=lambda t: 2 * t / HORIZON)
     b.y = rcp.State(initial=2, final=3, guess=lambda t: 2 + t / HORIZON)

@@ -24,11 +24,13 @@ from .switches import add_step
 HORIZON, GAINS = 4.0, (0.2, 3.0)
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """The gain is the only thing to choose."""
     m = pyo.ConcreteModel(name="relay feedback")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=1, guess=lambda t: np.exp(-t))
     b.v = rcp.State(initial=0, guess=lambda t: -np.exp(-t))

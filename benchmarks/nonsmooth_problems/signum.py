@@ -24,11 +24,13 @@ from .switches import add_step
 HORIZON, TARGET = 2.0, 5 / 3
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """The start is free; there is no control."""
     m = pyo.ConcreteModel(name="signum")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=(-2, 0), guess=0)
     add_step(b, "positive", lambda b, t: b.x[t])

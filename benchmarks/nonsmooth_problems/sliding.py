@@ -24,13 +24,19 @@ START, GOAL, LARGEST = (1.0, 0.0), 4.0, 0.5
 
 
 def build(
-    elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False, writing: str = "step"
+    elements: int = 50,
+    stages: int = 2,
+    scheme: str = "radau",
+    *,
+    moving: bool = False,
+    detect: bool = False,
+    writing: str = "step",
 ) -> pyo.ConcreteModel:
     """In minimal time from START to (0, GOAL)."""
     m = pyo.ConcreteModel(name=f"sliding by {writing}")
     duration = rcp.Duration(bounds=(0.5, 10), guess=3)
     m.phase = b = rcp.PhaseBlock(
-        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=START[0], final=0, guess=lambda t: 1 - t)
     b.y = rcp.State(initial=START[1], final=GOAL, guess=lambda t: GOAL * t)

@@ -15,10 +15,7 @@ Rule = Callable[[Any, float], Any]
 
 
 def add_pair(b: rcp.PhaseBlock, name: str, continuous: Rule, other: Rule) -> None:
-    """State ``0 <= continuous ⟂ other >= 0`` as a component of its own.
-
-    What is crossed over an element are the sides of one component: two pairs in one would be crossed with each other.
-    """
+    """State ``0 <= continuous ⟂ other >= 0`` as a component of its own."""
 
     def pair(b, t):
         return rcp.complements(continuous(b, t) >= 0, other(b, t) >= 0)

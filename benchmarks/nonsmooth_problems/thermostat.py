@@ -21,11 +21,13 @@ HORIZON, START, OUTSIDE, LOW, HIGH, TARGET = 3.0, 15.0, 10.0, 19.0, 21.0, 20.0
 POWER, QUICKNESS = 12.0, 5.0
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """Temperatures relative to 20 degrees, hours; the objective only measures the deviation from them."""
     m = pyo.ConcreteModel(name="thermostat")
-    moving = MOVING if detect else None
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=moving)
+    factors = MOVING if moving or detect else None
+    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=factors)
     b.heat = rcp.State(initial=START - TARGET, guess=lambda t: min(0.0, 5 * t - 5))
     b.radiator = rcp.State(initial=0, guess=5)
     high, low = HIGH - TARGET, LOW - TARGET

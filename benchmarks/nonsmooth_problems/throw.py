@@ -23,11 +23,13 @@ from .switches import add_pair
 HORIZON, DISTANCE, FRICTION, GRAVITY = 1.0, 1.0, 0.4, 10.0
 
 
-def build(elements: int = 50, stages: int = 1, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 1, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """Forces per weight of the puck; the throw is its initial velocity."""
     m = pyo.ConcreteModel(name="throw")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t / HORIZON)
     b.y = rcp.State(initial=0, guess=lambda t: 0.2)

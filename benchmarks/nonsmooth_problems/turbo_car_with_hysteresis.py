@@ -18,12 +18,14 @@ from .problem import NonsmoothProblem, at_boundaries, held
 DISTANCE, FASTEST, ON, OFF, PLAIN, FACTOR = 200.0, 25.0, 15.0, 10.0, 5.0, 3.0
 
 
-def build(elements: int = 50, stages: int = 2, scheme: str = "radau", *, detect: bool = False) -> pyo.ConcreteModel:
+def build(
+    elements: int = 50, stages: int = 2, scheme: str = "radau", *, moving: bool = False, detect: bool = False
+) -> pyo.ConcreteModel:
     """Speeds in units of 10 m/s, distances in units of 100 m."""
     m = pyo.ConcreteModel(name="turbo car with hysteresis")
     duration = rcp.Duration(bounds=(1, 40), guess=15)
     m.phase = b = rcp.PhaseBlock(
-        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if detect else None
+        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
     )
     b.x = rcp.State(initial=0, final=DISTANCE / 100, guess=lambda t: DISTANCE / 100 * t)
     b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST / 10), guess=1)

@@ -139,7 +139,7 @@ PROBLEMS = (
     MpccProblem("anandalingam-white 1990", _anandalingam_white, -49.0, tags=LINEAR, source=f"{HANDBOOK}, 9.1.6",
                 answer={"x[1]": 16, "y[1]": 11}),
     MpccProblem("bialas-karwan 1984", _bialas_karwan, -11.0, tags=LINEAR, answer={"x[1]": 16, "y[1]": 11},
-                source="Bialas & Karwan, Management Science 30 (1984), doi:10.1287/mnsc.30.8.1004"),
+                source="Bialas & Karwan, Management Science 30 (1984)"),
     MpccProblem("bard-falk 1982", _bard_falk, -3.25, tags=LINEAR, answer={"x[1]": 2, "x[2]": 0, "y[1]": 1.5, "y[2]": 0},
                 source="Bard & Falk, Computers & Oper. Res. 9 (1982), doi:10.1016/0305-0548(82)90007-7"),
     MpccProblem("visweswaran 1996", _visweswaran, 28 / 9, tags=LINEAR, source=f"{HANDBOOK}, 9.1.9",

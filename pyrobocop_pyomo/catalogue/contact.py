@@ -121,5 +121,5 @@ PROBLEMS = (
     MpccProblem("blocks in a row", _stack, 0.03710425, tags=CONVEX, source=OWN),
     MpccProblem("four-point foot", _four_point_foot, 27 / 700, tags=CONVEX, source=OWN),
     MpccProblem("outrata31", _outrata_like, 3.2077, tags=CONTACT, source="MacMPEC (S. Leyffer), outrata31; Outrata, "
-                "SIAM J. Optim. 4 (1994), doi:10.1137/0804019", notes="The state's two equations are rows here."),
+                "SIAM J. Optim. 4 (1994)", notes="The state's two equations are rows here."),
 )  # fmt: skip

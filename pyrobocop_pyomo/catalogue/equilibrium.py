@@ -11,7 +11,7 @@ from .entries import MpccProblem
 from .stating import state_follower, state_pairs
 
 EQUILIBRIUM = frozenset({"equilibrium"})
-MURPHY = "data of Murphy, Sherali & Soyster, Math. Programming 24 (1982), doi:10.1007/BF01585096"
+MURPHY = "data of Murphy, Sherali & Soyster, Math. Programming 24 (1982)"
 FIRMS = {1: (10.0, 1.2), 2: (8.0, 1.1), 3: (6.0, 1.0), 4: (4.0, 0.9), 5: (2.0, 0.8)}
 
 
@@ -175,14 +175,14 @@ PROBLEMS = (
     MpccProblem("braess", _braess, 498.0, tags=EQUILIBRIUM | {"convex", "linear"},
                 source="Braess, Unternehmensforschung 12 (1968), doi:10.1007/BF01918335"),
     MpccProblem("network design", _network_design, 119.789327, tags=EQUILIBRIUM,
-                source="own; kind: Marcotte, Math. Programming 34 (1986), doi:10.1007/BF01580580"),
+                source="own; kind: Marcotte, Math. Programming 34 (1986)"),
     MpccProblem("electricity, two nodes", _two_node_electricity, 1210.0, tags=EQUILIBRIUM | {"maximise"},
                 source="written for this catalogue; kind: Hobbs, Metzler & Pang, IEEE Trans. Power Systems 15 (2000), "
                 "doi:10.1109/59.867153"),
     MpccProblem("spatial prices", _spatial_price, 32 / 3, tags=EQUILIBRIUM | {"convex"},
                 source="written for this catalogue"),
     MpccProblem("nash1", _nash1, 0.0, tags=EQUILIBRIUM, source="MacMPEC (S. Leyffer), problem nash1; Harker, "
-                "European J. Oper. Res. 54 (1991), doi:10.1016/0377-2217(91)90325-P"),
+                "European J. Oper. Res. 54 (1991)"),
     MpccProblem("three customers", _ration, 105.125, tags=EQUILIBRIUM | {"maximise"},
                 source="written for this catalogue"),
 )  # fmt: skip

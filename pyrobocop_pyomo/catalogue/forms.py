@@ -161,7 +161,7 @@ PROBLEMS = (
     MpccProblem("chain in a list", _complementarity_list, 0.2663889, tags=CONVEX, source="written for this catalogue"),
     MpccProblem("fixed sides", _fixed_side, 3.25, tags=CONVEX | {"fixed"}, source=INSPECTION),
     MpccProblem("murty without objective", _without_objective, 0.0, tags=CONVEX | {"linear", "no objective"},
-                source="Murty, Linear Complementarity, Linear and Nonlinear Programming (1988), ch. 6"),
+                source="Murty, Linear Complementarity, Linear and Nonlinear Programming (1988)"),
     MpccProblem("bard1 by core.kkt", _from_pyomo_kkt, 17.0, tags=FORMS | {"bilevel", "convex"},
                 source="MacMPEC (S. Leyffer), bard1", answer={"x": 1, "y": 0}),
     MpccProblem("nine orders of magnitude", _units_of_thousands, 1.0, tags=CONVEX | {"scaling"}, source=INSPECTION),

@@ -1,7 +1,7 @@
 """Programs made from random numbers: quadratic ones with affine pairs, of many sizes, always the same for a seed.
 
 The pairs are ``0 <= y ⟂ N x + M y + q >= 0`` with M monotone, as in the generator of Jiang & Ralph, Comput. Optim.
-Appl. 13 (1999), doi:10.1023/A:1008696504163. Two kinds have answers by construction: the "planted" ones, whose cost is
+Appl. 13 (1999), 25-59. Two kinds have answers by construction: the "planted" ones, whose cost is
 the distance to a complementary point, so that the best value is zero; and the "aligned" ones, whose cost has its
 minimum over the relaxed set (pairs left out) at a complementary point, by multipliers that are chosen first.
 """
@@ -85,7 +85,7 @@ def _crossed(leader: int, followers: int, seed: int, linear: bool) -> Any:
     return model
 
 
-JIANG_RALPH = "generated; kind of problem: Jiang & Ralph (1999), doi:10.1023/A:1008696504163"
+JIANG_RALPH = "generated; kind of problem: Jiang & Ralph, Comput. Optim. Appl. 13 (1999)"
 QPEC = frozenset({"quadratic", "convex", "generated", "biactive"})
 PLANTED = ((2, 4, 1), (4, 8, 2), (8, 30, 3), (20, 100, 4), (30, 300, 5))
 ALIGNED = ((3, 6, 11), (5, 15, 12), (10, 60, 13), (20, 150, 14))

@@ -12,8 +12,7 @@ from .stating import state_pairs
 
 OBSTACLE = frozenset({"obstacle"})
 CONVEX = frozenset({"obstacle", "convex"})
-OUTRATA = "Outrata, Kocvara & Zowe, Nonsmooth Approach to Optimization Problems with Equilibrium Constraints (1998), "
-OUTRATA += "doi:10.1007/978-1-4757-2825-5"
+OUTRATA = "Outrata, Kocvara & Zowe, Nonsmooth Approach to Optimization Problems with Equilibrium Constraints (1998)"
 
 
 def _string(nodes: int) -> Any:

@@ -29,13 +29,14 @@ class ComplementarityData(ActiveComponentData):
         The component that holds this pair.
     """
 
-    __slots__ = ("_bounds", "_group", "_sides", "_weight")
+    __slots__ = ("_bounds", "_family", "_group", "_sides", "_weight")
 
     def __init__(self, component: Complementarity | None = None) -> None:
         ActiveComponentData.__init__(self, component)
         self._sides: tuple[Any, Any] | None = None
         self._bounds: tuple[str | None, str | None] = (None, None)
         self._group: Hashable = None
+        self._family: Hashable = NOTSET
         self._weight: Any = 1
 
     @property
@@ -56,6 +57,17 @@ class ComplementarityData(ActiveComponentData):
     def group(self) -> Hashable:
         """Label of the group that this pair belongs to, or None."""
         return self._group
+
+    @property
+    def family(self) -> Hashable:
+        """What is equal for those pairs of a component that state the same at different times.
+
+        Where none was given, the index without its first part, which is the time in a phase and usually elsewhere.
+        """
+        if self._family is not NOTSET:
+            return self._family
+        index = self.index()
+        return index[1:] if isinstance(index, tuple) else ()
 
     @property
     def weight(self) -> Any:
@@ -100,13 +112,20 @@ class ComplementarityData(ActiveComponentData):
 
     def set_group(self, label: Hashable) -> None:
         """Say which group the pair belongs to; pairs of one block with equal labels belong together."""
+        self._group = self._hashable("group", label)
+
+    def set_family(self, label: Hashable) -> None:
+        """Say which family the pair belongs to; pairs of one component with equal labels state the same."""
+        self._family = self._hashable("family", label)
+
+    def _hashable(self, what: str, label: Hashable) -> Hashable:
         try:
             hash(label)
         except TypeError:
             raise ComplementarityError(
-                f"'{self.name}': the group label {label!r} is not hashable. Use a number, a string or a tuple."
+                f"'{self.name}': the {what} label {label!r} is not hashable. Use a number, a string or a tuple."
             ) from None
-        self._group = label
+        return label
 
     def set_weight(self, weight: Any) -> None:
         """Give the pair its measure in a penalty: a nonnegative number or an expression of parameters."""
@@ -140,6 +159,9 @@ class Complementarity(ActiveIndexedComponent):
     group : callable, mapping or hashable, optional
         Label per index: pairs of one block with equal labels are bounded together where the grouping is
         "element".
+    family : callable, mapping or hashable, optional
+        Label per index: pairs with equal labels state the same at different times, and only these are multiplied with
+        each other where the grouping is "crossed". By default the index without its first part.
     weight : callable, mapping, number or Param, optional
         Measure of the pair in a penalty, 1 if not given: a transcription passes step times quadrature weight.
 
@@ -162,6 +184,7 @@ class Complementarity(ActiveIndexedComponent):
         rule = self._pop_from_kwargs("Complementarity", kwds, ("rule", "expr"), None)
         self._rule = Initializer(rule, treat_sequences_as_mappings=False)
         self._group_rule = Initializer(kwds.pop("group", None), treat_sequences_as_mappings=False)
+        self._family_rule = Initializer(kwds.pop("family", None), treat_sequences_as_mappings=False)
         self._weight_rule = Initializer(kwds.pop("weight", None), treat_sequences_as_mappings=False)
         kwds.setdefault("ctype", Complementarity)
         ActiveIndexedComponent.__init__(self, *args, **kwds)
@@ -227,6 +250,8 @@ class Complementarity(ActiveIndexedComponent):
         try:
             if self._group_rule is not None:
                 pair.set_group(self._ask(self._group_rule, "group", pair))
+            if self._family_rule is not None:
+                pair.set_family(self._ask(self._family_rule, "family", pair))
             if self._weight_rule is not None:
                 pair.set_weight(self._ask(self._weight_rule, "weight", pair))
         except ComplementarityError:

@@ -83,6 +83,21 @@ def products(record: Record, pairs: list[RelaxedPair]) -> list[list[Product]]:
         ) from None
 
 
+def crossings(record: Record, pairs: list[RelaxedPair]) -> list[tuple[RelaxedPair, RelaxedPair]]:
+    """Couples of different pairs, of which a side of the first is multiplied with a side of the second; each once."""
+    if getattr(record.grouping, "products", None) is None:
+        return []
+    found = {
+        (id(first), id(second)): (first, second)
+        for row in products(record, pairs)
+        for product in row
+        for first in product.a_pairs
+        for second in product.b_pairs
+        if first is not second
+    }
+    return list(found.values())
+
+
 def formulate(record: Record, block: Any, group: Group, pairs: list[RelaxedPair]) -> Formulation:
     """Say what the rows of a group are, once it has these pairs; nothing is added to the model yet."""
     made = Formulation(group, pairs)
@@ -143,8 +158,14 @@ def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product]
 
 def _crosses(formed: list[list[Product]]) -> bool:
     """Whether a side is in several products: fixing them all would make sides equal to each other."""
-    sides = [id(pair) for row in formed for product in row for pair in product.a_pairs]
-    return len(set(sides)) < len(sides) or (len(formed) > 1 and len(formed[0][0].b_pairs) > 1)
+    formed_products = [product for row in formed for product in row]
+    return any(
+        len({id(pair) for pair in sides}) < len(sides)
+        for sides in (
+            [pair for product in formed_products for pair in product.a_pairs],
+            [pair for product in formed_products for pair in product.b_pairs],
+        )
+    )
 
 
 def _states(block: Any, group: Group, count: int, start: float) -> list[Any]:

@@ -99,37 +99,55 @@ class AllPairs:
         return [("all", list(pairs))] if pairs else []
 
 
+Products = list[list[tuple[Sequence[CanonicalPair], Sequence[CanonicalPair]]]]
+
+
 @dataclass(frozen=True)
 class Crossed:
     """Every a of an element is complementary to every b of it: products ``a_i * b_j`` over its stages i and j.
 
     With several stages per element it keeps switches from happening inside an element: a side that is positive at
-    one stage has a partner that is zero at all of them. An element is what carries the same group label in the same
-    `Complementarity` component; pairs without a label are elements of their own. The sides of a component are
-    taken as they are declared: the first ones with the second ones. A relaxation that fixes products bounds them
-    here, unless there is one row for the element: if all products were equal, all sides would be.
+    one stage has a partner that is zero at all of them. Only pairs that state the same are crossed: those of one
+    family in one `Complementarity` component. In a phase that is the pairs at one position (or with one key) of
+    what the rule returns; elsewhere, the pairs whose indices differ in the first part alone, unless ``family=`` says
+    otherwise. An element is what carries the same group label; pairs without a label are elements of their own. The
+    sides are taken as they are declared: the first ones with the second ones. A relaxation that fixes products
+    bounds them here, unless no side is in two of them: if all products were equal, all sides would be.
 
     Attributes
     ----------
     summed : {"none", "stage", "element"}
         How the products of an element share bounds: ``a_i * b_j <= delta`` for all i and j;
         ``a_i * sum_j b_j <= delta`` for each i; or one ``(sum_i a_i) * (sum_j b_j) <= delta``.
+    left_end : {None, "first", "second"}
+        Which side, if any, counts at the left end of an element as well: its value at the last pair of the element
+        before stands beside those of the element's own stages. It has to be the side that is continuous in time (a
+        distance, not the force that jumps), and the last stage has to be the end of the element, as it is for Radau
+        and Lobatto. So no element can begin on one side of a switch and end on the other, and with moving boundaries
+        these are where the switches are. Elements are then numbered by their labels, one by one; one whose
+        predecessor has no pair, as the first of a phase, has no left end.
 
     References
     ----------
     Nurkanovic, Sperl, Albrecht & Diehl (2024), Finite elements with switch detection for direct optimal control of
-    nonsmooth systems, sec. 3, doi:10.1007/s00211-024-01412-z
+    nonsmooth systems, doi:10.1007/s00211-024-01412-z
     """
 
     summed: str = "none"
+    left_end: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an unknown way to sum."""
+        """Refuse unknown words."""
         if self.summed not in ("none", "stage", "element"):
             raise ComplementarityError(f"{self}: summed is 'none', 'stage' or 'element'.")
+        if self.left_end not in (None, "first", "second"):
+            raise ComplementarityError(f"{self}: left_end is None, 'first' or 'second'.")
 
     def groups(self, pairs: Sequence[CanonicalPair]) -> list[tuple[Hashable | None, list[CanonicalPair]]]:
-        """One group per component, label and role, in the order of the first pair of each."""
+        """One group per family, role and element, in the order of the first pair of each.
+
+        With left ends, the elements of a family form one group, since their products overlap.
+        """
         found: dict[Hashable, list[CanonicalPair]] = {}
         names: dict[int, str] = {}
         for pair in pairs:
@@ -137,19 +155,44 @@ class Crossed:
             name = names.get(id(component))
             if name is None:
                 name = names[id(component)] = component.name
-            label = ("index", pair.source.index()) if pair.group is None else ("group", pair.group)
-            found.setdefault((name, label, pair.role), []).append(pair)
+            if pair.group is None:
+                key: tuple[Hashable, ...] = ("index", pair.source.index())
+            elif self.left_end is None:
+                key = ("group", pair.group, pair.source.family)
+            else:
+                self._check_number(pair)
+                key = ("family", pair.source.family)
+            found.setdefault((name, *key, pair.role), []).append(pair)
         return list(found.items())
 
-    def products(
-        self, pairs: Sequence[CanonicalPair]
-    ) -> list[list[tuple[Sequence[CanonicalPair], Sequence[CanonicalPair]]]]:
-        """The products of an element; each has a bound of its own."""
+    def products(self, pairs: Sequence[CanonicalPair]) -> Products:
+        """The products of a family, element by element; each has a bound of its own."""
+        if self.left_end is None or pairs[0].group is None:
+            return self._crossed(pairs, pairs)
+        # Pairs that joined later stand at the end: back to the order in which the component has them.
+        positions = {index: n for n, index in enumerate(pairs[0].source.parent_component().keys())}
+        elements: dict[Any, list[CanonicalPair]] = {}
+        for pair in sorted(pairs, key=lambda pair: positions[pair.source.index()]):
+            elements.setdefault(pair.group, []).append(pair)
+        rows: Products = []
+        for number, members in elements.items():
+            longer = [*elements.get(number - 1, [])[-1:], *members]
+            rows += self._crossed(longer, members) if self.left_end == "first" else self._crossed(members, longer)
+        return rows
+
+    def _crossed(self, firsts: Sequence[CanonicalPair], seconds: Sequence[CanonicalPair]) -> Products:
         if self.summed == "none":
-            return [[([a], [b])] for a in pairs for b in pairs]
+            return [[([a], [b])] for a in firsts for b in seconds]
         if self.summed == "stage":
-            return [[([a], pairs)] for a in pairs]
-        return [[(pairs, pairs)]]
+            return [[([a], seconds)] for a in firsts]
+        return [[(firsts, seconds)]]
+
+    def _check_number(self, pair: CanonicalPair) -> None:
+        if not isinstance(pair.group, int):
+            raise ComplementarityError(
+                f"'{pair.name}': its group label is {pair.group!r}, and {self} looks for the element before by number. "
+                "Number the elements, as phases do: group= gives 0, 1, 2, ..."
+            )
 
 
 GROUPINGS: dict[str, type] = {

@@ -15,6 +15,7 @@ from pyomo.core.base import Transformation, TransformationFactory
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalPair
+from .formulation import crossings
 from .grouping import PerPair, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
 from .pair_checks import refuse_leaves
@@ -213,6 +214,18 @@ class RelaxComplementarity(Transformation):
             for record in records_below(model)
             if record.lift
             for relaxed in record.relaxed_pairs
+        ]
+
+    def get_crossed_pairs(self, model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
+        """Return the couples of different pairs that the grouping crosses: a of the first with b of the second.
+
+        Where one of the two sides has to be zero as well, a branch of the pairs as stated does not see to it.
+        """
+        return [
+            (first.pair, second.pair)
+            for record in records_below(model)
+            for group in record.groups
+            for first, second in crossings(record, group.pairs)
         ]
 
     def get_relaxation_rows(self, model: Any) -> list[Any]:

@@ -169,7 +169,7 @@ def _inherit(found: list[Spot], done: Discretisation) -> None:
 
 
 def _mark_pairs(found: list[Spot], done: Discretisation) -> None:
-    """Tell pairs their element and their quadrature weight, where the user has not."""
+    """Tell pairs their element, their family and their quadrature weight, where the user has not."""
     elements, weights = done.grid.element_of, done.grid.quadrature_weights
     for spot in found:
         if spot.component.ctype is not Complementarity:
@@ -180,6 +180,8 @@ def _mark_pairs(found: list[Spot], done: Discretisation) -> None:
                 if domain is done.domain and time in elements:
                     if spot.component._group_rule is None:
                         data.set_group(elements[time])
+                    if spot.component._family_rule is None:
+                        data.set_family(spot.family(index, axes, domain)[-1][1])
                     if spot.component._weight_rule is None:
                         data.set_weight(weights[time])
 

@@ -20,7 +20,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 
 from .branch import Branch, nearest_branch, restricted
 from .linearisation import Linearisation
-from .lpec import Descent, steepest_piece
+from .lpec import Descent, steepest_branch
 from .problem import ComplementarityProgram, violation
 
 
@@ -162,9 +162,9 @@ class ActiveSetSearch:
         found = self._go("polish", branch, start, start.x)
         if found is None and not self._late():
             radius = max(1e-2, 10.0 * start.natural_residual)
-            piece = self._nearly_feasible_piece(Linearisation.at(self.program.nlp, start.x), radius)
-            if piece is not None and piece.branch != branch:
-                found = self._go("polish", piece.branch, start, start.x + piece.step)
+            nearby = self._nearly_feasible_branch(Linearisation.at(self.program.nlp, start.x), radius)
+            if nearby is not None and nearby.branch != branch:
+                found = self._go("polish", nearby.branch, start, start.x + nearby.step)
         return found or start
 
     def project(self, start: Candidate) -> Candidate:
@@ -172,20 +172,20 @@ class ActiveSetSearch:
 
         References
         ----------
-        Nurkanovic & Leyffer (2025), sec. 5 (phase I), doi:10.48550/arXiv.2501.13835
+        Nurkanovic & Leyffer (2025), phase I, doi:10.48550/arXiv.2501.13835
         """
         best = start
         point = Linearisation.at(self.program.nlp, start.x)
         for radius in (1.0, 10.0, 100.0, 0.1):
             if self._late() or best.violation <= self.limits.feasibility:
                 break
-            piece = self._nearly_feasible_piece(point, radius)
-            if piece is not None:
-                best = self._go("projection", piece.branch, best, start.x + piece.step) or best
+            nearby = self._nearly_feasible_branch(point, radius)
+            if nearby is not None:
+                best = self._go("projection", nearby.branch, best, start.x + nearby.step) or best
         return best
 
     def explore(self, start: Candidate, tried: set[bytes]) -> Candidate:
-        """Try the pieces that look best from a B-stationary point when the trust region reaches far.
+        """Try the branches that look best from a B-stationary point when the trust region reaches far.
 
         Where objective and rows are linear, the linear program with a large enough trust region knows the global
         optimum; elsewhere it names branches worth solving. Each improvement starts the search anew.
@@ -203,19 +203,19 @@ class ActiveSetSearch:
             point = Linearisation.at(self.program.nlp, best.x)
             tried.add(best.branch.key())
             for radius in self.limits.exploring_radii:
-                piece = steepest_piece(self.program, point, radius, time_limit=self.limits.exploring_seconds)
-                if piece is None or piece.branch.key() in tried or self._late():
+                nearby = steepest_branch(self.program, point, radius, time_limit=self.limits.exploring_seconds)
+                if nearby is None or nearby.branch.key() in tried or self._late():
                     continue
-                tried.add(piece.branch.key())
-                better = self._go("explore", piece.branch, best, best.x + piece.step)
+                tried.add(nearby.branch.key())
+                better = self._go("explore", nearby.branch, best, best.x + nearby.step)
                 if better is not None and self._improves(better, best):
                     best, improved = self.descend(better), True
                     break
         return best
 
-    def _nearly_feasible_piece(self, point: Linearisation, radius: float) -> Descent | None:
+    def _nearly_feasible_branch(self, point: Linearisation, radius: float) -> Descent | None:
         price = 1e3 * max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
-        return steepest_piece(self.program, point, radius, elastic=price, time_limit=self.limits.lpec_seconds)
+        return steepest_branch(self.program, point, radius, elastic=price, time_limit=self.limits.lpec_seconds)
 
     def descend(self, start: Candidate) -> Candidate:
         """Follow descending branches from a point that solves its own, until there is none; sets `certificate`."""
@@ -250,18 +250,18 @@ class ActiveSetSearch:
         return best
 
     def _descent(self, point: Linearisation, best: Candidate, radius: float) -> tuple[Descent | None, float]:
-        """The best piece, and by how much its decrease exceeds that of staying in the branch.
+        """The best branch, and by how much its decrease exceeds that of staying in the branch.
 
         An interior-point solution is a little away from its bounds, and the linear program would gain that distance
         in any branch.
         """
         seconds = self.limits.lpec_seconds
-        anywhere = steepest_piece(self.program, point, radius, time_limit=seconds)
+        anywhere = steepest_branch(self.program, point, radius, time_limit=seconds)
         if anywhere is None:
             return None, 0.0
         if not anywhere.open_pairs:
             return anywhere, 0.0
-        here = steepest_piece(self.program, point, radius, held=best.branch, time_limit=seconds)
+        here = steepest_branch(self.program, point, radius, held=best.branch, time_limit=seconds)
         return anywhere, anywhere.decrease - (0.0 if here is None else here.decrease)
 
     def _go(self, purpose: str, branch: Branch, start: Candidate, x: FloatArray) -> Candidate | None:

@@ -30,7 +30,7 @@ class Descent:
     decrease : float
         By how much the linearised objective falls along it, per unit of the trust radius; never negative.
     branch : Branch
-        The piece of the feasible set that the step leads into.
+        The one that the step leads into.
     proven : bool
         Whether no step within the trust radius does better, to the solver's tolerance.
     open_pairs : int
@@ -44,7 +44,7 @@ class Descent:
     open_pairs: int
 
 
-def steepest_piece(
+def steepest_branch(
     program: ComplementarityProgram,
     point: Linearisation,
     radius: float,
@@ -84,7 +84,7 @@ def steepest_piece(
     References
     ----------
     Nurkanovic & Leyffer (2025), A globally convergent method for computing B-stationary points of mathematical
-    programs with equilibrium constraints, sec. 3, doi:10.48550/arXiv.2501.13835
+    programs with equilibrium constraints, doi:10.48550/arXiv.2501.13835
     """
     nlp, n = point.nlp, point.nlp.n
     x = point.x

@@ -17,7 +17,7 @@ class Stationarity(enum.Enum):
     References
     ----------
     Scheel & Scholtes (2000), Mathematical programs with complementarity constraints: stationarity, optimality, and
-    sensitivity, sec. 2.2, doi:10.1287/moor.25.1.1.15213
+    sensitivity, Math. Oper. Res. 25, doi:10.1287/moor.25.1.1.15213
     """
 
     S = "Strongly stationary: nu >= 0 and xi >= 0 at every biactive pair, so no direction descends."

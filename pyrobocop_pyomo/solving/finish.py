@@ -25,7 +25,7 @@ from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .attempt import StepRecorder, stop_reason
 from .finding import Finding
-from .numeric_pairs import numeric_pairs
+from .numeric_pairs import numeric_pairs, without_crossed
 from .relaxed_model import RelaxedModel
 from .session import WARM_START_OPTIONS, Run
 from .settings import Settings
@@ -87,8 +87,9 @@ class Finish:
         self._values, self._left = values, left
         self._library = load_ipopt_library()
         self._explored = explored
-        self._explores = len(relaxed.lifted) <= EXPLORED_PAIRS
-        self._program, self._kept_rows = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows)
+        self._crossed = relaxed.crossed
+        self._program, self._kept_rows = numeric_pairs(written, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        self._explores = self._program.pairs <= EXPLORED_PAIRS
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
 
     def improve(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
@@ -152,9 +153,10 @@ class Finish:
         if max(found.violation, found.natural_residual) > self._settings.tolerances.natural:
             return None
         point = Linearisation.at(self._program.nlp, found.x)
-        return self._strong(found, point) or classify(
+        multipliers = self._strong(found, point) or classify(
             MultiplierProblem(self._program, point), time_limit=self._limits.lpec_seconds
         )
+        return None if multipliers is None else without_crossed(multipliers, self._crossed)
 
     def _replaced(self, finding: Finding, found: Candidate) -> Finding:
         """The finding at a point that a branch gave."""

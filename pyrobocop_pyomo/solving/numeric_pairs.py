@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,17 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import LiftedPair, SideVariable
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds, WithoutRows
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
 from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 
 def numeric_pairs(
-    written: WrittenModel, pairs: Sequence[LiftedPair], left_out: Iterable[Any]
+    written: WrittenModel,
+    pairs: Sequence[LiftedPair],
+    left_out: Iterable[Any],
+    crossed: Sequence[tuple[int, int]] = (),
 ) -> tuple[ComplementarityProgram, np.ndarray]:
     """Say which variables of a nonlinear program are complementary.
 
@@ -27,17 +32,21 @@ def numeric_pairs(
     pairs : list of LiftedPair
     left_out : iterable of ConstraintData
         The rows that relax the pairs: the program is without them.
+    crossed : sequence of (int, int)
+        Numbers of pairs: the a of the first and the b of the second are complementary as well.
 
     Returns
     -------
     ComplementarityProgram
+        Its pairs are those that were given, then the crossed ones.
     int array
         Numbers of its rows in the written model.
     """
     rows = _rows(written, left_out)
     nlp: NonlinearProgram = WithoutRows(written.nlp, rows) if rows.size else written.nlp
     positions = {id(variable): position for position, variable in enumerate(written.variables)}
-    a, b = (_sides([getattr(pair, side) for pair in pairs], positions) for side in ("a", "b"))
+    a = _sides([*(pair.a for pair in pairs), *(pairs[first].a for first, _ in crossed)], positions)
+    b = _sides([*(pair.b for pair in pairs), *(pairs[second].b for _, second in crossed)], positions)
     lower, upper = nlp.x_lower.copy(), nlp.x_upper.copy()
     for sides in (a, b):
         # Some relaxations let a side fall a little below zero; here it may not.
@@ -46,6 +55,17 @@ def numeric_pairs(
         np.minimum.at(upper, sides.index[falling], sides.offset[falling])
     kept = np.setdiff1d(np.arange(written.nlp.m), rows)
     return ComplementarityProgram(WithBounds(nlp, lower, upper), a, b), kept
+
+
+def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]) -> Multipliers:
+    """The multipliers of the pairs alone: what a side has in crossed ones is added to what it has in its own."""
+    if not crossed:
+        return multipliers
+    count = multipliers.nu.size - len(crossed)
+    nu, xi = multipliers.nu[:count].copy(), multipliers.xi[:count].copy()
+    np.add.at(nu, [first for first, _ in crossed], multipliers.nu[count:])
+    np.add.at(xi, [second for _, second in crossed], multipliers.xi[count:])
+    return replace(multipliers, nu=nu, xi=xi)
 
 
 def _rows(written: WrittenModel, rows: Iterable[Any]) -> np.ndarray:

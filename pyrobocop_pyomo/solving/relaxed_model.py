@@ -30,6 +30,8 @@ class RelaxedModel:
     pairs : list of CanonicalPair
     lifted : list of LiftedPair
         Empty where the user has relaxed the model without lifting.
+    crossed : list of (int, int)
+        Numbers of two different pairs: of the first one's a and the second one's b, one has to be zero as well.
     shifted_rows : list of ConstraintData
         Those that a shift of delta moves.
     relaxing_rows : list of ConstraintData
@@ -42,6 +44,7 @@ class RelaxedModel:
     block: Any = None
     pairs: list[CanonicalPair] = field(default_factory=list)
     lifted: list[LiftedPair] = field(default_factory=list)
+    crossed: list[tuple[int, int]] = field(default_factory=list)
     shifted_rows: list[Any] = field(default_factory=list)
     relaxing_rows: list[Any] = field(default_factory=list)
     decisions: list[Decision] = field(default_factory=list)
@@ -118,11 +121,15 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
 
 def _described(model: Any, block: Any) -> RelaxedModel:
     relax = TransformationFactory(TRANSFORMATION)
+    lifted = relax.get_lifted_pairs(model)
+    numbers = {id(each.pair): number for number, each in enumerate(lifted)}
+    crossed = relax.get_crossed_pairs(model) if lifted else []
     return RelaxedModel(
         model,
         block,
         relax.get_pairs(model),
-        relax.get_lifted_pairs(model),
+        lifted,
+        [(numbers[id(first)], numbers[id(second)]) for first, second in crossed],
         relax.relaxed_rows(model),
         relax.get_relaxation_rows(model),
     )

@@ -85,7 +85,10 @@ def test_schedule_never_increases_and_meets_its_last_value():
 def test_schedule_solves():
     result = rcp.solve(corner(), schedule=Superlinear(), route="casadi", polish=False)
     result.raise_for_status()
-    assert [step.delta for step in result.steps] == list(Superlinear().steps())[: len(result.steps)]
+    # After the schedule the nearest branch is solved, which has no delta.
+    relaxed = [step.delta for step in result.steps if step.delta is not None]
+    assert len(relaxed) > 1
+    assert relaxed == list(Superlinear().steps())[: len(relaxed)]
 
 
 # -------------------------------------------------------------------- grouping

@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
-from pyrobocop_pyomo.mpcc.lpec import steepest_piece
+from pyrobocop_pyomo.mpcc.lpec import steepest_branch
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
@@ -36,7 +36,7 @@ def test_b_stationary_points_that_are_not_strongly_stationary_are_certified(make
 
 
 @needs_ipopt
-def test_an_m_stationary_point_that_is_not_b_is_left_along_the_descent_piece():
+def test_an_m_stationary_point_that_is_not_b_is_left_along_the_branch_that_descends():
     program = trap()
     wrong = Branch(np.array([False]), np.array([True]))  # y held at zero: x^2 + 1 is least at the origin
     search = ActiveSetSearch(program, ipopt)
@@ -76,7 +76,7 @@ def test_the_linear_program_agrees_with_the_enumeration_of_branches(data):
     A = np.array([data.draw(st.lists(numbers, min_size=2 * k, max_size=2 * k)) for _ in range(2)])
     nlp = QuadraticProgram(c, A=A, g_upper=[0.0, 0.5], x_lower=np.zeros(2 * k))
     program = ComplementarityProgram(nlp, sides(np.arange(k)), sides(k + np.arange(k)))
-    found = steepest_piece(program, Linearisation.at(nlp, np.zeros(2 * k)), radius=0.1)
+    found = steepest_branch(program, Linearisation.at(nlp, np.zeros(2 * k)), radius=0.1)
     best = 0.0
     for choice in itertools.product([True, False], repeat=k):
         zero = np.concatenate([choice, np.logical_not(choice)])

@@ -18,8 +18,8 @@ class AugmentedLagrangian:
     References
     ----------
     Izmailov, Solodov & Uskov (2012), Global convergence of augmented Lagrangian methods applied to optimization
-    problems with degenerate constraints, including problems with complementarity constraints, sec. 2,
-    doi:10.1137/120868359
+    problems with degenerate constraints, including problems with complementarity constraints,
+    SIAM J. Optim. 22:1579-1606
     """
 
     def coefficient(self, delta: Any) -> Any:

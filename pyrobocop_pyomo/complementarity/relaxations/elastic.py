@@ -23,7 +23,7 @@ class Elastic:
     References
     ----------
     Anitescu, Tseng & Wright (2007), Elastic-mode algorithms for mathematical programs with equilibrium constraints:
-    global convergence and stationarity properties, sec. 1, doi:10.1007/s10107-006-0005-4
+    global convergence and stationarity properties, Math. Program. 110, doi:10.1007/s10107-006-0005-4
     """
 
     excess_bound: float = 10.0

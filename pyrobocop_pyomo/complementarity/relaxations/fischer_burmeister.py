@@ -20,9 +20,9 @@ class FischerBurmeister:
 
     References
     ----------
-    Fischer (1992), A special Newton-type optimization method, doi:10.1080/02331939208843795;
-    with delta: Kanzow (1996), Some noninterior continuation methods for linear complementarity problems, sec. 2,
-    doi:10.1137/S0895479894273134
+    Fischer (1992), A special Newton-type optimization method, Optimization 24:269-284;
+    with delta: Kanzow (1996), Some noninterior continuation methods for linear complementarity problems,
+    SIAM J. Matrix Anal. Appl. 17:851-868
     """
 
     equality: bool = False

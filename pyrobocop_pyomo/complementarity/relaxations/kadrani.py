@@ -18,7 +18,7 @@ class Kadrani:
     References
     ----------
     Kadrani, Dussault & Benchakroun (2009), A new regularization scheme for mathematical programs with
-    complementarity constraints, sec. 3, doi:10.1137/070705490
+    complementarity constraints, SIAM J. Optim. 20, doi:10.1137/070705490
     """
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:

@@ -18,7 +18,7 @@ class KanzowSchwartz:
     References
     ----------
     Kanzow & Schwartz (2013), A new regularization method for mathematical programs with complementarity constraints
-    with strong convergence properties, sec. 3, doi:10.1137/100802487
+    with strong convergence properties, SIAM J. Optim. 23, doi:10.1137/100802487
     """
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:

@@ -17,7 +17,7 @@ class LinFukushima:
     References
     ----------
     Lin & Fukushima (2005), A modified relaxation scheme for mathematical programs with complementarity
-    constraints, sec. 2, doi:10.1007/s10479-004-5024-z
+    constraints, Ann. Oper. Res. 133, doi:10.1007/s10479-004-5024-z
     """
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:

@@ -21,7 +21,7 @@ class Scholtes:
     References
     ----------
     Scholtes (2001), Convergence properties of a regularization scheme for mathematical programs with
-    complementarity constraints, sec. 3, doi:10.1137/S1052623499361233
+    complementarity constraints, SIAM J. Optim. 11, doi:10.1137/S1052623499361233
     """
 
     equality: bool = False

@@ -21,8 +21,8 @@ class ChenHarkerKanzowSmale:
     References
     ----------
     Chen & Harker (1993), A non-interior-point continuation method for linear complementarity problems,
-    doi:10.1137/0614081; Kanzow (1996), Some noninterior continuation methods for linear complementarity problems,
-    sec. 2, doi:10.1137/S0895479894273134
+    SIAM J. Matrix Anal. Appl. 14; Kanzow (1996), Some noninterior continuation methods for linear complementarity
+    problems, SIAM J. Matrix Anal. Appl. 17:851-868
     """
 
     equality: bool = False

@@ -20,7 +20,7 @@ class SteffensenUlbrich:
     References
     ----------
     Steffensen & Ulbrich (2010), A new relaxation scheme for mathematical programs with equilibrium constraints,
-    sec. 3, doi:10.1137/090748883
+    SIAM J. Optim. 20, doi:10.1137/090748883
     """
 
     def residual(self, a: Any, b: Any, delta: Any) -> Any:

@@ -29,7 +29,7 @@ class TwoSided:
     References
     ----------
     DeMiguel, Friedlander, Nogales & Scholtes (2005), A two-sided relaxation scheme for mathematical programs with
-    equilibrium constraints, sec. 3, doi:10.1137/04060754X
+    equilibrium constraints, SIAM J. Optim. 16, doi:10.1137/04060754X
     """
 
     threshold: float = 1e-6
