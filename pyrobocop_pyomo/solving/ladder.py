@@ -29,8 +29,7 @@ logger = logging.getLogger(__name__)
 CROSS_CHECKED_PAIRS = 100
 # A small problem that takes longer does not get anywhere; the next rung does.
 SMALL_PROBLEM_ITERATIONS = {"barrier": 300, "tight": 100, "continuation": 200, "elastic": 100}
-
-
+# Where the polish fails. Ipopt's tolerance is absolute, and would hide products of this size.
 TIGHTENED = Geometric(first=1e-10, factor=1e-2, last=1e-12)
 TIGHTENED_OPTIONS = {"tol": 1e-10, "s_max": 1e8}
 

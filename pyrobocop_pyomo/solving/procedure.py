@@ -67,13 +67,16 @@ def solve(
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
     * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 100 pairs;
-    * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values;
+    * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values; also a second opinion
+      on certain points where there are more than 100 pairs, or where solutions found so far differ;
     * "elastic": the products below a variable that is charged in the objective;
     * "projection": the branch that the linearised constraints can be met in, from the best point so far.
 
     Every rung is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is
     met exactly; other branches through the point are followed as long as they descend; and the multipliers that are
-    left, or a linear program with complementarity constraints, certify that none does.
+    left, or a linear program with complementarity constraints, certify that none does. Up to 100 pairs, branches that
+    the same linear program names from farther away are tried as well (steps "explore"). Where no branch can be solved,
+    delta goes down to 1e-12 instead.
 
     Parameters
     ----------
