@@ -252,7 +252,7 @@ def test_shares_of_roots_exist_where_the_sum_holds(word, values, delta):
 
 @given(x=st.floats(-3, 3))
 def test_lifting(x):
-    """eq-lift and eq-parts: generated variables, their start values and their rows."""
+    """eq-lift and eq-range-parts: generated variables, their start values and their rows."""
     m = pyo.ConcreteModel(name="lifted")
     m.x, m.y = pyo.Var(initialize=x), pyo.Var(bounds=(0, None), initialize=1)
     m.F = pyo.Var(bounds=(-1, 2), initialize=0.5)
