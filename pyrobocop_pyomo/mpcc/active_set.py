@@ -81,8 +81,8 @@ def candidate_at(
 class NlpSolver(Protocol):
     """Solves a nonlinear program from a point with multipliers."""
 
-    def __call__(self, nlp: NonlinearProgram, start: Candidate, iterations: int | None) -> IpoptOutcome:
-        """Return how it ended, with the last point in any case; with at most so many iterations, if that is given."""
+    def __call__(self, nlp: NonlinearProgram, start: Candidate, iterations: int) -> IpoptOutcome:
+        """Return how it ended, with the last point in any case; with at most so many iterations."""
         ...
 
 
@@ -112,6 +112,8 @@ class Limits:
         For one linear program of that search.
     exploring_iterations : int
         For one branch of that search.
+    polishing_iterations : int
+        For any other branch.
     """
 
     feasibility: float = 1e-6
@@ -124,6 +126,7 @@ class Limits:
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
     exploring_seconds: float = 0.5
     exploring_iterations: int = 200
+    polishing_iterations: int = 300
 
 
 @dataclass(eq=False)
@@ -264,7 +267,8 @@ class ActiveSetSearch:
     def _go(self, purpose: str, branch: Branch, start: Candidate, x: FloatArray) -> Candidate | None:
         """Solve a branch; None where its answer may not replace the start."""
         nlp = restricted(self.program, branch)
-        iterations = self.limits.exploring_iterations if purpose == "explore" else None
+        limits = self.limits
+        iterations = limits.exploring_iterations if purpose == "explore" else limits.polishing_iterations
         outcome = self.solve(nlp, replace(start, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
         if not np.isfinite(outcome.x).all():
             return None

@@ -71,6 +71,7 @@ class AslProgram:
             AmplInterface.libname = library  # Pyomo itself found none: nothing of the user's is overruled
         self._asl = _open(str(path), external_functions)
         self.n = self._asl.get_n_vars()
+        self._pattern = np.modf(np.arange(1, self.n + 1) * 0.6180339887498949)[0]
         self.m = self._asl.get_n_constraints()
         self.x_lower, self.x_upper = np.empty(self.n), np.empty(self.n)
         self.g_lower, self.g_upper = np.empty(self.m), np.empty(self.m)
@@ -106,6 +107,8 @@ class AslProgram:
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
+        # Without the value at this very point ASL has no error to return, and ends the process instead.
+        self._evaluate_objective(x)
         values = np.empty(self.n)
         try:
             self._asl.eval_deriv_f(x, values)
@@ -126,6 +129,7 @@ class AslProgram:
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
+        self._evaluate_constraints(x)
         values = np.empty(self.jacobian_structure[0].size)
         try:
             self._asl.eval_jac_g(x, values)
@@ -135,14 +139,41 @@ class AslProgram:
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
-        # ASL takes second derivatives at the point where it last evaluated the functions, whatever x it is given.
-        if self._objective_at is None or not np.array_equal(self._objective_at, x):
-            self.objective(x)
-        if self._constraints_at is None or not np.array_equal(self._constraints_at, x):
-            self.constraints(x)
+        self._evaluate_functions(x)
         values = np.empty(self.hessian_structure[0].size)
         self._asl.eval_hes_lag(x, multipliers, values, objective_factor)
         return values
+
+    def _evaluate_functions(self, x: FloatArray) -> None:
+        """Evaluate the functions where the second derivatives are wanted.
+
+        ASL takes these at the point where it last evaluated the functions, whatever x it is given. And where one is
+        infinite, as that of x**1.5 at 0, it has no error to return: it ends the process. So a point with a variable
+        on a bound or at zero, where that happens, is moved off by about rounding, each variable by another number
+        so that differences do not stay zero.
+        """
+        on_edge = (x == self.x_lower) | (x == self.x_upper) | (x == 0.0)
+        if on_edge.any():
+            step = 1e-10 * (1.0 + np.abs(x)) * (1.0 + self._pattern)
+            away = np.where(x == self.x_upper, -1.0, 1.0)
+            try:
+                self._evaluate_at(x + away * step)
+            except EvaluationError:
+                self._evaluate_at(x - away * step)
+        else:
+            self._evaluate_at(x)
+
+    def _evaluate_at(self, x: FloatArray) -> None:
+        self._evaluate_objective(x)
+        self._evaluate_constraints(x)
+
+    def _evaluate_objective(self, x: FloatArray) -> None:
+        if self._objective_at is None or not np.array_equal(self._objective_at, x):
+            self.objective(x)
+
+    def _evaluate_constraints(self, x: FloatArray) -> None:
+        if self._constraints_at is None or not np.array_equal(self._constraints_at, x):
+            self.constraints(x)
 
 
 def _open(path: str, external_functions: str) -> AmplInterface:

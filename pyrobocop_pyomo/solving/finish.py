@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
@@ -29,6 +31,8 @@ from .session import WARM_START_OPTIONS, Run
 from .settings import Settings
 from .solve_result import Quality, Step, StopReason
 from .variable_values import VariableValues
+
+logger = logging.getLogger(__name__)
 
 # Enough to leave a bound that the branch does not hold any more, little enough to stay near the point.
 POLISH_OPTIONS = {
@@ -89,7 +93,18 @@ class Finish:
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
 
     def improve(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
-        """Polish the point on the model, follow descending branches, and certify where that ends."""
+        """Polish the point on the model, follow descending branches, and certify where that ends.
+
+        Where a function has no derivative at an exactly complementary point, the finding stays as it is.
+        """
+        try:
+            return self._improved(finding, multipliers)
+        except EvaluationError as error:
+            logger.info("rung '%s': its point cannot be polished or certified: %s", finding.rung, error)
+            self._values.write(finding.values)
+            return finding
+
+    def _improved(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
         start = candidate_at(self._program, self.written.current_point(), self._without_relaxing_rows(multipliers))
         search = self._search()
         # Far from feasible the nearest branch means nothing: that is for other rungs.
@@ -165,10 +180,9 @@ class Finish:
         self._solved: list[tuple[Step, IpoptOutcome, Candidate]] = []
         return ActiveSetSearch(self._program, self._solve, self._limits, self._record)
 
-    def _solve(self, nlp: NonlinearProgram, start: Candidate, iterations: int | None) -> IpoptOutcome:
+    def _solve(self, nlp: NonlinearProgram, start: Candidate, iterations: int) -> IpoptOutcome:
         options: Mapping[str, Any] = {**POLISH_OPTIONS, **self._settings.options}
-        if iterations is not None:
-            options = {**options, "max_iter": min(iterations, options["max_iter"])}
+        options = {**options, "max_iter": min(iterations, options["max_iter"])}
         left = self._left()
         if left is not None:
             options = {**options, "max_wall_time": max(left, 1e-3)}

@@ -177,3 +177,24 @@ def test_what_casadi_cannot_read_names_the_remedy(tmp_path):
 def test_the_source_of_derivatives_is_checked_by_name():
     with pytest.raises(ValueError, match=r"'finite'; it must be 'asl', 'casadi', 'mapped' or None"):
         WrittenModel(transcendental(), "finite")
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize("bounds", [(0.0, None), (None, 0.0), (0.0, 3.0)])
+def test_a_second_derivative_that_is_infinite_at_a_bound_does_not_end_the_process(bounds: tuple) -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=bounds, initialize=1.0)
+    m.o = pyo.Objective(expr=(m.x if bounds[0] is not None else -m.x) ** 1.75)
+    nlp = WrittenModel(m, "asl").nlp
+    assert np.isfinite(nlp.hessian(np.zeros(1), 1.0, np.zeros(0))).all()
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize("derivative", ["gradient", "jacobian"])
+def test_an_infinite_derivative_is_an_error_and_not_the_end_of_the_process(derivative: str) -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, None), initialize=1.0)
+    m.o = pyo.Objective(expr=pyo.sqrt(m.x))
+    m.c = pyo.Constraint(expr=pyo.sqrt(m.x) <= 2)
+    with pytest.raises(EvaluationError, match="ASL cannot evaluate the"):
+        getattr(WrittenModel(m, "asl").nlp, derivative)(np.zeros(1))
