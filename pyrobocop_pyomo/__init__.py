@@ -31,6 +31,7 @@ from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
 from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
 from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
+from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 from pyrobocop_pyomo.phases import (
     Algebraic,
@@ -54,6 +55,7 @@ from pyrobocop_pyomo.solving import (
     RecedingHorizon,
     RefinedResult,
     RefinementEnd,
+    Rung,
     Sensitivity,
     SequenceRanking,
     SolveResult,
@@ -73,6 +75,7 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
     "Control",
@@ -106,6 +109,7 @@ __all__ = [
     "RefinedResult",
     "RefinementEnd",
     "Route",
+    "Rung",
     "Scheme",
     "Scholtes",
     "Sensitivity",
@@ -116,6 +120,7 @@ __all__ = [
     "SquareSlider",
     "Start",
     "State",
+    "Stationarity",
     "SteffensenUlbrich",
     "StopReason",
     "Superlinear",

@@ -10,6 +10,7 @@ from .procedure import solve
 from .receding_horizon import HorizonStep, RecedingHorizon
 from .refined_result import RefinedResult, RefinementEnd, RefinementStep
 from .refinement import solve_refined
+from .rungs import Rung
 from .sensitivity import Sensitivity, sensitivity
 from .sequence_ranking import SequenceOutcome, SequenceRanking
 from .sequence_solver import solve_sequences
@@ -30,6 +31,7 @@ __all__ = [
     "RefinedResult",
     "RefinementEnd",
     "RefinementStep",
+    "Rung",
     "Sensitivity",
     "SequenceOutcome",
     "SequenceRanking",

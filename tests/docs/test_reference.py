@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import re
+
+import pytest
 
 import pyrobocop_pyomo
 
@@ -14,6 +17,13 @@ def test_every_public_name_is_in_the_reference() -> None:
     shown = {path.rpartition(".")[2] for path in re.findall(r"auto(?:class|function):: (\S+)", text)}
     assert "automodule:: pyrobocop_pyomo.errors" in text  # all of them
     assert set(pyrobocop_pyomo.__all__) - shown - set(vars(pyrobocop_pyomo.errors)) == {"__version__"}
+
+
+@pytest.mark.parametrize("folder", ["complementarity", "mpcc", "solving", "catalogue"])
+def test_every_name_that_a_folder_offers_is_in_the_reference(folder: str) -> None:
+    text = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "reference").glob("*.md"))
+    shown = {path.rpartition(".")[2] for path in re.findall(r"auto(?:class|function):: (\S+)", text)}
+    assert set(importlib.import_module(f"pyrobocop_pyomo.{folder}").__all__) <= shown
 
 
 def test_every_error_is_drawn_in_the_tree() -> None:

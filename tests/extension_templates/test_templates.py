@@ -11,10 +11,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import Grouping, Relaxation, Schedule
+from pyrobocop_pyomo.complementarity import Grouping, KeepsBounds, Relaxation, Schedule
 
 from .collocation_scheme import chebyshev
 from .grouping import PerComponent
+from .learning_relaxation import Reluctant
 from .relaxation import FischerBurmeister
 from .schedule import Superlinear
 
@@ -68,6 +69,26 @@ def test_relaxation_solves():
     m = corner()
     result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.Geometric(), route="casadi")
     assert result.largest_product < 1e-7
+    assert result.objective == pytest.approx(2.0, abs=1e-5)
+
+
+def test_a_relaxation_keeps_numbers_between_solves():
+    assert isinstance(Reluctant(), KeepsBounds)
+    m = corner()
+    relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
+    relax.apply_to(m, relaxation=Reluctant(), delta=0.5)
+    first, second = relax.get_relaxation_rows(m)
+    m.a[1].set_value(0.0)  # its product vanishes by itself
+    relax.advance(m, 0.1, {first: 0.0, second: -1.0})  # of either sign
+    assert [pyo.value(row.upper) for row in (first, second)] == [0.5, 0.1]
+    relax.restart(m, 0.5)
+    assert [pyo.value(row.upper) for row in (first, second)] == [0.5, 0.5]
+
+
+@pytest.mark.casadi
+def test_a_relaxation_that_keeps_numbers_solves():
+    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.Geometric(), route="casadi")
+    result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
 

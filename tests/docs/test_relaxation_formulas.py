@@ -1,0 +1,290 @@
+"""The numbered formulas of relaxations, groupings, lifting and schedules, evaluated against the code."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity.formulation import SMALLEST_SHARE
+
+from .code_blocks import ROOT
+
+PAGE = (ROOT / "docs" / "explanation" / "complementarity.md").read_text(encoding="utf-8")
+
+sides = st.floats(-2, 5)
+deltas = st.floats(1e-3, 1.0)
+
+
+def relax():
+    return pyo.TransformationFactory("pyrobocop.relax_complementarity")
+
+
+def pair(**options):
+    """A pair whose signs no bound keeps, so that all that is generated shows; relaxed."""
+    m = pyo.ConcreteModel(name="one pair")
+    m.a, m.b = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.a >= 0, m.b >= 0), weight=0.5)
+    m.cost = pyo.Objective(expr=m.a)
+    relax().apply_to(m, **options)
+    return m
+
+
+def holds(m, a, b):
+    """Whether all generated rows hold at a point."""
+    m.a.set_value(a)
+    m.b.set_value(b)
+    return all(
+        (row.lb is None or pyo.value(row.body) >= row.lb) and (row.ub is None or pyo.value(row.body) <= row.ub)
+        for row in m.relaxed_complementarity.component_data_objects(pyo.Constraint, active=True)
+    )
+
+
+def kink(z, delta):
+    """eq-steffensen-ulbrich."""
+    return abs(z) if abs(z) >= delta else (-(z**4) / delta**3 + 6 * z**2 / delta + 3 * delta) / 8
+
+
+def phi(p, q):
+    """eq-kanzow-schwartz."""
+    return p * q if p + q >= 0 else -(p**2 + q**2) / 2
+
+
+# By the word that chooses them: what the page says must not be positive.
+INEQUALITIES = {
+    "scholtes": lambda a, b, d: [-a, -b, a * b - d],
+    "fischer-burmeister": lambda a, b, d: [-a, -b, a + b - math.sqrt(a**2 + b**2 + 2 * d)],
+    "chks": lambda a, b, d: [-a, -b, a + b - math.sqrt((a - b) ** 2 + 4 * d)],
+    "lin-fukushima": lambda a, b, d: [a * b - d**2, d**2 - (a + d) * (b + d)],
+    "kadrani": lambda a, b, d: [(a - d) * (b - d), -a - d, -b - d],
+    "steffensen-ulbrich": lambda a, b, d: [-a, -b, a + b - kink(a - b, d)],
+    "kanzow-schwartz": lambda a, b, d: [-a, -b, phi(a - d, b - d)],
+    "two-sided": lambda a, b, d: [a * b - d, -a - d, -b - d],
+}
+
+
+@pytest.mark.parametrize("word", INEQUALITIES)
+@given(a=sides, b=sides, delta=deltas)
+def test_the_rows_that_are_built_are_those_of_the_page(word, a, b, delta):
+    excess = INEQUALITIES[word](a, b, delta)
+    assume(min(abs(each) for each in excess) > 1e-9)
+    assert holds(pair(relaxation=word, delta=delta), a, b) == (max(excess) <= 0)
+
+
+@pytest.mark.parametrize(
+    ("word", "formula"),
+    [
+        ("scholtes-equality", lambda a, b, d: a * b - d),
+        ("fischer-burmeister-equality", lambda a, b, d: a + b - math.sqrt(a**2 + b**2 + 2 * d)),
+        ("chks-equality", lambda a, b, d: a + b - math.sqrt((a - b) ** 2 + 4 * d)),
+    ],
+)
+@given(a=sides, b=sides, delta=deltas)
+def test_equalities(word, formula, a, b, delta):
+    m = pair(relaxation=word, delta=delta)
+    (row,) = relax().get_relaxation_rows(m)
+    m.a.set_value(a)
+    m.b.set_value(b)
+    assert row.equality
+    assert pyo.value(row.body) - row.ub == pytest.approx(formula(a, b, delta), abs=1e-9)
+
+
+@given(a=sides, b=sides, delta=deltas)
+def test_roots(a, b, delta):
+    """eq-roots: what was squared is the product."""
+    root = a + b - rcp.FischerBurmeister().residual(a, b, delta)
+    smooth = a + b - rcp.ChenHarkerKanzowSmale().residual(a, b, delta)
+    assert (a + b) ** 2 - root**2 == pytest.approx(2 * (a * b - delta), abs=1e-9)
+    assert (a + b) ** 2 - smooth**2 == pytest.approx(4 * (a * b - delta), abs=1e-9)
+
+
+@given(a=st.floats(0, 3), b=st.floats(0, 3), delta=deltas)
+def test_prices(a, b, delta):
+    """eq-penalty, eq-elastic and eq-augmented-lagrangian, as objectives; the weight is 0.5."""
+
+    def objective(m):
+        m.a.set_value(a)
+        m.b.set_value(b)
+        (found,) = m.component_data_objects(pyo.Objective, active=True)
+        return pyo.value(found)
+
+    assert objective(pair(relaxation="l1", delta=delta)) == pytest.approx(a + 0.5 * a * b / delta)
+    m = pair(relaxation="linf", delta=delta)
+    t = m.relaxed_complementarity.excess
+    t.set_value(0.7)
+    assert objective(m) == pytest.approx(a + 0.7 / delta)
+    (row,) = relax().get_relaxation_rows(m)
+    assert (row.lb, t.lb, t.ub) == (None, 0, rcp.Elastic().excess_bound)
+    assert pyo.value(row.body) - pyo.value(row.upper) == pytest.approx(a * b - 0.7)
+    m = pair(relaxation="augmented-lagrangian", delta=delta)
+    assert objective(m) == pytest.approx(a + 0.5 * (a * b) ** 2 / (2 * delta))
+    relax().advance(m, delta)
+    multiplier = a * b / delta
+    assert objective(m) == pytest.approx(a + 0.5 * (multiplier * a * b + (a * b) ** 2 / (2 * delta)))
+
+
+@given(
+    a=sides,
+    b=sides,
+    multiplier=st.floats(0, 2),
+    numbers=st.tuples(deltas, deltas),
+    after=st.floats(1e-3, 1.0),
+    threshold=st.floats(0.1, 1),
+)
+def test_two_sided_update(a, b, multiplier, numbers, after, threshold):
+    """eq-two-sided-update."""
+    scheme, (d, s) = rcp.TwoSided(threshold), numbers
+    stays = multiplier * max(a, b) <= threshold and min(a, b) <= after and a * b <= after
+    assert scheme.next_bound(d, after, [(a, b)], multiplier) == (d if stays else min(d, after))
+    kept = multiplier * b > threshold and a >= -after
+    assert scheme.next_slack(s, after, a, b, multiplier) == (s if kept else min(s, after))
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize("delta", [1e-2, 1e-3])
+def test_multipliers_of_relaxed_points(delta):
+    """eq-relaxed-multipliers and eq-c-sign: at a relaxed solution, what acts on the sides is the objective's slope."""
+    m = pyo.ConcreteModel(name="pulled up")
+    m.a, m.b = pyo.Var(bounds=(0, None), initialize=1.9), pyo.Var(bounds=(0, None), initialize=0.1)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
+    m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
+    relax().apply_to(m, delta=delta)
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    pyo.SolverFactory("pyrobocop.ipopt").solve(m, options={"tol": 1e-10})
+    (row,) = relax().get_relaxation_rows(m)
+    multiplier, a, b = abs(m.dual[row]), m.a.value, m.b.value
+    nu, xi = -multiplier * b, -multiplier * a
+    assert [nu, xi] == pytest.approx([2 * (a - 2), 2 * (b - 1)], rel=1e-4, abs=1e-6)
+    assert nu * xi == pytest.approx(multiplier**2 * delta, rel=1e-4)
+
+
+@pytest.mark.parametrize("delta", [1e-2, 1e-4, 1e-8])
+def test_a_limit_that_is_c_and_no_more(delta):
+    """eq-c-example: the gradient of the Lagrangian vanishes at a = b = sqrt(delta)."""
+    root = math.sqrt(delta)
+    nu = 2 * (root - 1)
+    multiplier = -nu / root
+    step = 1e-6 * root
+    scheme = rcp.Scholtes()
+    slope = (scheme.residual(root + step, root, delta) - scheme.residual(root - step, root, delta)) / (2 * step)
+    assert 2 * (root - 1) + multiplier * slope == pytest.approx(0.0, abs=1e-6)
+    assert scheme.residual(root, root, delta) == pytest.approx(0.0, abs=1e-15)
+    assert nu + 2 == pytest.approx(2 * root)
+
+
+# -------------------------------------------------------------------- groupings
+
+
+def stages(values, **options):
+    """Two elements of two stages, relaxed."""
+    m = pyo.ConcreteModel(name="stages")
+    m.I = pyo.Set(initialize=[0, 1])
+    m.a = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[:4], strict=True)))
+    m.b = pyo.Var(m.I, m.I, bounds=(0, None), initialize=dict(zip(m.I * m.I, values[4:], strict=True)))
+    m.cc = rcp.Complementarity(
+        m.I, m.I, rule=lambda m, i, k: rcp.complements(m.a[i, k], m.b[i, k]), group=lambda m, i, k: i, family="one"
+    )
+    m.cost = pyo.Objective(expr=m.a[0, 0])
+    relax().apply_to(m, **options)
+    return m
+
+
+amounts = st.lists(st.floats(0.0, 3.0), min_size=8, max_size=8)
+
+
+@given(values=amounts, delta=deltas)
+def test_sums_and_crossed_products(values, delta):
+    """eq-sum, eq-crossed and eq-left-end: bodies and bounds of the rows."""
+    a, b = np.reshape(values[:4], (2, 2)), np.reshape(values[4:], (2, 2))
+    left = [[0.0, *a[0]], [a[0, 1], *a[1]]]  # nothing is left of the first element
+    expected = {
+        rcp.PerElement(): [a[e] @ b[e] for e in (0, 1)],
+        rcp.AllPairs(): [np.sum(a * b)],
+        rcp.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
+        rcp.Crossed("stage"): [a[e, i] * b[e].sum() for e in (0, 1) for i in (0, 1)],
+        rcp.Crossed("element"): [a[e].sum() * b[e].sum() for e in (0, 1)],
+        rcp.Crossed("element", left_end="first"): [np.sum(left[e]) * b[e].sum() for e in (0, 1)],
+    }
+    for grouping, products in expected.items():
+        rows = relax().relaxed_rows(stages(values, grouping=grouping, delta=delta))
+        assert [pyo.value(row.body) for row in rows] == pytest.approx(products, abs=1e-9)
+        assert [row.ub for row in rows] == [delta] * len(rows)
+
+
+@given(values=amounts, delta=deltas)
+def test_shares(values, delta):
+    """eq-shares: rows with a share each, its floor, one budget."""
+    m = stages(values, grouping="all", relaxation="kanzow-schwartz", delta=delta)
+    block, n = m.relaxed_complementarity, 4
+    shares = list(block.shares.values())
+    assert SMALLEST_SHARE == 1e-3
+    assert [share.lb for share in shares] == pytest.approx([1e-3 * delta / n] * n)
+    (budget,) = block.budgets.values()
+    assert (pyo.value(budget.body), budget.ub) == (pytest.approx(sum(share.value for share in shares)), delta)
+    for row, share, a, b in zip(block.rows.values(), shares, values[:4], values[4:], strict=True):
+        assert pyo.value(row.body) - row.ub == pytest.approx(phi(a - share.value, b - share.value), abs=1e-9)
+
+
+@pytest.mark.parametrize("word", ["fischer-burmeister", "chks"])
+@given(values=amounts, delta=st.floats(0.1, 40))
+def test_shares_of_roots_exist_where_the_sum_holds(word, values, delta):
+    """eq-shares-product: with the smallest shares that the rows allow, the budget is the sum of the products."""
+    m = stages(values, grouping="all", relaxation=word, delta=delta)
+    block, products = m.relaxed_complementarity, np.multiply(values[:4], values[4:])
+    needed = np.maximum(products, 1e-3 * delta / 4)
+    assume(abs(needed.sum() - delta) > 1e-6)
+    for share, amount in zip(block.shares.values(), needed, strict=True):
+        share.set_value(amount * (1 + 1e-9) + 1e-9)
+    assert all(pyo.value(row.body) <= 0 for row in block.rows.values())
+    (budget,) = block.budgets.values()
+    assert (pyo.value(budget.body) <= budget.ub + 1e-7) == (needed.sum() <= delta)
+    assert products.sum() <= needed.sum() <= products.sum() + 1e-3 * delta + 1e-12
+
+
+# -------------------------------------------------------------------- lifting, schedules
+
+
+@given(x=st.floats(-3, 3))
+def test_lifting(x):
+    """eq-lift and eq-range-parts: generated variables, their start values and their rows."""
+    m = pyo.ConcreteModel(name="lifted")
+    m.x, m.y = pyo.Var(initialize=x), pyo.Var(bounds=(0, None), initialize=1)
+    m.F = pyo.Var(bounds=(-1, 2), initialize=0.5)
+    m.side = rcp.Complementarity(expr=rcp.complements(m.x**3 - 1 >= 0, m.y >= 0))
+    m.range = rcp.Complementarity(expr=rcp.complements(pyo.inequality(-1, m.F, 2), m.x - m.y))
+    m.cost = pyo.Objective(expr=m.y)
+    relax().apply_to(m, lift=True)
+    lifted, lower, upper = relax().get_lifted_pairs(m)
+    assert (lifted.a.variable.lb, lifted.a.variable.value) == (0, pytest.approx(max(x**3 - 1, 0)))
+    assert lifted.b.variable is m.y
+    plus, minus = lower.b.variable, upper.b.variable
+    assert (plus.lb, minus.lb) == (0, 0)
+    assert plus.value - minus.value == pytest.approx(x - 1, abs=1e-12)
+    assert [(each.a.variable, each.a.sign, each.a.offset) for each in (lower, upper)] == [(m.F, 1, -1), (m.F, -1, 2)]
+    definitions = [pyo.value(row.body) - row.ub for row in m.relaxed_complementarity.definitions.values()]
+    expected = [lifted.a.variable.value - (x**3 - 1), plus.value - minus.value - (x - 1)]
+    assert np.abs(definitions) == pytest.approx(np.abs(expected), abs=1e-9)
+
+
+@given(first=st.floats(1e-6, 5), factor=st.floats(0.05, 0.9), exponent=st.floats(1.1, 2.5), part=st.floats(1e-6, 0.99))
+def test_schedules(first, factor, exponent, part):
+    """eq-geometric and eq-superlinear, term by term."""
+    last = part * first
+    for k, delta in enumerate(rcp.Geometric(first, factor, last).steps()):
+        assert delta == pytest.approx(max(last, factor**k * first), rel=1e-8)
+    steps = list(rcp.Superlinear(first, factor, exponent, last).steps())
+    assert (steps[0], steps[-1]) == (first, last)
+    for delta, following in pairwise(steps):
+        assert following == pytest.approx(max(last, min(factor * delta, delta**exponent)), rel=1e-8)
+
+
+def test_nine_solves_or_seven():
+    assert len(list(rcp.Geometric().steps())) == 9
+    assert len(list(rcp.Superlinear().steps())) == 7
+    assert "that is nine solves, or seven" in " ".join(PAGE.split())
