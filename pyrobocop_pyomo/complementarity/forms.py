@@ -170,8 +170,8 @@ def _distance(side: Side, far: bool) -> float:
     """Largest or least distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
     if side.own is None or side.kind is Kind.VARIABLE:
         return 0
-    sign, bound = (1, side.lower) if side.lower is not None else (-1, side.upper)
-    end = side.own[far == (sign == 1)]
+    below = side.lower is not None
+    end, bound = side.own[far == below], side.lower if below else side.upper
     if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
         return 0  # there is no end, or a parameter may move
-    return sign * (end - bound)
+    return end - bound if below else bound - end

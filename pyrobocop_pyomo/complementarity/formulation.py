@@ -68,7 +68,7 @@ def products(record: Record, pairs: Sequence[RelaxedPair]) -> list[list[Product]
     """The products of a group, in lists that share one bound each."""
     formed = getattr(record.grouping, "products", None)
     if formed is None:
-        singles = [[pair] for pair in pairs]
+        singles = [pairs] if len(pairs) == 1 else [[pair] for pair in pairs]
         return [[Product(single, single) for single in singles]]
     known = {id(pair.pair): pair for pair in pairs}
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.core.base.var import VarData
 from pyomo.core.expr import LinearExpression, MonomialTermExpression, SumExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
@@ -91,7 +90,8 @@ def part_values(side: Any) -> tuple[float, float]:
         number = None
     if number is None or isinstance(number, complex) or number != number:
         return 0.0, 0.0
-    return max(float(number), 0.0), max(-float(number), 0.0)
+    number = float(number)
+    return (number, 0.0) if number > 0 else (0.0, -number)
 
 
 def _number(side: Any) -> Any:
@@ -106,19 +106,15 @@ def _number(side: Any) -> Any:
     for term in side.args:
         if term.__class__ is MonomialTermExpression:
             coefficient, variable = term.args
-            factor, number = _leaf(coefficient), _leaf(variable)
-            if factor is None or number is None:
+            number = variable.value
+            if coefficient.__class__ not in native_numeric_types:
+                coefficient = value(coefficient, exception=False)
+            if coefficient is None or number is None:
                 return None
-            total += factor * number
+            total += coefficient * number
         else:
-            number = _leaf(term)
+            number = term if term.__class__ in native_numeric_types else value(term, exception=False)
             if number is None:
                 return None
             total += number
     return total
-
-
-def _leaf(node: Any) -> Any:
-    if node.__class__ in native_numeric_types:
-        return node
-    return node.value if node.__class__ is VarData else value(node, exception=False)

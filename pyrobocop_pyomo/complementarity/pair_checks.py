@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from pyomo.core.base.var import VarData
 from pyomo.core.expr import MonomialTermExpression
 from pyomo.core.expr.numvalue import native_types, value
 
@@ -26,7 +27,7 @@ def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = Fa
         for leaf in _leaves(form, checked):
             number: Any = leaf
             if leaf.__class__ not in native_types:
-                variable = leaf.is_variable_type()
+                variable = isinstance(leaf, VarData) or leaf.is_variable_type()
                 if variable and not discrete_allowed and not (leaf.is_continuous() or leaf.fixed):
                     raise ComplementarityError(
                         f"'{form.source.name}': holds the discrete variable '{leaf.name}'. Ipopt solves continuous "
@@ -67,7 +68,7 @@ def _leaves(form: CanonicalForm, seen: set[int]) -> Iterator[Any]:
                 yield node
         elif id(node) not in seen:
             seen.add(id(node))
-            if node.is_expression_type():
-                stack.extend(node.args)
-            else:
+            if isinstance(node, VarData) or not node.is_expression_type():
                 yield node
+            else:
+                stack.extend(node.args)
