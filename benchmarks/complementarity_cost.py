@@ -3,7 +3,9 @@
     python benchmarks/complementarity_cost.py [--quick]
 
 20 000 pairs of plain variables, and of affine sides. Microseconds of processor time per pair (the smallest of several
-runs): to make the bare products with nothing around them, to bring the pairs into canonical form, to apply and to
+runs; processor time and not wall time, since other work may share the machine): to make the bare expressions of the
+products, and of the definitions where sides are lifted, with nothing around them; to write the rows and variables that
+end on the model by hand, as indexed components with rules; to bring the pairs into canonical form, to apply and to
 revert; and kilobytes per pair that stay (in a run of its own, since measuring memory takes time). "beyond" is what
 applying costs beyond the bare expressions. The last rows are Pyomo's ``mpec.simple_nonlinear``, which has no way back.
 """
@@ -68,12 +70,43 @@ def least(runs: int, prepare: Callable[[], Any], do: Callable[[Any], Any]) -> fl
     return best
 
 
-def bare(m: Any, affine: bool, roots: bool) -> list[Any]:
+def product(a: Any, b: Any, roots: bool) -> Any:
+    """What bounds the product of a pair."""
+    return rcp.FischerBurmeister().residual(a, b, 1e-2) <= 0 if roots else a * b <= 1e-2
+
+
+def bare(m: Any, affine: bool, lifted: bool, roots: bool) -> list[Any]:
     """Nothing but the expressions that a relaxed model has to hold."""
-    if roots:
-        residual = rcp.FischerBurmeister().residual
-        return [residual(*sides(m, affine, i), 1e-2) <= 0 for i in m.i]
-    return [a * b <= 1e-2 for a, b in (sides(m, affine, i) for i in m.i)]
+    if affine and lifted:
+        rows = []
+        for i in m.i:
+            a, b = sides(m, affine, i)
+            s, t = m.x[i], m.y[i]  # as costly as the variables that would stand for the sides
+            rows += [product(s, t, roots), s == a, t == b]
+        return rows
+    return [product(*sides(m, affine, i), roots) for i in m.i]
+
+
+def by_hand(m: Any, affine: bool, lifted: bool, roots: bool, by_element: bool) -> None:
+    """The rows and variables that a relaxed model holds, as a user writes them."""
+    if affine and lifted:
+        m.s, m.t = pyo.Var(m.i, within=pyo.NonNegativeReals), pyo.Var(m.i, within=pyo.NonNegativeReals)
+        m.first = pyo.Constraint(m.i, rule=lambda m, i: m.s[i] == sides(m, affine, i)[0])
+        m.second = pyo.Constraint(m.i, rule=lambda m, i: m.t[i] == sides(m, affine, i)[1])
+        m.products = pyo.Constraint(m.i, rule=lambda m, i: product(m.s[i], m.t[i], roots))
+        return
+    if affine:
+        m.first = pyo.Constraint(m.i, rule=lambda m, i: sides(m, affine, i)[0] >= 0)
+        m.second = pyo.Constraint(m.i, rule=lambda m, i: sides(m, affine, i)[1] >= 0)
+    if by_element:
+
+        def summed(m: Any, k: int) -> Any:
+            pairs = (sides(m, affine, 10 * k + j + 1) for j in range(10))
+            return pyo.quicksum([a * b for a, b in pairs]) <= 1e-2
+
+        m.products = pyo.Constraint(range(len(m.i) // 10), rule=summed)
+    else:
+        m.products = pyo.Constraint(m.i, rule=lambda m, i: product(*sides(m, affine, i), roots))
 
 
 def kilobytes(m: Any, apply: Callable[[Any], Any]) -> float:
@@ -89,14 +122,16 @@ def kilobytes(m: Any, apply: Callable[[Any], Any]) -> float:
 
 
 def measured(way: str, affine: bool, pairs: int, runs: int) -> tuple[float | None, ...]:
-    """One row: bare, canonical, apply, beyond, revert, memory; all per pair."""
+    """One row: bare, by hand, canonical, apply, beyond, revert, memory; all per pair."""
     options = WAYS[way]
     scale = 1e6 / pairs
 
     def ours() -> Any:
         return stated(pairs, affine, rcp.complements, rcp.Complementarity)
 
-    expressions = least(runs, ours, lambda m: bare(m, affine, "fischer" in way)) * scale
+    lifted, roots = "lifted" in way, "fischer" in way
+    expressions = least(runs, ours, lambda m: bare(m, affine, lifted, roots)) * scale
+    written = least(runs, ours, lambda m: by_hand(m, affine, lifted, roots, "element" in way)) * scale
     if options is None:
         stock = pyo.TransformationFactory("mpec.simple_nonlinear")
 
@@ -104,7 +139,15 @@ def measured(way: str, affine: bool, pairs: int, runs: int) -> tuple[float | Non
             return stated(pairs, affine, mpec.complements, mpec.Complementarity)
 
         applied = least(runs, theirs, stock.apply_to) * scale
-        return expressions, None, applied, applied - expressions, None, kilobytes(theirs(), stock.apply_to) / pairs
+        return (
+            expressions,
+            written,
+            None,
+            applied,
+            applied - expressions,
+            None,
+            kilobytes(theirs(), stock.apply_to) / pairs,
+        )
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
 
     def apply(m: Any) -> Any:
@@ -117,7 +160,7 @@ def measured(way: str, affine: bool, pairs: int, runs: int) -> tuple[float | Non
     canonical = least(runs, ours, rcp.active_pairs) * scale
     applied = least(runs, ours, apply) * scale
     reverted = least(runs, relaxed, lambda given: relax.revert(*given)) * scale
-    return expressions, canonical, applied, applied - expressions, reverted, kilobytes(ours(), apply) / pairs
+    return expressions, written, canonical, applied, applied - expressions, reverted, kilobytes(ours(), apply) / pairs
 
 
 def main() -> None:
@@ -132,6 +175,7 @@ def main() -> None:
             ("sides", "<9"),
             ("way", "<32"),
             ("bare", ">6.1f"),
+            ("by hand", ">7.1f"),
             ("canonical", ">9.1f"),
             ("apply", ">6.1f"),
             ("beyond", ">6.1f"),

@@ -16,7 +16,7 @@ class Part(Enum):
     NEGATIVE = "max(-b, 0)"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class CanonicalPair:
     """One pair as ``0 <= a ⟂ b >= 0``.
 
@@ -56,7 +56,7 @@ class CanonicalPair:
         return f"{self.source.name} ({self.role})" if self.role else self.source.name
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class CanonicalForm:
     """All that one statement says.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pyomo.core import Objective, quicksum
@@ -41,7 +41,7 @@ def set_objective(record: Record, expression: Any) -> None:
         block.objective.set_value(expression)
 
 
-def _terms(record: Record, pairs: list[RelaxedPair], states: list[Any]) -> list[Any]:
+def _terms(record: Record, pairs: Sequence[RelaxedPair], states: Sequence[Any]) -> list[Any]:
     formed = [product for row in products(record, pairs) for product in row]
     # A factor of one is dropped by Pyomo itself.
     if record.abilities.keeps_multipliers:

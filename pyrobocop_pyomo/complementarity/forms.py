@@ -14,7 +14,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm, CanonicalPair, Part
-from .side_checks import check_sides, four_bounds, is_plain_variable
+from .side_checks import check_sides, four_bounds
 from .sides import Kind, Side, above_lower, below_upper, read_side
 
 
@@ -145,31 +145,33 @@ def _refuse_crossed(side: Side, source: Any) -> None:
 
 def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
     """Refuse what the variables' own constant bounds make impossible, and a variable that is paired with itself."""
-    if a.body is b.body and is_plain_variable(a.body) and (a.lower is None) == (b.lower is None):
+    if a.own is b.own is None:
+        return
+    if a.body is b.body and (a.lower is None) == (b.lower is None):
         raise ComplementarityError(
             f"'{source.name}': the variable '{a.body}' is paired with itself, which only says that it is at its "
             "bound. Fix it there instead."
         )
     for side in (a, b):
-        if (_distance(side, far=True) or 0) < 0:
+        if _distance(side, far=True) < 0:
             raise ComplementarityError(
                 f"'{source.name}': side '{side.given}' contradicts the bounds of '{side.body}', "
                 f"{side.body.lower} and {side.body.upper}. Correct one of them."
             )
-    least = _distance(a, far=False) or 0
-    if least > 0 and (_distance(b, far=False) or 0) > 0:
+    least = _distance(a, far=False)
+    if least > 0 and _distance(b, far=False) > 0:
         raise ComplementarityError(
             f"'{source.name}': by the variables' own bounds both sides are positive, '{a.given}' by {least:g} and "
             f"'{b.given}' by {_distance(b, far=False):g}; one of them has to be met with equality. Correct the bounds."
         )
 
 
-def _distance(side: Side, far: bool) -> float | None:
-    """Largest or least distance to the stated bound that constants leave to a plain variable; None if unknown."""
-    if side.kind is Kind.VARIABLE or not is_plain_variable(side.body):
-        return None
-    sign, bound = (1, side.lower) if side.lower is not None else (-1, side.upper)
-    end = side.body.upper if far == (sign == 1) else side.body.lower
+def _distance(side: Side, far: bool) -> float:
+    """Largest or least distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
+    if side.own is None or side.kind is Kind.VARIABLE:
+        return 0
+    below = side.lower is not None
+    end, bound = side.own[far == below], side.lower if below else side.upper
     if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
-        return None  # a parameter may move
-    return sign * (end - bound)
+        return 0  # there is no end, or a parameter may move
+    return end - bound if below else bound - end

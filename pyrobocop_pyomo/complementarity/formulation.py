@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from pyomo.core import quicksum
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .generated import component_of, new_parameter, new_variable
+from .generated import GeneratedBlock
 from .record import Group, Record, RelaxedPair
 
 # Of the even share of delta: a product's own share never falls below, since some relaxations are not smooth at zero.
 SMALLEST_SHARE = 1e-3
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Product:
+class Product(NamedTuple):
     """A product of (sums of) sides, ``(sum_i a_i) * (sum_j b_j)``; nearly always of the two sides of one pair."""
 
     a_pairs: Sequence[RelaxedPair]
@@ -55,8 +54,9 @@ class Product:
 class Formulation:
     """What a group needs: expressions of rows with their sources, and what is not yet in any component."""
 
+    place: GeneratedBlock
     group: Group
-    pairs: list[RelaxedPair]
+    pairs: Sequence[RelaxedPair]
     rows: list[tuple[Any, list[Any]]] = field(default_factory=list)
     shares: list[Any] = field(default_factory=list)
     share_bounds: list[Any] = field(default_factory=list)
@@ -64,11 +64,11 @@ class Formulation:
     states: list[Any] = field(default_factory=list)
 
 
-def products(record: Record, pairs: list[RelaxedPair]) -> list[list[Product]]:
+def products(record: Record, pairs: Sequence[RelaxedPair]) -> list[list[Product]]:
     """The products of a group, in lists that share one bound each."""
     formed = getattr(record.grouping, "products", None)
     if formed is None:
-        singles = [[pair] for pair in pairs]
+        singles = [pairs] if len(pairs) == 1 else [[pair] for pair in pairs]
         return [[Product(single, single) for single in singles]]
     known = {id(pair.pair): pair for pair in pairs}
     try:
@@ -83,7 +83,7 @@ def products(record: Record, pairs: list[RelaxedPair]) -> list[list[Product]]:
         ) from None
 
 
-def crossings(record: Record, pairs: list[RelaxedPair]) -> list[tuple[RelaxedPair, RelaxedPair]]:
+def crossings(record: Record, pairs: Sequence[RelaxedPair]) -> list[tuple[RelaxedPair, RelaxedPair]]:
     """Couples of different pairs, of which a side of the first is multiplied with a side of the second; each once."""
     if getattr(record.grouping, "products", None) is None:
         return []
@@ -98,32 +98,29 @@ def crossings(record: Record, pairs: list[RelaxedPair]) -> list[tuple[RelaxedPai
     return list(found.values())
 
 
-def formulate(record: Record, block: Any, group: Group, pairs: list[RelaxedPair]) -> Formulation:
+def formulate(place: GeneratedBlock, group: Group, pairs: Sequence[RelaxedPair]) -> Formulation:
     """Say what the rows of a group are, once it has these pairs; nothing is added to the model yet."""
-    made = Formulation(group, pairs)
+    made = Formulation(place, group, pairs)
+    record = place.record
     abilities = record.abilities
     formed = products(record, pairs)
     if abilities.charges_products:
         if abilities.keeps_multipliers:
-            made.states = _states(block, group, sum(map(len, formed)), 0.0)
+            made.states = _states(place, group, sum(map(len, formed)), 0.0)
         return made
     if abilities.keeps_bounds:
-        made.states = _states(block, group, len(formed), record.main.delta.value)
-        bounds = made.states
+        made.states = _states(place, group, len(formed), record.main.delta.value)
+        bounds: Sequence[Any] = made.states
     else:
-        bounds = [bound_of(record)] * len(formed)
+        bounds = [place.bound] * len(formed)
     equality = abilities.equality and not _crosses(formed)
     for row, bound in zip(formed, bounds, strict=True):
-        _bound_row(record, block, made, row, bound, equality)
+        _bound_row(made, row, bound, equality)
     return made
 
 
-def bound_of(record: Record) -> Any:
-    """What the products are bounded by: delta, or the variable that the objective pays for."""
-    return record.main.delta if record.main.component("excess") is None else record.main.excess
-
-
-def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product], bound: Any, equality: bool) -> None:
+def _bound_row(made: Formulation, row: list[Product], bound: Any, equality: bool) -> None:
+    record = made.place.record
     relaxation, abilities = record.relaxation, record.abilities
     shift = relaxation.shift(bound)
     if shift is not None and not abilities.several_rows:
@@ -141,9 +138,8 @@ def _bound_row(record: Record, block: Any, made: Formulation, row: list[Product]
         # just the product, eliminating the shares gives the sum of the products again.
         lower = SMALLEST_SHARE / len(row) * bound
         kept = made.group.shares[len(made.shares) : len(made.shares) + len(row)]
-        component = component_of(block, "shares")
         start = record.main.delta.value / len(row)
-        shares = kept + [new_variable(component, None, start) for _ in range(len(row) - len(kept))]
+        shares = [*kept, *(made.place.new_variable("shares", None, start) for _ in range(len(row) - len(kept)))]
         made.shares += shares
         made.share_bounds += [lower] * len(row)
         made.budgets.append((quicksum(shares) <= bound, _sources(row)))
@@ -168,10 +164,9 @@ def _crosses(formed: list[list[Product]]) -> bool:
     )
 
 
-def _states(block: Any, group: Group, count: int, start: float) -> list[Any]:
-    component = component_of(block, "states")
+def _states(place: GeneratedBlock, group: Group, count: int, start: float) -> list[Any]:
     kept = group.states[:count]
-    return kept + [new_parameter(component, start) for _ in range(count - len(kept))]
+    return [*kept, *(place.new_state(start) for _ in range(count - len(kept)))]
 
 
 def _sources(row: list[Product]) -> list[Any]:

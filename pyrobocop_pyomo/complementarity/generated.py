@@ -12,8 +12,10 @@ from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.base.param import Param, ParamData
 from pyomo.core.base.set import NonNegativeIntegers, Reals
 from pyomo.core.base.var import Var, VarData
+from pyomo.core.expr.numvalue import native_numeric_types
 
 from .record import Record
+from .relaxations.protocol import side_slack
 
 # Kind and purpose of what a generated block may hold.
 _COMPONENTS: dict[str, tuple[type, str]] = {
@@ -40,36 +42,86 @@ def component_of(block: Any, name: str) -> Any:
     return component
 
 
-def new_variable(component: Any, lower: Any, start: float) -> VarData:
-    """Make a variable of this component, not yet in it; `lower` is None, a number or an expression of parameters."""
-    variable = VarData(component)
-    # The setter of the domain takes twenty times as long as all the rest.
-    variable._domain = Reals
-    if lower is not None:
-        variable.setlb(lower)
-    variable.set_value(start, skip_validation=True)
-    return variable
+class GeneratedBlock:
+    """A generated block while rows are added to it.
+
+    It keeps what is the same for all pairs of the block, which would cost as much as a row to look up for each.
+
+    Parameters
+    ----------
+    record : Record
+        With the main block, its relaxation and its delta.
+    block : Block
+        Where the parts are put.
+
+    Attributes
+    ----------
+    record : Record
+    block : Block
+    bound : ParamData or VarData
+        What the products are bounded by: delta, or the variable that the objective pays for.
+    slack : number, Pyomo expression or None
+        How far a side may fall below zero; None when no row is to keep its sign.
+    exact : bool
+        Whether that is not at all.
+    """
+
+    __slots__ = ("_components", "block", "bound", "exact", "record", "slack")
+
+    def __init__(self, record: Record, block: Any) -> None:
+        self.record = record
+        self.block = block
+        main = record.main
+        self.bound = main.delta if main.component("excess") is None else main.excess
+        self.slack = side_slack(record.relaxation, main.delta)
+        self.exact = is_zero(self.slack)
+        self._components: dict[str, Any] = {}
+
+    def component(self, name: str) -> Any:
+        """Return the component of this name."""
+        component = self._components.get(name)
+        if component is None:
+            component = self._components[name] = component_of(self.block, name)
+        return component
+
+    def new_variable(self, name: str, lower: Any, start: float) -> VarData:
+        """Make a variable, not yet in its component; `lower` is None, a number or an expression of parameters."""
+        variable = VarData(self.component(name))
+        # The setters of the domain and of a bound check what is known here, and take longer than all the rest.
+        variable._domain = Reals
+        if lower.__class__ in native_numeric_types:
+            variable._lb = lower
+        elif lower is not None:
+            variable.setlb(lower)
+        variable.set_value(start, skip_validation=True)
+        return variable
+
+    def new_state(self, number: float) -> ParamData:
+        """Make a mutable parameter, not yet in its component."""
+        parameter = ParamData(self.component("states"))
+        parameter._value = number
+        return parameter
+
+    def put_row(self, name: str, expression: Any, sources: list[Any]) -> ConstraintData:
+        """Make a row, put it into its component, and remember what it came from."""
+        component = self.component(name)
+        row = ConstraintData(expression, component)
+        position = self.record.take_position(name)
+        row._index = position
+        component._data[position] = row
+        self.record.origins[name, position] = sources
+        return row
+
+    def put(self, name: str, data: Any) -> None:
+        """Put a variable or a parameter into its component."""
+        position = self.record.take_position(name)
+        data._index = position
+        self.component(name)._data[position] = data
 
 
-def new_parameter(component: Any, number: float) -> ParamData:
-    """Make a mutable parameter of this component, not yet in it."""
-    parameter = ParamData(component)
-    parameter._value = number
-    return parameter
-
-
-def new_row(component: Any, expression: Any) -> ConstraintData:
-    """Make a row of this component, not yet in it."""
-    return ConstraintData(expression, component)
-
-
-def put(record: Record, name: str, data: Any, sources: list[Any] | None = None) -> None:
-    """Give what was made an index and put it into its component; remember what a row came from."""
-    position = record.take_position(name)
-    data._index = position
-    data._component()._data[position] = data
-    if sources is not None:
-        record.origins[name, position] = sources
+def is_zero(slack: Any) -> bool:
+    """True when a slack is the number zero, now and later."""
+    return slack.__class__ in native_numeric_types and slack == 0
 
 
 def take_away(record: Record, data: Any) -> None:

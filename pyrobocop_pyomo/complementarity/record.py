@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pyomo.common.autoslots import AutoSlots
@@ -43,30 +43,32 @@ class RelaxedPair:
 class Group:
     """Pairs that are relaxed together, and all that was generated for them.
 
+    There may be as many groups as pairs: what stays empty is one shared tuple, and not a list for each group.
+
     Attributes
     ----------
     home : Block
         The model or a disjunct.
     name : hashable or None
         None where no pair can join later.
-    pairs : list of RelaxedPair
-    rows : list of ConstraintData
+    pairs : sequence of RelaxedPair
+    rows : sequence of ConstraintData
         That relax, in the order of the products; none where the objective pays.
-    shares : list of VarData
+    shares : sequence of VarData
         What each product gets of delta, where residuals cannot be added up.
-    budgets : list of ConstraintData
+    budgets : sequence of ConstraintData
         Say that the shares sum up to delta at most.
-    states : list of ParamData
+    states : sequence of ParamData
         A bound per row, or a multiplier per product, where the relaxation keeps one.
     """
 
     home: Any
     name: Hashable | None
-    pairs: list[RelaxedPair] = field(default_factory=list)
-    rows: list[Any] = field(default_factory=list)
-    shares: list[Any] = field(default_factory=list)
-    budgets: list[Any] = field(default_factory=list)
-    states: list[Any] = field(default_factory=list)
+    pairs: Sequence[RelaxedPair] = ()
+    rows: Sequence[Any] = ()
+    shares: Sequence[Any] = ()
+    budgets: Sequence[Any] = ()
+    states: Sequence[Any] = ()
 
 
 @dataclass(eq=False, slots=True)
@@ -74,9 +76,9 @@ class RelaxedStatement:
     """A declared statement, its pairs, and what was generated for its sides alone."""
 
     form: CanonicalForm
-    pairs: list[RelaxedPair]
-    rows: list[Any] = field(default_factory=list)
-    variables: list[Any] = field(default_factory=list)
+    pairs: Sequence[RelaxedPair] = ()
+    rows: tuple[Any, ...] = ()
+    variables: tuple[Any, ...] = ()
 
 
 @dataclass(eq=False)

@@ -13,11 +13,11 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from .canonical import CanonicalForm
 from .charge import charged_objective, set_objective
 from .formulation import Formulation, formulate
-from .generated import OCCASIONAL, component_of, new_row, put, take_away
+from .generated import OCCASIONAL, GeneratedBlock, component_of, take_away
 from .pairs import home_of
-from .record import BLOCK_NAME, Group, Record, RelaxedPair, record_of
+from .record import BLOCK_NAME, Group, Record, RelaxedPair, RelaxedStatement, record_of
 from .relaxations.protocol import Abilities
-from .side_rows import PreparedStatement, prepare
+from .side_rows import Preparation
 
 
 def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objective: Any) -> Record:
@@ -46,7 +46,7 @@ def add_statements(record: Record, model: Any, forms: Sequence[CanonicalForm]) -
     fresh: list[tuple[Any, Any]] = []
     _block_on(record, model, model, fresh)
     try:
-        prepared, formulations = _planned(record, model, forms, fresh)
+        statements, preparations, formulations = _planned(record, model, forms, fresh)
         objective = None
         if record.objective is not None:
             objective = charged_objective(record, formulations)
@@ -55,8 +55,10 @@ def add_statements(record: Record, model: Any, forms: Sequence[CanonicalForm]) -
             del record.blocks[home]
         _drop_empty(record)
         raise
-    for each in prepared:
-        _put_statement(record, each)
+    for statement in statements:
+        record.statements[statement.form.source] = statement
+    for preparation in preparations:
+        _put_sides(preparation)
     for formulation in formulations:
         _put_group(record, formulation)
     if objective is not None:
@@ -88,8 +90,8 @@ def remove_statements(record: Record, sources: Sequence[Any]) -> None:
     for group in groups.values():
         left = [pair for pair in group.pairs if id(pair.pair.source) not in gone]
         # A group without pairs has no rows either: formulating it takes the old ones away.
-        formulation = formulate(record, record.blocks[group.home], group, left) if left else Formulation(group, [])
-        _put_group(record, formulation)
+        place = GeneratedBlock(record, record.blocks[group.home])
+        _put_group(record, formulate(place, group, left) if left else Formulation(place, group, []))
         if not left:
             dissolved.add(id(group))
             if group.name is not None:
@@ -102,36 +104,37 @@ def remove_statements(record: Record, sources: Sequence[Any]) -> None:
 
 def _planned(
     record: Record, model: Any, forms: Sequence[CanonicalForm], fresh: list[tuple[Any, Any]]
-) -> tuple[list[PreparedStatement], list[Formulation]]:
+) -> tuple[list[RelaxedStatement], list[Preparation], list[Formulation]]:
     """Say what each statement and each group that changes or appears needs."""
-    prepared = []
-    by_home: dict[int, tuple[Any, list[RelaxedPair]]] = {}
-    homes: dict[int, Any] = {}
+    statements = []
+    by_home: dict[int, tuple[Any, Preparation]] = {}
+    by_parent: dict[int, Preparation] = {}
     for form in forms:
         parent = form.source.parent_block()
-        home = homes.get(id(parent))
-        if home is None:
-            home = homes[id(parent)] = home_of(parent, model)
-            by_home.setdefault(id(home), (home, []))
-        each = prepare(record, _block_on(record, model, home, fresh), home, form)
-        prepared.append(each)
-        by_home[id(home)][1].extend(each.statement.pairs)
+        preparation = by_parent.get(id(parent))
+        if preparation is None:
+            home = home_of(parent, model)
+            if id(home) not in by_home:
+                place = GeneratedBlock(record, _block_on(record, model, home, fresh))
+                by_home[id(home)] = (home, Preparation(place))
+            preparation = by_parent[id(parent)] = by_home[id(home)][1]
+        statements.append(preparation.add(form))
     formulations = []
-    for home, members in by_home.values():
+    for home, preparation in by_home.values():
+        members = preparation.pairs
         if members and home is not model and record.abilities.charges_products:
             raise ComplementarityError(
                 f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
                 "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
             )
-        block = record.blocks[home]
         for group, pairs in _grouped(record, model, home, members):
-            formulations.append(formulate(record, block, group, pairs))
-    return prepared, formulations
+            formulations.append(formulate(preparation.place, group, pairs))
+    return statements, [preparation for _, preparation in by_home.values()], formulations
 
 
 def _grouped(
     record: Record, model: Any, home: Any, members: list[RelaxedPair]
-) -> list[tuple[Group, list[RelaxedPair]]]:
+) -> list[tuple[Group, Sequence[RelaxedPair]]]:
     """Ask the grouping; returns the groups, known or new, with all their pairs."""
     relaxed = {id(member.pair): member for member in members}
     groups = record.grouping.groups([member.pair for member in members])
@@ -142,7 +145,7 @@ def _grouped(
             f"'{model.name}': {record.grouping} put {count} pairs into groups, "
             f"of {len(members)} pairs. A grouping returns every pair once."
         )
-    found = []
+    found: list[tuple[Group, Sequence[RelaxedPair]]] = []
     for name, added in groups:
         if name is not None and home is not model:
             # A grouping of somebody else may give one name to pairs of several disjuncts.
@@ -177,29 +180,21 @@ def _drop_empty(record: Record) -> None:
                 block.del_component(component)
 
 
-def _put_statement(record: Record, prepared: PreparedStatement) -> None:
-    statement = prepared.statement
-    source = statement.form.source
-    record.statements[source] = statement
-    if prepared.variables:
-        for variable in prepared.variables:
-            put(record, "lifted", variable)
-        statement.variables = prepared.variables
-    for slack in prepared.slacks:
-        put(record, "states", slack)
-    if prepared.sides or prepared.definitions:
-        block = record.blocks[prepared.home]
-        for name, expressions in (("sides", prepared.sides), ("definitions", prepared.definitions)):
-            for expression in expressions:
-                row = new_row(component_of(block, name), expression)
-                put(record, name, row, [source])
-                statement.rows.append(row)
+def _put_sides(preparation: Preparation) -> None:
+    """Put what the statements of one home need beyond their products into the components."""
+    place = preparation.place
+    for variable in preparation.variables:
+        place.put("lifted", variable)
+    for slack in preparation.slacks:
+        place.put("states", slack)
+    for name, rows in (("sides", preparation.sides), ("definitions", preparation.definitions)):
+        for statement, expression in rows:
+            statement.rows += (place.put_row(name, expression, [statement.form.source]),)
 
 
 def _put_group(record: Record, formulation: Formulation) -> None:
     """Give a group its rows: those that it has are rewritten, what is missing is added, what is left over goes."""
-    group = formulation.group
-    block = record.blocks[group.home]
+    group, place = formulation.group, formulation.place
     if not group.pairs:
         record.groups.append(group)
         if group.name is not None:
@@ -207,36 +202,34 @@ def _put_group(record: Record, formulation: Formulation) -> None:
     for pair in formulation.pairs:
         pair.group = group
     group.pairs = formulation.pairs
-    group.rows = _rewritten(record, block, "rows", group.rows, formulation.rows)
+    group.rows = _rewritten(place, "rows", group.rows, formulation.rows)
     if formulation.shares or group.shares:
-        group.shares = _kept(record, "shares", group.shares, formulation.shares)
+        group.shares = _kept(place, "shares", group.shares, formulation.shares)
         for share, lower in zip(group.shares, formulation.share_bounds, strict=True):
             share.setlb(lower)
-        group.budgets = _rewritten(record, block, "budgets", group.budgets, formulation.budgets)
+        group.budgets = _rewritten(place, "budgets", group.budgets, formulation.budgets)
     if formulation.states or group.states:
-        group.states = _kept(record, "states", group.states, formulation.states)
+        group.states = _kept(place, "states", group.states, formulation.states)
 
 
 def _rewritten(
-    record: Record, block: Any, name: str, rows: list[Any], wanted: Sequence[tuple[Any, list[Any]]]
-) -> list[Any]:
-    component = component_of(block, name)
+    place: GeneratedBlock, name: str, rows: Sequence[Any], wanted: Sequence[tuple[Any, list[Any]]]
+) -> Sequence[Any]:
+    if not rows:
+        return [place.put_row(name, expression, sources) for expression, sources in wanted]
+    record = place.record
     for row, (expression, sources) in zip(rows, wanted, strict=False):
         row.set_value(expression)
         record.origins[name, row.index()] = sources
     for row in rows[len(wanted) :]:
         take_away(record, row)
-    kept = rows[: len(wanted)]
-    for expression, sources in wanted[len(rows) :]:
-        row = new_row(component, expression)
-        put(record, name, row, sources)
-        kept.append(row)
-    return kept
+    added = [place.put_row(name, expression, sources) for expression, sources in wanted[len(rows) :]]
+    return [*rows[: len(wanted)], *added]
 
 
-def _kept(record: Record, name: str, old: list[Any], wanted: list[Any]) -> list[Any]:
+def _kept(place: GeneratedBlock, name: str, old: Sequence[Any], wanted: list[Any]) -> list[Any]:
     for data in wanted[len(old) :]:
-        put(record, name, data)
+        place.put(name, data)
     for data in old[len(wanted) :]:
-        take_away(record, data)
+        take_away(place.record, data)
     return wanted

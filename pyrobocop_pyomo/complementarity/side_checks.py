@@ -6,6 +6,7 @@ from typing import Any
 
 from pyomo.core.base.component import ComponentBase
 from pyomo.core.base.indexed_component_slice import IndexedComponent_slice
+from pyomo.core.base.var import VarData
 from pyomo.core.expr import EqualityExpression, InequalityExpression, RangedExpression
 from pyomo.core.expr.numvalue import native_numeric_types, native_types
 
@@ -142,6 +143,8 @@ def holds_variable(expression: Any) -> bool:
 
 def is_plain_variable(side: Any) -> bool:
     """True for one variable (a scalar or one index), False for an expression or an indexed component."""
+    if isinstance(side, VarData):  # nearly always; the questions below find the variables of other packages
+        return True
     if side.__class__ in native_types or not hasattr(side, "is_variable_type"):
         return False
     # "is True": a slice answers every question with another slice, which counts as true.

@@ -1,4 +1,4 @@
-"""What keeps the sides of a statement: rows for their signs, variables that stand for them and for their parts."""
+"""What keeps the sides of statements: rows for their signs, variables that stand for them and for their parts."""
 
 from __future__ import annotations
 
@@ -6,80 +6,83 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .canonical import CanonicalForm, CanonicalPair, Part
-from .generated import component_of, new_parameter, new_variable
+from .generated import GeneratedBlock, is_zero
 from .lifting import part_values, side_variable
-from .record import Record, RelaxedPair, RelaxedStatement
-from .relaxations.protocol import side_slack
+from .record import RelaxedPair, RelaxedStatement
 
 
 @dataclass(eq=False, slots=True)
-class PreparedStatement:
-    """A statement with what it needs beyond its products; nothing of it is in a component yet."""
+class Preparation:
+    """What the statements of one home need beyond their products; nothing of it is in a component yet.
 
-    statement: RelaxedStatement
-    home: Any
-    sides: list[Any] = field(default_factory=list)
-    definitions: list[Any] = field(default_factory=list)
+    Rows come with the statement that they belong to. One list serves all statements, since most need nothing.
+    """
+
+    place: GeneratedBlock
+    pairs: list[RelaxedPair] = field(default_factory=list)
+    sides: list[tuple[RelaxedStatement, Any]] = field(default_factory=list)
+    definitions: list[tuple[RelaxedStatement, Any]] = field(default_factory=list)
     variables: list[Any] = field(default_factory=list)
     slacks: list[Any] = field(default_factory=list)
 
+    def add(self, form: CanonicalForm) -> RelaxedStatement:
+        """Say what stands for the sides of a statement, and which rows keep them."""
+        statement = RelaxedStatement(form)
+        for row in form.rows:
+            self.sides.append((statement, row))
+        parts: dict[Part, Any] | None = None
+        keeps_bounds = self.place.record.abilities.keeps_bounds
+        relaxed_pairs = []
+        for pair in form.pairs:
+            relaxed = RelaxedPair(pair, pair.a, pair.b)
+            if keeps_bounds:
+                relaxed.a_slack = self._own_slack(pair.a, pair.a_row)
+            relaxed.a = self._side(statement, pair.a, pair.a_row, relaxed.a_slack)
+            if pair.b_part is Part.WHOLE:
+                if keeps_bounds:
+                    relaxed.b_slack = self._own_slack(pair.b, pair.b_row)
+                relaxed.b = self._side(statement, pair.b, pair.b_row, relaxed.b_slack)
+            else:
+                if parts is None:
+                    parts = self._parts(statement, pair)
+                relaxed.b = parts[pair.b_part]
+            relaxed_pairs.append(relaxed)
+        statement.pairs = relaxed_pairs
+        self.pairs += relaxed_pairs
+        return statement
 
-def prepare(record: Record, block: Any, home: Any, form: CanonicalForm) -> PreparedStatement:
-    """Say what stands for the sides of a statement, and which rows keep them."""
-    pairs: list[RelaxedPair] = []
-    prepared = PreparedStatement(RelaxedStatement(form, pairs), home)
-    prepared.sides.extend(form.rows)
-    parts: dict[Part, Any] = {}
-    own = record.abilities.keeps_bounds
-    for pair in form.pairs:
-        relaxed = RelaxedPair(pair, pair.a, pair.b)
-        if own:
-            relaxed.a_slack = _own_slack(record, block, prepared, pair.a, pair.a_row)
-        relaxed.a = _side(record, block, prepared, pair.a, pair.a_row, relaxed.a_slack)
-        if pair.b_part is Part.WHOLE:
-            if own:
-                relaxed.b_slack = _own_slack(record, block, prepared, pair.b, pair.b_row)
-            relaxed.b = _side(record, block, prepared, pair.b, pair.b_row, relaxed.b_slack)
-        else:
-            if not parts:
-                parts = _parts(block, prepared, pair)
-            relaxed.b = parts[pair.b_part]
-        pairs.append(relaxed)
-    return prepared
+    def _side(self, statement: RelaxedStatement, side: Any, row: Any, own_slack: Any) -> Any:
+        """Return what stands for one side."""
+        place = self.place
+        slack, exact = (place.slack, place.exact) if own_slack is None else (own_slack, is_zero(own_slack))
+        if place.record.lift and side_variable(side) is None:
+            lower = None if slack is None else 0 if exact else -slack
+            variable = self._new_variable(statement, lower, part_values(side)[0])
+            self.definitions.append((statement, variable == side))
+            return variable
+        if row is not None and slack is not None:
+            self.sides.append((statement, row if exact else side >= -slack))
+        return side
 
+    def _own_slack(self, side: Any, row: Any) -> Any:
+        """A slack of this side alone, where its sign is kept by something generated and not by the user's own bound."""
+        if row is None and not (self.place.record.lift and side_variable(side) is None):
+            return None
+        slack = self.place.new_state(self.place.record.main.delta.value)
+        self.slacks.append(slack)
+        return slack
 
-def _side(record: Record, block: Any, prepared: PreparedStatement, side: Any, row: Any, slack: Any) -> Any:
-    """Return what stands for one side."""
-    if slack is None:
-        slack = side_slack(record.relaxation, record.main.delta)
-    exact = slack.__class__ in (int, float) and slack == 0
-    if record.lift and side_variable(side) is None:
-        lower = None if slack is None else 0 if exact else -slack
-        variable = new_variable(component_of(block, "lifted"), lower, part_values(side)[0])
-        prepared.variables.append(variable)
-        prepared.definitions.append(variable == side)
+    def _parts(self, statement: RelaxedStatement, pair: CanonicalPair) -> dict[Part, Any]:
+        """Two variables for the parts of a free side, whatever the option `lift`: no expression is smooth at zero.
+
+        The parts keep their signs exactly under every relaxation, since a part below zero would have no meaning.
+        """
+        positive, negative = (self._new_variable(statement, 0, start) for start in part_values(pair.b))
+        self.definitions.append((statement, positive - negative == pair.b))
+        return {Part.POSITIVE: positive, Part.NEGATIVE: negative}
+
+    def _new_variable(self, statement: RelaxedStatement, lower: Any, start: float) -> Any:
+        variable = self.place.new_variable("lifted", lower, start)
+        self.variables.append(variable)
+        statement.variables += (variable,)
         return variable
-    if row is not None and slack is not None:
-        prepared.sides.append(row if exact else side >= -slack)
-    return side
-
-
-def _own_slack(record: Record, block: Any, prepared: PreparedStatement, side: Any, row: Any) -> Any:
-    """A slack of this side alone, where its sign is kept by something generated and not by the user's own bound."""
-    if row is None and not (record.lift and side_variable(side) is None):
-        return None
-    slack = new_parameter(component_of(block, "states"), record.main.delta.value)
-    prepared.slacks.append(slack)
-    return slack
-
-
-def _parts(block: Any, prepared: PreparedStatement, pair: CanonicalPair) -> dict[Part, Any]:
-    """Two variables for the parts of a free side, whatever the option `lift`: no expression is smooth at zero.
-
-    The parts keep their signs exactly under every relaxation, since a part below zero would have no meaning.
-    """
-    component = component_of(block, "lifted")
-    positive, negative = (new_variable(component, 0, start) for start in part_values(pair.b))
-    prepared.variables += [positive, negative]
-    prepared.definitions.append(positive - negative == pair.b)
-    return {Part.POSITIVE: positive, Part.NEGATIVE: negative}

@@ -44,6 +44,9 @@ class Side(NamedTuple):
         Its bounds; None where there is none, or an infinite one.
     infinite : float or None
         The infinite bound that was stated and counts as none, for messages.
+    own : tuple of two, or None
+        The bounds that the variable has where the body is a plain one. They are read once: Pyomo puts them together
+        from the bounds and the domain each time.
     """
 
     kind: Kind
@@ -52,6 +55,7 @@ class Side(NamedTuple):
     lower: Any = None
     upper: Any = None
     infinite: float | None = None
+    own: tuple[Any, Any] | None = None
 
     @property
     def bounds(self) -> int:
@@ -86,7 +90,7 @@ def read_side(side: Any, choice: str | None, pair: Any) -> Side:
     if kind is RangedExpression:
         lower, body, upper = side.args
         lower = _bound(lower, "lower", side, pair)
-        return Side(Kind.RANGE, side, body, lower, _bound(upper, "upper", side, pair))
+        return Side(Kind.RANGE, side, body, lower, _bound(upper, "upper", side, pair), None, _own(body))
     if is_plain_variable(side):
         return _read_variable(side, choice, pair)
     return Side(Kind.EXPRESSION, side, side)
@@ -99,23 +103,28 @@ def _read_relation(side: Any, pair: Any) -> Side:
         return Side(Kind.RELATION, side, right - left, lower=0)
     if right_varies:
         bound = _bound(left, "lower", side, pair)
-        return Side(Kind.RELATION, side, right, lower=bound, infinite=-math.inf if bound is None else None)
+        return Side(Kind.RELATION, side, right, bound, None, -math.inf if bound is None else None, _own(right))
     if left_varies:
         bound = _bound(right, "upper", side, pair)
-        return Side(Kind.RELATION, side, left, upper=bound, infinite=math.inf if bound is None else None)
+        return Side(Kind.RELATION, side, left, None, bound, math.inf if bound is None else None, _own(left))
     check_side(side, None, pair)
     raise AssertionError("check_side refuses a relation without variables")
 
 
 def _read_variable(variable: Any, choice: str | None, pair: Any) -> Side:
-    lower = _bound(variable.lower, "lower", variable, pair) if choice not in ("upper", "free") else None
-    upper = _bound(variable.upper, "upper", variable, pair) if choice not in ("lower", "free") else None
+    own = (variable.lower, variable.upper)
+    lower = _bound(own[0], "lower", variable, pair) if choice not in ("upper", "free") else None
+    upper = _bound(own[1], "upper", variable, pair) if choice not in ("lower", "free") else None
     if choice in ("lower", "upper") and lower is upper is None:
         raise ComplementarityError(
             f"'{pair.name}': side '{variable}' has no finite {choice} bound, which was chosen. "
             f"Set it, for example by {variable}.set{choice[0]}b(0), or write a relation such as '{variable} >= 0'."
         )
-    return Side(Kind.VARIABLE, variable, variable, lower, upper)
+    return Side(Kind.VARIABLE, variable, variable, lower, upper, None, own)
+
+
+def _own(body: Any) -> tuple[Any, Any] | None:
+    return (body.lower, body.upper) if is_plain_variable(body) else None
 
 
 def above_lower(side: Side) -> tuple[Any, Any]:
@@ -152,8 +161,11 @@ def _bound(bound: Any, which: str, side: Any, pair: Any) -> Any:
     """Return the bound, as a number where it can never change, and None where there is none."""
     if bound is None:
         return None
-    bound = _simplified(bound)
-    number = bound if bound.__class__ in native_numeric_types else value(bound, exception=False)
+    if bound.__class__ in native_numeric_types:
+        number = bound
+    else:
+        bound = _simplified(bound)
+        number = value(bound, exception=False)
     if number is None:
         raise ComplementarityError(
             f"'{pair.name}': the {which} bound '{bound}' of side '{side}' has no value, so it is not known whether "
@@ -184,9 +196,9 @@ def _never_changes(bound: Any) -> bool:
 
 def _implied(side: Side, which: str) -> bool:
     """True when the side is a plain variable whose own bound enforces the stated one, now and later."""
-    if not is_plain_variable(side.body):
+    if side.own is None:
         return False
-    own, bound = (side.body.lower, side.lower) if which == "lower" else (side.body.upper, side.upper)
+    own, bound = (side.own[0], side.lower) if which == "lower" else (side.own[1], side.upper)
     if own is None:
         return False
     if own is bound:

@@ -202,7 +202,7 @@ class RelaxComplementarity(Transformation):
                     origin = record.origins[row.parent_component().local_name, row.index()]
                     if any(each is source for each in origin):
                         rows.append(row)
-            return rows + statement.rows
+            return [*rows, *statement.rows]
         raise ComplementarityError(
             f"'{source.name}': is not relaxed. Apply pyrobocop.relax_complementarity to its model first."
         )
