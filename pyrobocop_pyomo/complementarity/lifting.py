@@ -54,11 +54,9 @@ def side_variable(side: Any) -> SideVariable | None:
     A variable is recognised by structure and not by what is fixed at the moment, so the answer stays true when
     variables are fixed or unfixed later.
     """
-    term = _signed_variable(side)
-    if term is not None:
-        return SideVariable(term[0], term[1], 0.0)
     if side.__class__ not in (LinearExpression, SumExpression):
-        return None
+        term = _signed_variable(side)
+        return None if term is None else SideVariable(term[0], term[1], 0.0)
     arguments = side.args
     if len(arguments) != 2:
         return None
