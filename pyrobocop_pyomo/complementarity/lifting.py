@@ -95,7 +95,7 @@ def part_values(side: Any) -> tuple[float, float]:
 def _number(side: Any) -> Any:
     """The value of a side, None where it has none.
 
-    Most sides that are lifted are affine. They are summed up here: Pyomo's general walk takes ten times as long, and
+    Most sides that are lifted are affine. They are summed up here: Pyomo's general walk takes five times as long, and
     longer than everything else that is done for a lifted side.
     """
     if side.__class__ is not LinearExpression:
