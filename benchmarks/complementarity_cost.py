@@ -89,24 +89,25 @@ def bare(m: Any, affine: bool, lifted: bool, roots: bool) -> list[Any]:
 
 def by_hand(m: Any, affine: bool, lifted: bool, roots: bool, by_element: bool) -> None:
     """The rows and variables that a relaxed model holds, as a user writes them."""
+    pairs = {i: sides(m, affine, i) for i in m.i}
     if affine and lifted:
         m.s, m.t = pyo.Var(m.i, within=pyo.NonNegativeReals), pyo.Var(m.i, within=pyo.NonNegativeReals)
-        m.first = pyo.Constraint(m.i, rule=lambda m, i: m.s[i] == sides(m, affine, i)[0])
-        m.second = pyo.Constraint(m.i, rule=lambda m, i: m.t[i] == sides(m, affine, i)[1])
+        m.first = pyo.Constraint(m.i, rule=lambda m, i: m.s[i] == pairs[i][0])
+        m.second = pyo.Constraint(m.i, rule=lambda m, i: m.t[i] == pairs[i][1])
         m.products = pyo.Constraint(m.i, rule=lambda m, i: product(m.s[i], m.t[i], roots))
         return
     if affine:
-        m.first = pyo.Constraint(m.i, rule=lambda m, i: sides(m, affine, i)[0] >= 0)
-        m.second = pyo.Constraint(m.i, rule=lambda m, i: sides(m, affine, i)[1] >= 0)
+        m.first = pyo.Constraint(m.i, rule=lambda m, i: pairs[i][0] >= 0)
+        m.second = pyo.Constraint(m.i, rule=lambda m, i: pairs[i][1] >= 0)
     if by_element:
 
         def summed(m: Any, k: int) -> Any:
-            pairs = (sides(m, affine, 10 * k + j + 1) for j in range(10))
-            return pyo.quicksum([a * b for a, b in pairs]) <= 1e-2
+            members = (pairs[10 * k + j + 1] for j in range(10))
+            return pyo.quicksum([a * b for a, b in members]) <= 1e-2
 
         m.products = pyo.Constraint(range(len(m.i) // 10), rule=summed)
     else:
-        m.products = pyo.Constraint(m.i, rule=lambda m, i: product(*sides(m, affine, i), roots))
+        m.products = pyo.Constraint(m.i, rule=lambda m, i: product(*pairs[i], roots))
 
 
 def kilobytes(m: Any, apply: Callable[[Any], Any]) -> float:

@@ -125,7 +125,8 @@ class RelaxComplementarity(Transformation):
 
     def _relax(self, model: Any, record: Record, sources: list[Any], delta: float | None) -> RelaxationToken:
         # A pair that is known already was activated again by hand: it only has to go back to sleep.
-        forms = [canonical_form(source) for source in sources if source not in record.statements]
+        known = record.statements
+        forms = [canonical_form(source) for source in sources if not known or source not in known]
         refuse_leaves(forms)
         if forms:
             add_statements(record, model, forms)

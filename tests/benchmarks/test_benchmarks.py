@@ -114,5 +114,7 @@ def test_relaxing_a_pair_costs_less_than_with_pyomo() -> None:
     assert len(rows) == 12
     assert sum("lifted" in line for line in rows) == 4
     for kind in ("variables", "affine"):
-        applied = {line[11:43].strip(): float(line[43:].split()[3]) for line in rows if line.startswith(kind)}
-        assert applied["pair, scholtes"] < applied["mpec.simple_nonlinear"]
+        beyond = {line[11:43].strip(): float(line[43:].split()[-3]) for line in rows if line.startswith(kind)}
+        stock = beyond.pop("mpec.simple_nonlinear")
+        assert len(beyond) == 5
+        assert max(beyond.values()) < 0.75 * stock  # about 0.5 with a full run

@@ -306,3 +306,24 @@ def test_variables_need_no_values_yet() -> None:
     m.x[1].set_value(None)
     relaxation().apply_to(m)
     nl_text(m)
+
+
+def test_what_pairs_share_is_checked_with_the_first_and_what_is_their_own_with_each():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=1), pyo.Var(initialize=1)
+    m.shared = pyo.Expression(expr=m.x * m.y)
+    factors = {1: 1.0, 2: 2.0, 3: NAN}
+    m.good = Complementarity(
+        [1, 2, 3], rule=lambda m, i: complements(m.shared + factors[i] * m.x >= 0, m.shared + m.y >= 0)
+    )
+    relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
+    with pytest.raises(ComplementarityError, match=r"^'good\[3\]': a coefficient is NaN"):
+        relax.apply_to(m)
+    m.good[3].deactivate()
+    m.y.set_value(NAN, skip_validation=True)
+    with pytest.raises(ComplementarityError, match=r"^'good\[1\]': the value of variable 'y' is NaN"):
+        relax.apply_to(m)
+    m.y.set_value(1)
+    m.y.domain = pyo.Integers
+    with pytest.raises(ComplementarityError, match=r"^'good\[1\]': holds the discrete variable 'y'"):
+        relax.apply_to(m)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pyomo.gdp import Disjunct, Disjunction
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
-from pyrobocop_pyomo.complementarity.lifting import side_variable
+from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, relaxation, state
@@ -75,6 +75,23 @@ def test_lifted_sides_start_at_the_nonnegative_part_of_their_value(values):
             own = any(side.variable is each for each in (m.x, m.y, m.z))
             expected = pyo.value(stated) if own else max(pyo.value(stated), 0.0)
             assert side_value(side) == pytest.approx(expected, abs=1e-12)
+
+
+@given(
+    terms=st.lists(st.tuples(numbers, st.sampled_from(["x", "y", "z"])), min_size=1, max_size=5),
+    constant=numbers,
+    parameter=st.none() | numbers,
+    values=st.tuples(*[st.none() | numbers] * 3),
+)
+def test_the_parts_of_an_affine_side_are_those_of_its_value(terms, constant, parameter, values):
+    m = pyo.ConcreteModel()
+    m.x, m.y, m.z = (pyo.Var(initialize=number) for number in values)
+    m.p = pyo.Param(initialize=parameter, mutable=True)
+    plain = sum(factor * m.component(name) for factor, name in terms) + constant
+    for side in (plain, plain + m.x, plain + m.p * m.y, plain + m.p):
+        number = pyo.value(side, exception=False)
+        expected = (0, 0) if number is None else (max(number, 0), max(-number, 0))
+        assert part_values(side) == expected
 
 
 def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():
