@@ -108,8 +108,8 @@ class Limits:
         For one linear program with complementarity constraints.
     exploring_radii : tuple of float
         Trust radii for the search beyond a B-stationary point.
-    exploring_seconds : float
-        For one linear program of that search.
+    exploring_nodes : int
+        Of the search tree, for one linear program of that search: its answer is not to depend on the machine.
     exploring_iterations : int
         For one branch of that search.
     polishing_iterations : int
@@ -124,7 +124,7 @@ class Limits:
     rounds: int = 20
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
-    exploring_seconds: float = 0.5
+    exploring_nodes: int = 200
     exploring_iterations: int = 200
     polishing_iterations: int = 300
 
@@ -203,7 +203,13 @@ class ActiveSetSearch:
             point = Linearisation.at(self.program.nlp, best.x)
             tried.add(best.branch.key())
             for radius in self.limits.exploring_radii:
-                nearby = steepest_branch(self.program, point, radius, time_limit=self.limits.exploring_seconds)
+                nearby = steepest_branch(
+                    self.program,
+                    point,
+                    radius,
+                    time_limit=self.limits.lpec_seconds,
+                    node_limit=self.limits.exploring_nodes,
+                )
                 if nearby is None or nearby.branch.key() in tried or self._late():
                     continue
                 tried.add(nearby.branch.key())

@@ -52,6 +52,7 @@ def steepest_branch(
     held: Branch | None = None,
     elastic: float | None = None,
     time_limit: float = 5.0,
+    node_limit: int | None = None,
 ) -> Descent | None:
     """Minimise the linearised objective over the linearised feasible set within a trust region.
 
@@ -75,6 +76,8 @@ def steepest_branch(
         Price of violating a linearised row, per unit; needed at a point that is not feasible. By default rows hold.
     time_limit : float
         Seconds.
+    node_limit : int, optional
+        Most nodes of the search tree.
 
     Returns
     -------
@@ -120,6 +123,7 @@ def steepest_branch(
         np.concatenate([np.zeros(n), np.ones(count), np.zeros(2 * slack)]),
         constraints,
         time_limit,
+        node_limit,
     )
     if answer is None:
         return None
