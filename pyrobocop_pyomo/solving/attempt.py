@@ -171,8 +171,8 @@ class Attempt:
         shortened = 0
         while wanted:
             delta = wanted.pop()
-            # As exact as the relaxation is, but for the last: what is left is taken on by the next run.
-            loose = {} if delta == last else {"tol": max(1e-8, min(1e-4, 1e-3 * delta))}
+            # Exact at the end only: before, the next run takes on what is left.
+            loose = {} if delta == last else {"tol": 1e-4}
             step = self._take(
                 self._session.run(delta, warm=solved is not None, time_limit=self._left(), options={**loose, **options})
             )

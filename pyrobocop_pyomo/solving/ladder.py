@@ -101,8 +101,8 @@ class Ladder:
         self._by_default = rungs is None
         with contextlib.ExitStack() as stack:
             for rung in LADDER if rungs is None else rungs:
-                if self.best is not None and not self._goes_on(rung):
-                    break
+                if self.best is not None and not self._needs(rung):
+                    continue
                 self._move_to(rung, stack)
                 assert self._place is not None
                 if not self._place.relaxed.pairs:
@@ -225,8 +225,8 @@ class Ladder:
             return {}
         return {"max_iter": min(limit, self._settings.options["max_iter"])}
 
-    def _goes_on(self, rung: Rung) -> bool:
-        """Whether the next rung is to be climbed to."""
+    def _needs(self, rung: Rung) -> bool:
+        """Whether a rung is to be climbed to, after what the others have found."""
         assert self.best is not None
         left = self._left()
         if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
