@@ -119,6 +119,8 @@ class Attempt:
     tolerances : Tolerances
     left : callable
         Seconds that are left, or None.
+    inexact : bool
+        Whether the runs before the last may stop early: not where multipliers decide how the relaxation goes on.
 
     Attributes
     ----------
@@ -133,7 +135,10 @@ class Attempt:
         values: VariableValues,
         tolerances: Tolerances,
         left: Callable[[], float | None],
+        *,
+        inexact: bool = False,
     ) -> None:
+        self._inexact = inexact
         self._session, self._recorder, self._values = session, recorder, values
         self._tolerances, self._left = tolerances, left
         self._best: AttemptedPoint | None = None
@@ -172,7 +177,7 @@ class Attempt:
         while wanted:
             delta = wanted.pop()
             # Exact at the end only: before, the next run takes on what is left.
-            loose = {} if delta == last else {"tol": 1e-4}
+            loose = {} if delta == last or not self._inexact else {"tol": 1e-4}
             step = self._take(
                 self._session.run(delta, warm=solved is not None, time_limit=self._left(), options={**loose, **options})
             )

@@ -186,7 +186,14 @@ class Ladder:
         if warm:
             place.values.write(self._relaxed_point.values)
             self._relaxed_point.rewind()
-        attempt = Attempt(place.session, self._recorder, place.values, self._settings.tolerances, self._left)
+        attempt = Attempt(
+            place.session,
+            self._recorder,
+            place.values,
+            self._settings.tolerances,
+            self._left,
+            inexact=bool(place.relaxed.shifted_rows),
+        )
         best = self._relaxed_point = attempt.go(schedule, options, warm=warm)
         place.values.write(best.values)
         finding = Finding(
