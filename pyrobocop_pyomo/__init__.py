@@ -28,7 +28,15 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
-from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.errors import GeometryError, ObstacleError, PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.geometry import (
+    Polytope,
+    Pose,
+    SignedDistance,
+    planar_pose,
+    signed_distance,
+    spatial_pose,
+)
 from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
@@ -87,6 +95,7 @@ __all__ = [
     "Fixed",
     "FollowBarrier",
     "Geometric",
+    "GeometryError",
     "Grid",
     "HomotopyResult",
     "JoinedTrajectory",
@@ -96,6 +105,7 @@ __all__ = [
     "Link",
     "Mesh",
     "MultistartResult",
+    "ObstacleError",
     "PairReport",
     "Parameter",
     "Penalty",
@@ -103,6 +113,8 @@ __all__ = [
     "PerPair",
     "PerPhase",
     "PhaseBlock",
+    "Polytope",
+    "Pose",
     "PyRobocopError",
     "Quality",
     "RecedingHorizon",
@@ -114,6 +126,7 @@ __all__ = [
     "Scholtes",
     "Sensitivity",
     "SequenceRanking",
+    "SignedDistance",
     "SimulationFailed",
     "SolveFailed",
     "SolveResult",
@@ -144,11 +157,14 @@ __all__ = [
     "lobatto",
     "mode_sequences",
     "multistart",
+    "planar_pose",
     "radau",
     "sensitivity",
+    "signed_distance",
     "solve",
     "solve_refined",
     "solve_sequences",
+    "spatial_pose",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
