@@ -41,6 +41,7 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -83,6 +84,7 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Body",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
@@ -105,6 +107,7 @@ __all__ = [
     "Link",
     "Mesh",
     "MultistartResult",
+    "ObstacleAvoidanceBlock",
     "ObstacleError",
     "PairReport",
     "Parameter",

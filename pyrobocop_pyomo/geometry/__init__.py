@@ -1,6 +1,7 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
 from .distance import SignedDistance, distance_of_points, signed_distance
+from .lockstep import distances_of_points
 from .polytope import Polytope
 from .poses import Pose, check_pose, planar_pose, spatial_pose
 from .separation import gap, separating_directions
@@ -11,6 +12,7 @@ __all__ = [
     "SignedDistance",
     "check_pose",
     "distance_of_points",
+    "distances_of_points",
     "gap",
     "planar_pose",
     "separating_directions",
