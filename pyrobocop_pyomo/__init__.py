@@ -28,7 +28,15 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
-from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.errors import GeometryError, ObstacleError, PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.geometry import (
+    Polytope,
+    Pose,
+    SignedDistance,
+    planar_pose,
+    signed_distance,
+    spatial_pose,
+)
 from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
@@ -45,7 +53,7 @@ from pyrobocop_pyomo.phases import (
     Verification,
     label_measurements,
 )
-from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
+from pyrobocop_pyomo.plotting import MovingShape, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
 from pyrobocop_pyomo.solving import (
     ActiveSide,
     HomotopyResult,
@@ -87,6 +95,7 @@ __all__ = [
     "Fixed",
     "FollowBarrier",
     "Geometric",
+    "GeometryError",
     "Grid",
     "HomotopyResult",
     "JoinedTrajectory",
@@ -95,7 +104,9 @@ __all__ = [
     "LinFukushima",
     "Link",
     "Mesh",
+    "MovingShape",
     "MultistartResult",
+    "ObstacleError",
     "PairReport",
     "Parameter",
     "Penalty",
@@ -103,6 +114,8 @@ __all__ = [
     "PerPair",
     "PerPhase",
     "PhaseBlock",
+    "Polytope",
+    "Pose",
     "PyRobocopError",
     "Quality",
     "RecedingHorizon",
@@ -114,6 +127,7 @@ __all__ = [
     "Scholtes",
     "Sensitivity",
     "SequenceRanking",
+    "SignedDistance",
     "SimulationFailed",
     "SolveFailed",
     "SolveResult",
@@ -129,12 +143,14 @@ __all__ = [
     "Verification",
     "__version__",
     "active_pairs",
+    "animate_scene",
     "available_routes",
     "complements",
     "dae_trajectory",
     "diagnose",
     "draw_linkage",
     "draw_planar_pushing",
+    "draw_scene",
     "explicit",
     "find_scheme",
     "gauss_legendre",
@@ -144,11 +160,14 @@ __all__ = [
     "lobatto",
     "mode_sequences",
     "multistart",
+    "planar_pose",
     "radau",
     "sensitivity",
+    "signed_distance",
     "solve",
     "solve_refined",
     "solve_sequences",
+    "spatial_pose",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
