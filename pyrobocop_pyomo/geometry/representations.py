@@ -34,7 +34,7 @@ def halfspaces_of(vertices: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, n
     if len(rays) == 0:
         hull = convex_hull(vertices)
         return hull.normals, hull.offsets
-    basis = _complement(_lines(rays), vertices.shape[1])
+    basis = complement(_lines(rays), vertices.shape[1])
     corners, directions = vertices @ basis.T, rays @ basis.T
     directions = directions[np.linalg.norm(directions, axis=1) > ZERO]
     extent = max(float(np.ptp(corners, axis=0).max()), ZERO * float(np.abs(corners).max())) or 1.0
@@ -68,7 +68,7 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
     lengths = np.linalg.norm(normals, axis=1)
     normals, offsets = normals / lengths[:, None], offsets / lengths
     basis = affine_basis(np.zeros((1, normals.shape[1])), normals)
-    lines = _complement(basis, normals.shape[1])
+    lines = complement(basis, normals.shape[1])
     rows = normals @ basis.T
     center, radius = largest_ball(rows, offsets)
     # Distances of the planes from the centre, in radii: at least one, so no division is close to zero.
@@ -118,7 +118,7 @@ def _lines(rays: np.ndarray) -> np.ndarray:
     return affine_basis(np.zeros((1, rays.shape[1])), rays[both])
 
 
-def _complement(basis: np.ndarray, dimension: int) -> np.ndarray:
+def complement(basis: np.ndarray, dimension: int) -> np.ndarray:
     """Orthonormal rows that span what is perpendicular to orthonormal rows."""
     if len(basis) == 0:
         return np.eye(dimension)
