@@ -65,7 +65,7 @@ def build(case: str = "reverse", elements: int = 50, stages: int = 2) -> pyo.Con
         bounds=BOX,
         clearance=CLEARANCE,
     )
-    m = pyo.ConcreteModel(name=f"parking - {case}")
+    m = pyo.ConcreteModel(name="parking")
     m.drive = b = rcp.PhaseBlock(
         duration=rcp.Duration(bounds=(5, 120), guess=path.duration), elements=elements, stages=stages
     )

@@ -35,11 +35,12 @@ CASES = {
 def build(case: str = "slot", elements: int = 100) -> pyo.ConcreteModel:
     """The pusher-slider among squares, transcribed by implicit Euler."""
     goal, duration = CASES[case]["goal"], CASES[case]["duration"]
-    m = pyo.ConcreteModel(name=f"pushing - {case}")
+    m = pyo.ConcreteModel(name="pushing among obstacles")
     m.push = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
     state_pusher_slider(b, goal)
     b.guess_straight_lines()
     side = 2 * SLIDER.half_side
+    m.squares = [rcp.Polytope.box(0.1, 0.1, center=centre) for centre in CASES[case]["centres"]]
     m.push.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={
@@ -47,18 +48,13 @@ def build(case: str = "slot", elements: int = 100) -> pyo.ConcreteModel:
                 rcp.Polytope.box(side, side), pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
             )
         },
-        obstacles=squares(case),
+        obstacles=m.squares,
         clearance=CLEARANCE,
     )
     m.cost = pyo.Objective(
         expr=b.duration if b.has_free_duration else b.integral(lambda b, t: squared_distance(b, t, goal))
     )
     return m
-
-
-def squares(case: str) -> list[rcp.Polytope]:
-    """The obstacles of a case."""
-    return [rcp.Polytope.box(0.1, 0.1, center=centre) for centre in CASES[case]["centres"]]
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:
@@ -74,7 +70,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
         half_side=SLIDER.half_side,
         snapshots=10,
         title=m.name,
-        obstacles=squares(m.name.removeprefix("pushing - ")),
+        obstacles=m.squares,
         figure=above,
     )
     trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)

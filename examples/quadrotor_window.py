@@ -37,7 +37,7 @@ def wall(width: float, height: float) -> list[rcp.Polytope]:
 
 def build(case: str = "narrow", elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
     """From hovering to hovering on the other side, in little time and with little effort."""
-    m = pyo.ConcreteModel(name=f"quadrotor - {case} window")
+    m = pyo.ConcreteModel(name="quadrotor")
     m.flight = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 6), guess=2.5), elements=elements, stages=stages)
     for name, start, goal in zip(("x", "y", "z"), START, GOAL, strict=True):
         b.declare(name, rcp.State(initial=start, final=goal, bounds=(-2, 2)))

@@ -53,7 +53,7 @@ from pyrobocop_pyomo.phases import (
     Verification,
     label_measurements,
 )
-from pyrobocop_pyomo.plotting import MovingShape, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
+from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
 from pyrobocop_pyomo.solving import (
     ActiveSide,
     HomotopyResult,
@@ -83,6 +83,7 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "BodyPath",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
@@ -104,7 +105,6 @@ __all__ = [
     "LinFukushima",
     "Link",
     "Mesh",
-    "MovingShape",
     "MultistartResult",
     "ObstacleError",
     "PairReport",

@@ -2,7 +2,7 @@
 
 from .animations import animate_scene
 from .linkage import draw_linkage
-from .moving_shapes import MovingShape
+from .body_path import BodyPath
 from .pairs import plot_pair_sides, plot_products
 from .phase_marks import mark_phases
 from .planar_pushing import draw_planar_pushing
@@ -11,7 +11,7 @@ from .signals import plot_signals
 from .solve_history import plot_history
 
 __all__ = [
-    "MovingShape",
+    "BodyPath",
     "animate_scene",
     "draw_linkage",
     "draw_planar_pushing",

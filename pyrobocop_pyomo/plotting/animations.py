@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.optional_imports import animation, matplotlib
 
-from .moving_shapes import MovingShape
+from .body_path import BodyPath
 from .scenes import add_polygon, check_scene, draw_path, local_polygons, scene_axis
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 def animate_scene(
     time: Array,
-    bodies: Sequence[MovingShape],
+    bodies: Sequence[BodyPath],
     obstacles: Sequence[Any],
     path: str | Path,
     *,

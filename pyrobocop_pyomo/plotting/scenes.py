@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.optional_imports import art3d, matplotlib
 
-from .moving_shapes import MovingShape
+from .body_path import BodyPath
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 def draw_scene(
     time: Array,
-    bodies: Sequence[MovingShape],
+    bodies: Sequence[BodyPath],
     obstacles: Sequence[Any] = (),
     *,
     snapshots: int = 12,
@@ -38,7 +38,7 @@ def draw_scene(
     ----------
     time : array, shape (T,)
         Seconds.
-    bodies : sequence of MovingShape
+    bodies : sequence of BodyPath
         With a pose for each time.
     obstacles : sequence of Polytope
         What stands still; padded ones have round corners, those with rays end at the edge of the picture.
@@ -83,10 +83,10 @@ def draw_scene(
     return figure
 
 
-def check_scene(time: Array, bodies: Sequence[MovingShape], obstacles: Sequence[Any]) -> int:
+def check_scene(time: Array, bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> int:
     """The dimension of a scene, after checking that its parts fit together."""
     if not bodies:
-        raise GeometryError("a scene without a body: nothing would move. Give at least one MovingShape.")
+        raise GeometryError("a scene without a body: nothing would move. Give at least one BodyPath.")
     dimension = bodies[0].dimension
     for each in (*bodies, *obstacles):
         if each.dimension != dimension:
@@ -101,7 +101,7 @@ def check_scene(time: Array, bodies: Sequence[MovingShape], obstacles: Sequence[
 
 
 def scene_axis(
-    figure: Any, bodies: Sequence[MovingShape], obstacles: Sequence[Any], *, view: Any, title: str, unit: str
+    figure: Any, bodies: Sequence[BodyPath], obstacles: Sequence[Any], *, view: Any, title: str, unit: str
 ) -> Any:
     """Axes with the obstacles drawn, and limits that show everything."""
     dimension = bodies[0].dimension
@@ -132,7 +132,7 @@ def scene_axis(
     return axis
 
 
-def local_polygons(body: MovingShape) -> list[Array]:
+def local_polygons(body: BodyPath) -> list[Array]:
     """What is drawn of a body, in its own frame."""
     if body.dimension == 3:
         return [polygon for part in body.parts for polygon in faces(part)]  # type: ignore[union-attr]
@@ -151,7 +151,7 @@ def add_polygon(axis: Any, corners: Array, face: Any, edge: Any, layer: float) -
     return axis.add_patch(patch)
 
 
-def draw_path(axis: Any, body: MovingShape, *, named: bool) -> None:
+def draw_path(axis: Any, body: BodyPath, *, named: bool) -> None:
     """The path of the reference point, with a circle at its start and a star at its end."""
     path = body.translation
     axis.plot(*path.T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=99)
@@ -161,7 +161,7 @@ def draw_path(axis: Any, body: MovingShape, *, named: bool) -> None:
         axis.text(*path[0], f"  {body.name}", fontsize="small", zorder=101)
 
 
-def _window(bodies: Sequence[MovingShape], obstacles: Sequence[Any]) -> Array:
+def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
     """What a scene needs to be seen: all motion, with room around it, and obstacles as far as they are near.
 
     A wall that is much longer than the motion would make a dot of it: the picture ends where the motion has doubled.

@@ -12,11 +12,11 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    ActiveSide Algebraic AllPairs AugmentedLagrangian Certificate ChenHarkerKanzowSmale
+    ActiveSide Algebraic AllPairs AugmentedLagrangian BodyPath Certificate ChenHarkerKanzowSmale
     Complementarity Control Crossed Diagnosis Duration Elastic FischerBurmeister Fixed FollowBarrier
     Geometric GeometryError Grid HomotopyResult JoinedTrajectory Kadrani KanzowSchwartz LinFukushima
-    Link Mesh MovingShape MultistartResult ObstacleError PairReport Parameter Penalty PerElement
-    PerPair PerPhase PhaseBlock Polytope Pose PyRobocopError Quality RecedingHorizon RefinedResult
+    Link Mesh MultistartResult ObstacleError PairReport Parameter Penalty PerElement PerPair
+    PerPhase PhaseBlock Polytope Pose PyRobocopError Quality RecedingHorizon RefinedResult
     RefinementEnd Route Rung Scheme Scholtes Sensitivity SequenceRanking SignedDistance
     SimulationFailed SolveFailed SolveResult SquareSlider Start State Stationarity SteffensenUlbrich
     StopReason Superlinear Trajectory TwoSided Verification __version__ active_pairs animate_scene

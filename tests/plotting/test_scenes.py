@@ -19,13 +19,13 @@ WALL = rcp.Polytope.from_halfspaces([[0, -1]], [-3], bounded=False, name="wall")
 POST = rcp.Polytope.ball(0.3, (4, -2))
 
 
-def car(**named: str) -> rcp.MovingShape:
-    return rcp.MovingShape.planar(CAR, TIME, 0 * TIME, 0.2 * TIME, **named)
+def car(**named: str) -> rcp.BodyPath:
+    return rcp.BodyPath.planar(CAR, TIME, 0 * TIME, 0.2 * TIME, **named)
 
 
-def quadrotor() -> rcp.MovingShape:
+def quadrotor() -> rcp.BodyPath:
     box = rcp.Polytope.box(0.6, 0.6, 0.2)
-    return rcp.MovingShape(box, np.tile(np.eye(3), (41, 1, 1)), np.stack([TIME - 2, 0 * TIME, 0 * TIME], axis=-1))
+    return rcp.BodyPath(box, np.tile(np.eye(3), (41, 1, 1)), np.stack([TIME - 2, 0 * TIME, 0 * TIME], axis=-1))
 
 
 def test_snapshots_are_where_the_body_is_at_these_times() -> None:
@@ -39,7 +39,7 @@ def test_snapshots_are_where_the_body_is_at_these_times() -> None:
 
 
 def test_bodies_at_one_time_share_a_colour_and_later_is_darker() -> None:
-    away = rcp.MovingShape.planar(CAR, TIME, 5 + 0 * TIME, 0 * TIME, name="other")
+    away = rcp.BodyPath.planar(CAR, TIME, 5 + 0 * TIME, 0 * TIME, name="other")
     axis = rcp.draw_scene(TIME, [car(name="car"), away], snapshots=4).axes[0]
     first, second = axis.patches[:4], axis.patches[4:]
     assert [patch.get_edgecolor() for patch in first] == [patch.get_edgecolor() for patch in second]
@@ -65,7 +65,7 @@ def test_a_given_view_is_kept() -> None:
 
 def test_the_parts_of_a_body_move_together() -> None:
     parts = [rcp.Polytope.capsule((0, 0), (1, 0), 0.1), rcp.Polytope.capsule((0, 0), (0, 1), 0.1)]
-    body = rcp.MovingShape.planar(parts, TIME, 0 * TIME, TIME)
+    body = rcp.BodyPath.planar(parts, TIME, 0 * TIME, TIME)
     axis = rcp.draw_scene(TIME, [body], snapshots=3).axes[0]
     assert len(axis.patches) == 6
 
@@ -82,7 +82,7 @@ def test_a_scene_in_space_has_all_faces_and_equal_scales() -> None:
 
 
 @pytest.mark.parametrize("body", [car(), quadrotor()], ids=["plane", "space"])
-def test_an_animation_has_its_frames_and_shows_motion(body: rcp.MovingShape, tmp_path: Path) -> None:
+def test_an_animation_has_its_frames_and_shows_motion(body: rcp.BodyPath, tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
     written = rcp.animate_scene(TIME, [body], [], tmp_path / "a.png", frames=4, seconds=1)
     assert written == tmp_path / "a.gif"
@@ -103,7 +103,7 @@ def test_an_animation_has_its_frames_and_shows_motion(body: rcp.MovingShape, tmp
         (([],), "a scene without a body"),
         (([car(), quadrotor()],), "has dimension 3"),
         (([car()], [rcp.Polytope.box(1, 1, 1, name="cube")]), "'cube' has dimension 3"),
-        (([rcp.MovingShape.planar(CAR, [0, 1], [0, 0], [0, 0], name="short")],), "'short' has 2 poses at 41 times"),
+        (([rcp.BodyPath.planar(CAR, [0, 1], [0, 0], [0, 0], name="short")],), "'short' has 2 poses at 41 times"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None:
@@ -116,6 +116,6 @@ def test_what_does_not_fit_together_is_refused(arguments: tuple, message: str, t
 
 def test_poses_of_the_wrong_shape_and_empty_animations_are_refused(tmp_path: Path) -> None:
     with pytest.raises(GeometryError, match=r"body 'car': .* rotations of shape \(41, 3, 3\)"):
-        rcp.MovingShape(CAR, np.tile(np.eye(3), (41, 1, 1)), np.zeros((41, 2)), "car")
+        rcp.BodyPath(CAR, np.tile(np.eye(3), (41, 1, 1)), np.zeros((41, 2)), "car")
     with pytest.raises(GeometryError, match="an animation of 1 frames in 2 s"):
         rcp.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=1, seconds=2)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class MovingShape:
+class BodyPath:
     """A body of one or several convex parts, and where it is at each time.
 
     Attributes
@@ -49,7 +49,7 @@ class MovingShape:
         object.__setattr__(self, "translation", translation)
 
     @classmethod
-    def planar(cls, parts: Any, x: Any, y: Any, theta: Any, name: str = "body") -> MovingShape:
+    def planar(cls, parts: Any, x: Any, y: Any, theta: Any, name: str = "body") -> BodyPath:
         """From arrays of positions and of rotations in radians, shape (T,) each."""
         c, s = np.cos(np.asarray(theta, float)), np.sin(np.asarray(theta, float))
         rotation = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
