@@ -41,6 +41,7 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, animate_avoidance, draw_avoidance
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -83,6 +84,7 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Body",
     "BodyPath",
     "Certificate",
     "ChenHarkerKanzowSmale",
@@ -106,6 +108,7 @@ __all__ = [
     "Link",
     "Mesh",
     "MultistartResult",
+    "ObstacleAvoidanceBlock",
     "ObstacleError",
     "PairReport",
     "Parameter",
@@ -143,11 +146,13 @@ __all__ = [
     "Verification",
     "__version__",
     "active_pairs",
+    "animate_avoidance",
     "animate_scene",
     "available_routes",
     "complements",
     "dae_trajectory",
     "diagnose",
+    "draw_avoidance",
     "draw_linkage",
     "draw_planar_pushing",
     "draw_scene",

@@ -1,6 +1,20 @@
-"""Obstacles: bodies, how they move between the nodes, and the proof that they keep clear of each other."""
+"""Obstacles: bodies that keep clear of them, how they move between the nodes, and the proof that they do."""
 
+from .avoidance_block import ObstacleAvoidanceBlock
+from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
+from .formulations import Formulation, Plane
 from .motion import Motion, motion_of
+from .pictures import animate_avoidance, draw_avoidance
 
-__all__ = ["Body", "Motion", "motion_of"]
+__all__ = [
+    "Body",
+    "Formulation",
+    "Motion",
+    "ObstacleAvoidanceBlock",
+    "ObstacleAvoidanceBlockData",
+    "Plane",
+    "animate_avoidance",
+    "draw_avoidance",
+    "motion_of",
+]
