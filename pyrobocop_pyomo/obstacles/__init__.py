@@ -2,5 +2,7 @@
 
 from .bodies import Body
 from .motion import Motion, motion_of
+from .safety_report import PairSafety, SafetyReport
+from .verification import verify_clearance
 
-__all__ = ["Body", "Motion", "motion_of"]
+__all__ = ["Body", "Motion", "PairSafety", "SafetyReport", "motion_of", "verify_clearance"]
