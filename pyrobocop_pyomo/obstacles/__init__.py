@@ -5,6 +5,9 @@ from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
 from .formulations import Formulation, Plane
 from .motion import Motion, motion_of
+from .pictures import animate_avoidance, draw_avoidance
+from .safety_report import PairSafety, SafetyReport
+from .verification import verify_clearance
 
 __all__ = [
     "Body",
@@ -12,6 +15,11 @@ __all__ = [
     "Motion",
     "ObstacleAvoidanceBlock",
     "ObstacleAvoidanceBlockData",
+    "PairSafety",
     "Plane",
+    "SafetyReport",
+    "animate_avoidance",
+    "draw_avoidance",
     "motion_of",
+    "verify_clearance",
 ]
