@@ -20,10 +20,10 @@ PUBLIC = """
     RefinementEnd Route Rung Scheme Scholtes Sensitivity SequenceRanking SignedDistance
     SimulationFailed SolveFailed SolveResult SquareSlider Start State Stationarity SteffensenUlbrich
     StopReason Superlinear Trajectory TwoSided Verification __version__ active_pairs
-    available_routes complements dae_trajectory diagnose draw_linkage draw_planar_pushing explicit
-    find_scheme gauss_legendre homotopy join_trajectories label_measurements lobatto mode_sequences
-    multistart planar_pose radau sensitivity signed_distance solve solve_refined solve_sequences
-    spatial_pose
+    available_routes complements dae_trajectory decompose diagnose draw_linkage draw_planar_pushing
+    explicit find_scheme gauss_legendre homotopy join_trajectories label_measurements lobatto
+    mode_sequences multistart planar_pose radau sensitivity signed_distance solve solve_refined
+    solve_sequences spatial_pose
 """
 
 EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py", "shapely", "trimesh", "coal")
