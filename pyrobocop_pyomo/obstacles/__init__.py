@@ -3,15 +3,19 @@
 from .avoidance_block import ObstacleAvoidanceBlock
 from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
-from .formulations import Formulation, Plane
+from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .motion import Motion, motion_of
 
 __all__ = [
     "Body",
+    "Dual",
     "Formulation",
+    "Mixed",
     "Motion",
     "ObstacleAvoidanceBlock",
     "ObstacleAvoidanceBlockData",
+    "Offset",
+    "Optimality",
     "Plane",
     "motion_of",
 ]

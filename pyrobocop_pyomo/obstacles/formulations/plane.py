@@ -16,8 +16,8 @@ from .rows import (
     empty_expressions,
     empty_rows,
     has_constant_rotation,
+    norm_relation,
     rotation_of,
-    set_norm_row,
     turned,
 )
 
@@ -83,7 +83,7 @@ class Plane:
                 bodies += [dot(ray, direction) for ray in rays.tolist()]
                 for number, body in enumerate(bodies):
                     rows.add((*place, number), (0.0, body, None) if upward else (None, body, 0.0))
-        set_norm_row(block.unit.add(index, (None, normal[0], 1.0)), normal, "ball")
+        block.unit.add(index, norm_relation(normal, "ball"))
 
     def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
         """The given normal, and the plane half-way between what it leaves free on either side."""
@@ -95,4 +95,4 @@ class Plane:
 
     def set_norm(self, block: Any, index: Index, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
-        set_norm_row(block.unit[index], [block.normal[(*index, axis)] for axis in block.axes], norm)
+        block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
