@@ -21,6 +21,10 @@ from .rows import (
     turned,
 )
 
+# Bounds of 1 would be reached by every plane parallel to an axis, where they say the same as the norm: multipliers
+# are then not unique, and solvers take three times as many steps.
+WIDER_THAN_ONE = (-1.5, 1.5)
+
 
 @dataclass(frozen=True)
 class Plane:
@@ -48,7 +52,7 @@ class Plane:
         """Normal, offset and their rows, still empty."""
         add_components(
             block,
-            normal=Var(block.planes, list(axes), bounds=(-1, 1), dense=False, doc="normal of each plane"),
+            normal=Var(block.planes, list(axes), bounds=WIDER_THAN_ONE, dense=False, doc="normal of each plane"),
             offset=Var(block.planes, dense=False, doc="offset of each plane"),
             turned_normal=empty_expressions("normals in the frame of a body that turns"),
             level=empty_expressions("height of a body's origin over the plane"),
