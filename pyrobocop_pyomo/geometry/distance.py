@@ -8,14 +8,16 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import GeometryError
 
-from .minimum_norm import nearest_difference
+from .minimum_norm import difference_rays, nearest_difference
 from .polytope import Polytope
 from .poses import Pose
-from .separation import gap, separating_directions
+from .separation import LEVEL, candidate_normals, gaps
 
 # Relative to the scene. Closer than this, the difference of the nearest points is too short to give a direction,
 # and the facets of the difference of the bodies give it.
 TOUCHING = 1e-7
+# Rounding leaves touching bodies apart by less than this.
+APART = 1e-14
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def signed_distance(
     """
     if first.dimension != second.dimension:
         raise GeometryError(
-            f"'{first.name}' has {first.dimension} dimensions and '{second.name}' {second.dimension}: they have no distance. "
+            f"'{first.name}' has {first.dimension} dimensions and '{second.name}' {second.dimension}. "
             "Give both in the plane, or both in space."
         )
     if first_pose is not None:
@@ -97,42 +99,46 @@ def distance_of_points(
     SignedDistance
         Of distance minus infinity if rays leave no direction to separate the sets along.
     """
-    p_rays = p_rays if p_rays is not None and len(p_rays) else None
-    q_rays = q_rays if q_rays is not None and len(q_rays) else None
-    origin = 0.5 * (p.mean(axis=0) + q.mean(axis=0))  # scenes far from the world's origin lose no digits
+    rays = None
+    of_first = 0 if p_rays is None else len(p_rays)
+    if of_first or (q_rays is not None and len(q_rays)):
+        rays = difference_rays(p_rays, q_rays, p.shape[1])
+    origin = (p[0] + q[0]) * 0.5  # scenes far from the world's origin lose no digits
     p, q = p - origin, q - origin
     scale = max(float(np.abs(p).max()), float(np.abs(q).max())) or 1.0
-    nearest = nearest_difference(p, q, p_rays, q_rays)
-    norm = float(np.sqrt(nearest.point @ nearest.point))
-    if norm > TOUCHING * scale:
-        normal = nearest.point / norm
-        return SignedDistance(norm, normal, nearest.first + origin, nearest.second + origin)
-    return _touching_or_overlapping(p, q, p_rays, q_rays, origin, scale)
-
-
-def _touching_or_overlapping(
-    p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None, q_rays: np.ndarray | None, origin: np.ndarray, scale: float
-) -> SignedDistance:
-    directions = separating_directions(p, q, p_rays, q_rays)
-    if len(directions) == 0:
+    nearest = nearest_difference(p, q, scale, rays, of_first)
+    if nearest.norm > TOUCHING * scale:
+        normal = nearest.point / nearest.norm
+        return SignedDistance(nearest.norm, normal, nearest.first + origin, nearest.second + origin)
+    all_rays = np.zeros((0, p.shape[1])) if rays is None else rays
+    directions = candidate_normals(p, q, all_rays)
+    is_apart = nearest.norm > APART * scale
+    if is_apart:
+        directions = np.vstack([directions, nearest.point / nearest.norm])
+    widths = gaps(directions, p, q, all_rays)
+    best = int(widths.argmax()) if len(widths) else -1
+    if best < 0 or widths[best] == -np.inf:
         nowhere = np.full(p.shape[1], np.nan)
         return SignedDistance(-np.inf, nowhere, nowhere, nowhere)
-    gaps = np.array([gap(direction, p, q, p_rays, q_rays) for direction in directions])
-    best = int(np.argmax(gaps))
-    normal, distance = directions[best], float(gaps[best])
-    on_second = _point_of_contact(p, q, p_rays, q_rays, normal, scale) + origin
+    normal = directions[best]
+    # Two corners this close: no normal is known well enough for its gap to be the distance, which is known.
+    distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
+    on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
     return SignedDistance(distance, normal, on_second + distance * normal, on_second)
 
 
 def _point_of_contact(
-    p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None, q_rays: np.ndarray | None, normal: np.ndarray, scale: float
+    p: np.ndarray, q: np.ndarray, rays: np.ndarray | None, of_first: int, normal: np.ndarray, scale: float
 ) -> np.ndarray:
     """A point of q where p, moved along the normal until both touch, touches it."""
     along_p, along_q = p @ normal, q @ normal
     top = float(along_q.max())
-    p_face = p[along_p <= along_p.min() + 1e-9 * scale]
-    q_face = q[along_q >= top - 1e-9 * scale]
+    p_face = p[along_p <= along_p.min() + LEVEL * scale]
+    q_face = q[along_q >= top - LEVEL * scale]
     flat = np.eye(len(normal)) - np.outer(normal, normal)
-    p_flat = None if p_rays is None else p_rays[np.abs(p_rays @ normal) <= 1e-9] @ flat
-    q_flat = None if q_rays is None else q_rays[np.abs(q_rays @ normal) <= 1e-9] @ flat
-    return nearest_difference(p_face @ flat, q_face @ flat, p_flat, q_flat).second + top * normal
+    level = None
+    if rays is not None:
+        is_level = np.abs(rays @ normal) <= LEVEL
+        of_first = int(is_level[:of_first].sum())
+        level = rays[is_level] @ flat if is_level.any() else None
+    return nearest_difference(p_face @ flat, q_face @ flat, scale, level, of_first).second + top * normal

@@ -2,7 +2,7 @@
 
 The differences ``p_i - q_j`` are never formed: the method asks which is lowest along a direction, which is one
 product with each set. It keeps few of them, at most one more than there are dimensions, whose combination is
-the answer, and ends after finitely many steps.
+the answer, and ends after finitely many steps. A ray is kept like a point, but its weight is free.
 
 References
 ----------
@@ -12,115 +12,167 @@ https://doi.org/10.1007/BF01580381
 
 from __future__ import annotations
 
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
 
-# Relative to the largest coordinate of the scene.
+# Relative to the scene, a little above rounding: nothing nearer than this can be told from what was found.
 EXACT = 1e-15
+# Unit rays that point this little towards the origin are taken as level.
+LEVEL = 1e-14
 LARGEST_COUNT = 200
+LARGEST_IDLE_COUNT = 10
 
 
-class NearestPoint(NamedTuple):
-    """``point`` = ``first`` - ``second``; ``short_by``: it is at most this much farther than the true one."""
+class Nearest(NamedTuple):
+    """``point`` = ``first`` - ``second`` in the two sets; at most ``short_by`` farther away than the nearest."""
 
     point: np.ndarray
+    norm: float
     first: np.ndarray
     second: np.ndarray
     short_by: float
 
 
+class _Kept(NamedTuple):
+    """A difference of two points (their rows), or a ray (row -1, and the ray's row)."""
+
+    rows: tuple[int, int]
+    at: list[float]
+
+    @property
+    def is_point(self) -> bool:
+        return self.rows[0] >= 0
+
+
+def difference_rays(first: np.ndarray | None, second: np.ndarray | None, dimension: int) -> np.ndarray:
+    """Directions in which the differences of two sets have no end: rays of the first, and of the second reversed."""
+    rays = [np.zeros((0, dimension))]
+    if first is not None:
+        rays.append(first)
+    if second is not None:
+        rays.append(-second)
+    return np.vstack(rays)
+
+
 def nearest_difference(
-    first: np.ndarray, second: np.ndarray, first_rays: np.ndarray | None = None, second_rays: np.ndarray | None = None
-) -> NearestPoint:
-    """Nearest point to the origin of ``conv(first) + cone(first_rays) - conv(second) - cone(second_rays)``.
+    first: np.ndarray, second: np.ndarray, scale: float, rays: np.ndarray | None = None, of_first: int = 0
+) -> Nearest:
+    """Nearest point to the origin of ``conv(first) - conv(second) + cone(rays)``.
 
     Parameters
     ----------
     first, second : (v, d) and (w, d) arrays
-    first_rays, second_rays : (k, d) arrays, optional
+    scale : float
+        Size of the coordinates: what zero is compared with.
+    rays : (k, d) array, optional
+        Unit rows, see `difference_rays`.
+    of_first : int, optional
+        How many of the rays are the first set's.
     """
-    dimension = first.shape[1]
-    rays = _difference_rays(first_rays, second_rays, dimension)
-    scale = max(float(np.abs(first).max()), float(np.abs(second).max())) or 1.0
-    toward = first.mean(axis=0) - second.mean(axis=0)
-    kept = [_lowest(first, second, toward)]
-    columns = [first[kept[0][0]] - second[kept[0][1]]]
-    weights = np.ones(1)
-    point = columns[0]
-    short_by = np.inf
+    direction = first.sum(axis=0) / len(first) - second.sum(axis=0) / len(second)
+    kept = [_lowest(first, second, direction)]
+    weights = [1.0]
+    point = kept[0].at
+    square = _dot(point, point)
+    short_by = norm = square**0.5
+    idle = 0
     for _ in range(LARGEST_COUNT):
-        norm = float(np.sqrt(point @ point))
         if norm <= EXACT * scale:
             short_by = norm
             break
-        candidate = _lowest(first, second, point)
-        difference = first[candidate[0]] - second[candidate[1]]
-        short_by = norm - float(point @ difference) / norm
-        if len(rays):
-            slopes = rays @ point
-            steepest = int(np.argmin(slopes))
-            if slopes[steepest] < -1e-14 * norm:
-                candidate, difference = (-1, steepest), rays[steepest] * scale
-                short_by = np.inf
-        if short_by <= EXACT * scale or candidate in kept:
+        direction = np.array(point)
+        found = _lowest(first, second, direction)
+        short_by = norm - _dot(found.at, point) / norm
+        if rays is not None:
+            slopes = rays @ direction
+            steepest = int(slopes.argmin())
+            if slopes[steepest] < -LEVEL * norm:
+                found, short_by = _Kept((-1, steepest), (rays[steepest] * scale).tolist()), norm
+        if short_by <= EXACT * scale or any(found.rows == other.rows for other in kept):
             break
-        grown = [*columns, difference], [*kept, candidate], np.append(weights, 0.0)
-        columns, kept, weights = _best_combination(*grown)
-        nearer = weights @ np.array(columns)
-        if float(nearer @ nearer) >= float(point @ point):
-            break  # no progress but rounding
-        point = nearer
-    on_first, on_second = np.zeros(dimension), np.zeros(dimension)
-    for (i, j), weight in zip(kept, weights, strict=True):
+        kept, weights, nearer = _best_combination([*kept, found], [*weights, 0.0])
+        square, before = _dot(nearer, nearer), square
+        if square >= before:  # nothing gained but rounding, in length; the direction may still gain
+            idle += 1
+            if idle > LARGEST_IDLE_COUNT:
+                break
+        point, norm = nearer, square**0.5
+    on_first, on_second = np.zeros(first.shape[1]), np.zeros(first.shape[1])
+    for one, weight in zip(kept, weights, strict=True):
+        i, j = one.rows
         if i >= 0:
             on_first += weight * first[i]
             on_second += weight * second[j]
-        elif first_rays is not None and j < len(first_rays):
-            on_first += weight * scale * rays[j]
+        elif j < of_first:
+            on_first += weight * np.array(one.at)
         else:
-            on_second -= weight * scale * rays[j]
-    return NearestPoint(on_first - on_second, on_first, on_second, max(short_by, 0.0))
+            on_second -= weight * np.array(one.at)
+    return Nearest(np.array(point), norm, on_first, on_second, max(short_by, 0.0))
 
 
-def _difference_rays(first: np.ndarray | None, second: np.ndarray | None, dimension: int) -> np.ndarray:
-    rays = [ray for ray in (first, None if second is None else -second) if ray is not None and len(ray)]
-    return np.vstack(rays) if rays else np.zeros((0, dimension))
+def _lowest(first: np.ndarray, second: np.ndarray, direction: np.ndarray) -> _Kept:
+    i, j = int((first @ direction).argmin()), int((second @ direction).argmax())
+    return _Kept((i, j), (first[i] - second[j]).tolist())
 
 
-def _lowest(first: np.ndarray, second: np.ndarray, direction: np.ndarray) -> tuple[int, int]:
-    return int((first @ direction).argmin()), int((second @ direction).argmax())
-
-
-def _best_combination(
-    columns: list[np.ndarray], kept: list[tuple[int, int]], weights: np.ndarray
-) -> tuple[list[np.ndarray], list[tuple[int, int]], np.ndarray]:
-    """Wolfe's minor cycle: nearest point of the affine hull; where that is outside, drop what is in the way."""
+def _best_combination(kept: list[_Kept], weights: list[float]) -> tuple[list[_Kept], list[float], list[float]]:
+    """Wolfe's minor cycle: the affine hull's nearest point; where that is outside, drop what is in the way."""
     while True:
-        target = _affine_minimum(columns, kept)
-        if target.min() > 0.0 or len(columns) == 1:
-            return columns, kept, target
-        falling = target <= 0.0
-        drop = weights[falling] - target[falling]
-        steps = np.where(drop > 0.0, weights[falling] / np.where(drop > 0.0, drop, 1.0), 0.0)
-        step = min(1.0, float(steps.min()))
-        weights = weights + step * (target - weights)
-        gone = int(np.flatnonzero(falling)[int(np.argmin(steps))])
-        if sum(i >= 0 for i, _ in kept) == 1 and kept[gone][0] >= 0:  # never all points: rays alone are no place
-            gone = next(k for k in np.flatnonzero(falling) if kept[k][0] < 0)
-        columns, kept = columns[:gone] + columns[gone + 1 :], kept[:gone] + kept[gone + 1 :]
-        weights = np.clip(np.delete(weights, gone), 0.0, None)
-        total = sum(weight for weight, (i, _) in zip(weights, kept, strict=True) if i >= 0)
-        weights = np.array([w / total if i >= 0 else w for w, (i, _) in zip(weights, kept, strict=True)])
+        target, point = _affine_minimum(kept)
+        falling = [k for k, weight in enumerate(target) if weight <= 0.0]
+        if not falling:
+            return kept, target, point
+        # The last point is never dropped: rays alone are no place.
+        if sum(one.is_point for one in kept) == 1:
+            falling = [k for k in falling if not kept[k].is_point]
+        steps = [weights[k] / max(weights[k] - target[k], 1e-300) for k in falling]
+        step = min(steps)
+        gone = falling[steps.index(step)]
+        moved = [weight + step * (aim - weight) for weight, aim in zip(weights, target, strict=True)]
+        weights = [max(weight, 0.0) for k, weight in enumerate(moved) if k != gone]
+        kept = [one for k, one in enumerate(kept) if k != gone]
 
 
-def _affine_minimum(columns: list[np.ndarray], kept: list[tuple[int, int]]) -> np.ndarray:
-    """Weights of the point nearest to the origin; those of points sum to one, those of rays are free."""
-    base = next(k for k, (i, _) in enumerate(kept) if i >= 0)
+def _affine_minimum(kept: list[_Kept]) -> tuple[list[float], list[float]]:
+    """Weights of the affine hull's nearest point and the point; weights of points sum to one, of rays are free.
+
+    By orthogonalisation, not normal equations, which would square the error where the hull is thin.
+    """
+    base = next(k for k, one in enumerate(kept) if one.is_point)
+    origin = kept[base].at
     others = [k for k in range(len(kept)) if k != base]
-    weights = np.zeros(len(kept))
-    if others:
-        spans = np.array([columns[k] - columns[base] if kept[k][0] >= 0 else columns[k] for k in others])
-        weights[others] = np.linalg.lstsq(spans.T, -columns[base], rcond=None)[0]
-    weights[base] = 1.0 - sum(weights[k] for k in others if kept[k][0] >= 0)
-    return weights
+    axes: list[list[float]] = []
+    triangle: list[list[float]] = []
+    aims: list[float] = []
+    point = origin
+    for k in others:
+        at = kept[k].at
+        rest = span = [a - b for a, b in zip(at, origin, strict=True)] if kept[k].is_point else at
+        parts = []
+        for axis in axes:
+            part = _dot(axis, rest)
+            rest = [r - part * a for r, a in zip(rest, axis, strict=True)]
+            parts.append(part)
+        size = _dot(rest, rest) ** 0.5
+        if size <= 1e-15 * _dot(span, span) ** 0.5:
+            axis = [0.0] * len(rest)  # spanned by the others: no weight
+        else:
+            axis = [r / size for r in rest]
+        aim = -_dot(axis, point)
+        point = [x + aim * a for x, a in zip(point, axis, strict=True)]
+        axes.append(axis)
+        triangle.append([*parts, size])
+        aims.append(aim)
+    weights = [0.0] * len(kept)
+    for row in reversed(range(len(others))):
+        known = sum(triangle[column][row] * weights[others[column]] for column in range(row + 1, len(others)))
+        size = triangle[row][row]
+        weights[others[row]] = (aims[row] - known) / size if any(axes[row]) else 0.0
+    weights[base] = 1.0 - sum(weights[k] for k in others if kept[k].is_point)
+    return weights, point
+
+
+def _dot(a: list[float], b: list[float]) -> float:
+    return sum(map(mul, a, b))

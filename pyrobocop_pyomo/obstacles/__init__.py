@@ -5,6 +5,8 @@ from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .motion import Motion, motion_of
+from .safety_report import PairSafety, SafetyReport
+from .verification import verify_clearance
 
 __all__ = [
     "Body",
@@ -16,6 +18,9 @@ __all__ = [
     "ObstacleAvoidanceBlockData",
     "Offset",
     "Optimality",
+    "PairSafety",
     "Plane",
+    "SafetyReport",
     "motion_of",
+    "verify_clearance",
 ]
