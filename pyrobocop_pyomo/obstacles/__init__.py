@@ -5,6 +5,7 @@ from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .motion import Motion, motion_of
+from .pictures import animate_avoidance, draw_avoidance
 from .safety_report import PairSafety, SafetyReport
 from .verification import verify_clearance
 
@@ -21,6 +22,8 @@ __all__ = [
     "PairSafety",
     "Plane",
     "SafetyReport",
+    "animate_avoidance",
+    "draw_avoidance",
     "motion_of",
     "verify_clearance",
 ]
