@@ -13,10 +13,10 @@ import pyrobocop_pyomo
 
 PUBLIC = """
     ActiveSide Algebraic AllPairs AugmentedLagrangian Body BodyPath Certificate ChenHarkerKanzowSmale
-    Complementarity Control Crossed Diagnosis Duration Elastic FischerBurmeister Fixed FollowBarrier
-    Geometric GeometryError Grid HomotopyResult JoinedTrajectory Kadrani KanzowSchwartz LinFukushima
-    Link Mesh MultistartResult ObstacleAvoidanceBlock ObstacleError PairReport Parameter Penalty
-    PerElement PerPair PerPhase PhaseBlock Polytope Pose PyRobocopError Quality RecedingHorizon
+    Complementarity Containment Control Crossed Diagnosis Duration Elastic FischerBurmeister Fixed
+    FollowBarrier Geometric GeometryError Grid HomotopyResult JoinedTrajectory Kadrani KanzowSchwartz
+    LinFukushima Link Mesh MultistartResult ObstacleAvoidanceBlock ObstacleError PairReport Parameter
+    Penalty PerElement PerPair PerPhase PhaseBlock Polytope Pose PyRobocopError Quality RecedingHorizon
     RefinedResult RefinementEnd Route Rung SafetyReport Scheme Scholtes Sensitivity SequenceRanking
     SignedDistance SimulationFailed SolveFailed SolveResult SquareSlider Start State Stationarity
     SteffensenUlbrich StopReason Superlinear Trajectory TwoSided Verification __version__ active_pairs
