@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 
 def named_obstacles(obstacles: Mapping[str, Polytope] | Sequence[Polytope]) -> list[Polytope]:
+    """Obstacles under the names that messages use."""
     if not isinstance(obstacles, Mapping):
         obstacles = {f"obstacle {i}": each for i, each in enumerate(obstacles, 1)}
     for name, each in obstacles.items():
@@ -28,6 +29,7 @@ def named_obstacles(obstacles: Mapping[str, Polytope] | Sequence[Polytope]) -> l
 def check_car(
     body: Polytope, obstacles: list[Polytope], wheelbase: float, steering_limit: float, clearance: float, limit: float
 ) -> None:
+    """Refuse a body, a steering, a clearance or a time that makes no sense."""
     if not isinstance(body, Polytope) or body.dimension != 2 or not body.is_bounded:
         raise GuessError(f"hybrid_a_star: the body is {body!s}; expected a bounded Polytope in the plane.")
     for name, number in (("wheelbase", wheelbase), ("time_limit", limit)):
@@ -40,6 +42,7 @@ def check_car(
 
 
 def checked_pose(pose: Sequence[float], which: str) -> Array:
+    """Three finite numbers."""
     numbers = np.array(pose, dtype=float)
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise GuessError(f"hybrid_a_star: the {which} is {pose!r}; expected three finite numbers (x, y, heading).")
@@ -47,6 +50,7 @@ def checked_pose(pose: Sequence[float], which: str) -> Array:
 
 
 def checked_bounds(bounds: Bounds) -> Bounds:
+    """Two finite intervals that are not empty."""
     numbers = np.array(bounds, dtype=float)
     if numbers.shape != (2, 2) or not np.isfinite(numbers).all() or (numbers[:, 0] >= numbers[:, 1]).any():
         raise GuessError(f"hybrid_a_star: bounds = {bounds!r}; expected ((x_min, x_max), (y_min, y_max)), finite.")
@@ -57,6 +61,7 @@ def checked_bounds(bounds: Bounds) -> Bounds:
 def check_end(
     pose: Array, which: str, body: Polytope, obstacles: list[Polytope], bounds: Bounds, clearance: float
 ) -> None:
+    """Refuse an end out of bounds or too close to an obstacle; judged by the exact distance, apart from the search."""
     for axis, (low, high) in enumerate(bounds):
         if not low <= pose[axis] <= high:
             raise GuessError(
@@ -69,5 +74,6 @@ def check_end(
             how = f"overlaps it by {-distance:.6g}" if distance < 0 else f"is only {distance:.6g} away from it"
             raise GuessError(
                 f"hybrid_a_star: at the {which} ({pose[0]:g}, {pose[1]:g}, {pose[2]:g}) '{body.name}' collides with "
-                f"'{each.name}': it {how}, and a clearance of {clearance:g} is asked for. Move the {which}, or ask for less."
+                f"'{each.name}': it {how}, and a clearance of {clearance:g} is asked for. Move the {which}, or ask for "
+                "less."
             )

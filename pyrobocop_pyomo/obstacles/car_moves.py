@@ -29,7 +29,7 @@ class CarSearch:
     steerings : int
         How many steering angles are tried, from one limit to the other; odd, so that straight ahead is one.
     move : float or None
-        Length of one move; None: long enough to leave a cell along its diagonal, and to change the heading by one division.
+        Length of one move; None: enough to leave a cell and to change the heading by one division.
     cusp_cost : float or None
         What a change of direction costs, as a length; None: half a turning radius.
     steering_cost : float or None
@@ -168,7 +168,7 @@ class CarMoves:
 
 
 def cusps_of(lengths: Array) -> Array:
-    """Number of changes of direction along signed lengths; those that are zero do not count. ``(..., p)`` to ``(...)``."""
+    """Number of changes of direction along signed lengths, zeros left out: ``(...)`` from ``(..., p)``."""
     count = np.zeros(lengths.shape[:-1])
     last = np.zeros(lengths.shape[:-1])
     for k in range(lengths.shape[-1]):

@@ -100,9 +100,8 @@ class FreeSpace:
         curvatures, spacings : (m,) arrays
             Largest curvature (its size) of each motion, and the longest way from one pose to the next.
         """
-        motions, samples = chains.shape[:2]
         if not len(self.needed):
-            return np.ones(motions, dtype=bool)
+            return np.ones(len(chains), dtype=bool)
         # A point at distance r of the centre of the turn rises r (1 - cos(angle / 2)) above its chord, and is no
         # farther from that centre than from the body's origin plus the turning radius.
         bend = 0.125 * (curvatures * spacings) ** 2
@@ -153,7 +152,9 @@ class FreeSpace:
 
     def _from_obstacles(self, corners: Array) -> Array:
         """Gap along the normal of each side of each obstacle, ``(..., f)``."""
-        return (corners @ self.normals.T).min(axis=-2) - self.offsets
+        # Not a matrix product: that would be one call of BLAS per pose.
+        along = corners[..., :1] * self.normals[:, 0] + corners[..., 1:] * self.normals[:, 1]
+        return np.asarray(along.min(axis=-2) - self.offsets)
 
     def _from_body(self, poses: Array, bend: Array | float = 0.0) -> Array:
         """Gap along the normal of each side of the body, ``(..., o, e)``, less ``bend`` times each point's distance."""

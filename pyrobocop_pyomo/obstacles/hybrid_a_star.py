@@ -98,57 +98,58 @@ def hybrid_a_star(
     scene += max((float(np.abs(each.vertices).max()) for each in shapes), default=0.0)
     space = FreeSpace.around(body, shapes, clearance, scene)
     coarse = CarMoves.of(wheelbase, steering_limit, options)
-    turns = [_Turns(which, ends[which], ends[other]) for which, other in (("goal", "start"), ("start", "goal"))]
+
+    def begun(root: Array, estimates: WayEstimates, level: int) -> OutwardSearch:
+        moves = CarMoves.of(wheelbase, steering_limit, options, level)
+        return OutwardSearch(root, limits, moves, options.eagerness, space, estimates)
+
+    turns: list[_Turns] = []
+    budget = FIRST_BUDGET
     while True:
-        for each in turns:
-            if each.estimates is None:
-                each.estimates = WayEstimates.to(each.target, limits, body, shapes, clearance, coarse, scene)
-                _check_disc(each)
-            end = SearchEnd.USED_UP
-            while end is SearchEnd.USED_UP:
-                moves = CarMoves.of(wheelbase, steering_limit, options, each.level)
-                looking = OutwardSearch(each.root, each.target, limits, moves, options.eagerness, space, each.estimates)
-                end = looking.run(min(each.budget, options.most_nodes), began + time_limit)
-                each.reached = max(each.reached, len(looking.poses))
-                if end is SearchEnd.FOUND:
-                    steps = looking.steps()
-                    return _path(ends["start"], ends["goal"], *steps, wheelbase, outwards=each.which == "goal")
-                if end is SearchEnd.USED_UP and each.level == options.refinements:
-                    raise GuessError(
-                        f"hybrid_a_star: no path was found: from the {each.which}, {each.reached} poses can be reached, "
-                        f"none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less clearance, "
-                        "or wider bounds."
-                    )
-                each.level += end is SearchEnd.USED_UP
-            if time.monotonic() > began + time_limit or each.budget > GROWTH * options.most_nodes:
+        for k, (which, other) in enumerate((("goal", "start"), ("start", "goal"))):
+            if k == len(turns):
+                estimates = WayEstimates.to(ends[other], limits, body, shapes, clearance, coarse, scene)
+                _check_disc(ends[which], estimates)
+                turns.append(_Turns(which, begun(ends[which], estimates, 0)))
+            each = turns[k]
+            end = each.search.run(min(budget, options.most_nodes), began + time_limit)
+            while end is SearchEnd.USED_UP and each.level < options.refinements:
+                each.level += 1
+                each.search = begun(ends[which], each.search.estimates, each.level)
+                end = each.search.run(min(budget, options.most_nodes), began + time_limit)
+            if end is SearchEnd.FOUND:
+                return _path(ends["start"], ends["goal"], *each.search.steps(), wheelbase, outwards=which == "goal")
+            if end is SearchEnd.USED_UP:
                 raise GuessError(
-                    f"hybrid_a_star: no path was found within {time_limit:g} seconds and {options.most_nodes} poses; "
-                    f"from the goal {turns[0].reached} poses were reached, from the start {turns[1].reached}. Give more "
-                    "time, CarSearch(most_nodes=...), a coarser cell, or less clearance."
+                    f"hybrid_a_star: no path was found: from the {which}, {len(each.search.poses)} poses can be "
+                    f"reached, none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less clearance, or "
+                    "wider bounds."
                 )
-            each.budget *= GROWTH
-
-
-def _check_disc(turns: _Turns) -> None:
-    assert turns.estimates is not None
-    if math.isinf(turns.estimates.disc_length(turns.root[None])[0]):
-        raise GuessError(
-            "hybrid_a_star: there is no path from start to goal: the obstacles and bounds leave no way even for a disc "
-            "inside the car. Move an obstacle, widen the bounds or ask for less clearance."
-        )
+        if time.monotonic() > began + time_limit or budget >= options.most_nodes:
+            reached = " and ".join(f"{len(each.search.poses)} from the {each.which}" for each in turns)
+            raise GuessError(
+                f"hybrid_a_star: no path was found within {time_limit:g} seconds and {options.most_nodes} poses per "
+                f"search; reached were {reached}. Give more time, CarSearch(most_nodes=...), a coarser cell, or less "
+                "clearance."
+            )
+        budget *= GROWTH
 
 
 @dataclass(eq=False)
 class _Turns:
-    """What one of the two searches is allowed in its next turn."""
+    """One of the two searches, as far as it has come."""
 
     which: str
-    root: Array
-    target: Array
+    search: OutwardSearch
     level: int = 0
-    budget: int = FIRST_BUDGET
-    reached: int = 0
-    estimates: WayEstimates | None = None
+
+
+def _check_disc(root: Array, estimates: WayEstimates) -> None:
+    if math.isinf(estimates.disc_length(root[None])[0]):
+        raise GuessError(
+            "hybrid_a_star: there is no path from start to goal: the obstacles and bounds leave no way even for a disc "
+            "inside the car. Move an obstacle, widen the bounds or ask for less clearance."
+        )
 
 
 def _path(start: Array, goal: Array, ways: Array, curvatures: Array, wheelbase: float, *, outwards: bool) -> CarPath:

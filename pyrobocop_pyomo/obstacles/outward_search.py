@@ -42,12 +42,15 @@ class OutwardSearch:
 
     Attributes
     ----------
-    root, target : (3,) arrays
-        Where it begins, and the pose that is to be reached.
+    root : (3,) array
+        Where it begins.
+    estimates : WayEstimates
+        Of the rest of the way, and the target.
+    found : float
+        Cost of the best path so far.
     """
 
     root: Array
-    target: Array
     limits: Bounds
     moves: CarMoves
     eagerness: float
@@ -144,7 +147,7 @@ class OutwardSearch:
 
     def _try_to_end(self, here: list[int], poses: Array, costs: Array, made_by: Array) -> None:
         """Look for a free way to the target from any of these poses that is cheaper than the best path so far."""
-        ahead, lengths, turns = self.moves.free_ways(poses, self.target)
+        ahead, lengths, turns = self.moves.free_ways(poses, self.estimates.target)
         first = np.sign(_first_nonzero(lengths))
         before = np.append(np.sign(self.moves.ways), 0.0)[made_by]
         total = ahead + costs + self.moves.cusp_cost * (first * before < 0)

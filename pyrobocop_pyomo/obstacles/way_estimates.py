@@ -28,6 +28,7 @@ class WayEstimates:
 
     Attributes
     ----------
+    target : (3,) array
     origin : (2,) array
         Where both tables begin.
     disc_cell, car_cell : float
@@ -37,6 +38,7 @@ class WayEstimates:
         Cost of the cheapest free way of the car.
     """
 
+    target: Array
     origin: Array
     disc_cell: float
     car_cell: float
@@ -68,7 +70,7 @@ class WayEstimates:
         axes = [origin[0] + np.arange(counts[0]) * car_cell, origin[1] + np.arange(counts[1]) * car_cell, angles]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
         car = moves.cost_of_free_way(grid, target).reshape(*counts, TABLE_HEADINGS)
-        return cls(origin, cell, car_cell, _ways_of_disc(free, there, cell), car)
+        return cls(target, origin, cell, car_cell, _ways_of_disc(free, there, cell), car)
 
     def disc_length(self, poses: Array) -> Array:
         """Length of the way of the disc, ``(n,)``; infinite proves that there is no way for the car."""
