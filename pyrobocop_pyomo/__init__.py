@@ -41,6 +41,7 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+from pyrobocop_pyomo.obstacles import CarPath, CarSearch, CarTiming, hybrid_a_star, waypoint_guess
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -83,6 +84,9 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "CarPath",
+    "CarSearch",
+    "CarTiming",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
@@ -152,6 +156,7 @@ __all__ = [
     "find_scheme",
     "gauss_legendre",
     "homotopy",
+    "hybrid_a_star",
     "join_trajectories",
     "label_measurements",
     "lobatto",
@@ -165,6 +170,7 @@ __all__ = [
     "solve_refined",
     "solve_sequences",
     "spatial_pose",
+    "waypoint_guess",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
