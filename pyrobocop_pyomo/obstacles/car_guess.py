@@ -98,9 +98,9 @@ def _whole_turns(path: CarPath, phase: Any, name: str | None) -> float:
     end = float(path.poses[-1, 2]) + turned
     if last.fixed and last.value is not None and round((last.value - end) / full) != 0:
         raise GuessError(
-            f"phase '{phase.name}': this path ends with the heading {end:.6g}, and '{name}' is fixed at {last.value:.6g} "
-            f"there, {abs(round((last.value - end) / full))} whole turn(s) away. State final={end:.6g} for '{name}', or "
-            "add whole turns to its initial value."
+            f"phase '{phase.name}': this path ends with the heading {end:.6g}, and '{name}' is fixed at "
+            f"{last.value:.6g} there, {abs(round((last.value - end) / full))} whole turn(s) away. State "
+            f"final={end:.6g} for '{name}', or add whole turns to its initial value."
         )
     return turned
 

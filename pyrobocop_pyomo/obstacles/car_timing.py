@@ -43,7 +43,13 @@ class CarTiming:
         speed : float
             Never exceeded; short legs do not reach it.
         acceleration : float, optional
-            While speeding up and slowing down; None: such that the car keeps its speed along two thirds of the longest leg.
+            While speeding up and slowing down; None: such that the car keeps its speed along two thirds of the
+            longest leg.
+
+        Raises
+        ------
+        GuessError
+            When they are not positive.
         """
         lengths = np.diff(legs)
         most = 3.0 * speed**2 / float(lengths.max()) if acceleration is None else acceleration
