@@ -28,11 +28,20 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
-from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.errors import GeometryError, ObstacleError, PyRobocopError, SimulationFailed, SolveFailed
+from pyrobocop_pyomo.geometry import (
+    Polytope,
+    Pose,
+    SignedDistance,
+    planar_pose,
+    signed_distance,
+    spatial_pose,
+)
 from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -75,6 +84,7 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Body",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
@@ -87,6 +97,7 @@ __all__ = [
     "Fixed",
     "FollowBarrier",
     "Geometric",
+    "GeometryError",
     "Grid",
     "HomotopyResult",
     "JoinedTrajectory",
@@ -96,6 +107,8 @@ __all__ = [
     "Link",
     "Mesh",
     "MultistartResult",
+    "ObstacleAvoidanceBlock",
+    "ObstacleError",
     "PairReport",
     "Parameter",
     "Penalty",
@@ -103,6 +116,8 @@ __all__ = [
     "PerPair",
     "PerPhase",
     "PhaseBlock",
+    "Polytope",
+    "Pose",
     "PyRobocopError",
     "Quality",
     "RecedingHorizon",
@@ -114,6 +129,7 @@ __all__ = [
     "Scholtes",
     "Sensitivity",
     "SequenceRanking",
+    "SignedDistance",
     "SimulationFailed",
     "SolveFailed",
     "SolveResult",
@@ -144,11 +160,14 @@ __all__ = [
     "lobatto",
     "mode_sequences",
     "multistart",
+    "planar_pose",
     "radau",
     "sensitivity",
+    "signed_distance",
     "solve",
     "solve_refined",
     "solve_sequences",
+    "spatial_pose",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.

@@ -11,6 +11,8 @@
     │   ├── LinkError                    two phases that cannot be joined
     │   ├── GuessError                   an initial guess of the wrong shape, or not finite
     │   ├── StructureChanged             a kept model whose variables or rows are no longer those it was made of
+    │   ├── GeometryError                a shape or a pose that is none: not convex, not closed, mirrored
+    │   ├── ObstacleError                obstacles that cannot be avoided as stated
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
     ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
@@ -63,6 +65,14 @@ class GuessError(ModelError):
 
 class ComplementarityError(ModelError):
     """A pair that cannot be brought into the form ``0 <= a ⟂ b >= 0``."""
+
+
+class GeometryError(ModelError):
+    """A shape or a pose that is none: corners that are not convex, an open set, a mirrored rotation."""
+
+
+class ObstacleError(ModelError):
+    """Obstacles that cannot be avoided as stated: a clearance of zero, a fixed pose that is too close."""
 
 
 class StructureChanged(ModelError):

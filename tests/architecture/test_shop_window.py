@@ -12,20 +12,21 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    ActiveSide Algebraic AllPairs AugmentedLagrangian Certificate ChenHarkerKanzowSmale
+    ActiveSide Algebraic AllPairs AugmentedLagrangian Body Certificate ChenHarkerKanzowSmale
     Complementarity Control Crossed Diagnosis Duration Elastic FischerBurmeister Fixed FollowBarrier
-    Geometric Grid HomotopyResult JoinedTrajectory Kadrani KanzowSchwartz LinFukushima Link Mesh
-    MultistartResult PairReport Parameter Penalty PerElement PerPair PerPhase PhaseBlock
-    PyRobocopError Quality RecedingHorizon RefinedResult RefinementEnd Route Rung Scheme Scholtes
-    Sensitivity SequenceRanking SimulationFailed SolveFailed SolveResult SquareSlider Start State
-    Stationarity SteffensenUlbrich StopReason Superlinear Trajectory TwoSided Verification
-    __version__ active_pairs available_routes complements dae_trajectory diagnose draw_linkage
+    Geometric GeometryError Grid HomotopyResult JoinedTrajectory Kadrani KanzowSchwartz LinFukushima
+    Link Mesh MultistartResult ObstacleAvoidanceBlock ObstacleError PairReport Parameter Penalty
+    PerElement PerPair PerPhase PhaseBlock Polytope Pose PyRobocopError Quality RecedingHorizon
+    RefinedResult RefinementEnd Route Rung Scheme Scholtes Sensitivity SequenceRanking
+    SignedDistance SimulationFailed SolveFailed SolveResult SquareSlider Start State Stationarity
+    SteffensenUlbrich StopReason Superlinear Trajectory TwoSided Verification __version__
+    active_pairs available_routes complements dae_trajectory diagnose draw_linkage
     draw_planar_pushing explicit find_scheme gauss_legendre homotopy join_trajectories
-    label_measurements lobatto mode_sequences multistart radau sensitivity solve solve_refined
-    solve_sequences
+    label_measurements lobatto mode_sequences multistart planar_pose radau sensitivity
+    signed_distance solve solve_refined solve_sequences spatial_pose
 """
 
-EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py")
+EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py", "shapely", "trimesh", "coal")
 
 
 def in_a_fresh_process(code: str) -> subprocess.CompletedProcess:

@@ -1,0 +1,144 @@
+"""Signed distance of two convex bodies, exact: how far apart they are, or how far one must move to be apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import GeometryError
+
+from .minimum_norm import difference_rays, nearest_difference
+from .polytope import Polytope
+from .poses import Pose
+from .separation import LEVEL, candidate_normals, gaps
+
+# Relative to the scene. Closer than this, the difference of the nearest points is too short to give a direction,
+# and the facets of the difference of the bodies give it.
+TOUCHING = 1e-7
+# Rounding leaves touching bodies apart by less than this.
+APART = 1e-14
+
+
+@dataclass(frozen=True)
+class SignedDistance:
+    """How two bodies lie to each other.
+
+    Attributes
+    ----------
+    distance : float
+        Positive: the distance. Negative: minus the length of the shortest translation that separates them.
+    normal : (d,) array
+        Unit vector from the second body to the first: the gap along it is the distance.
+    first_point, second_point : (d,) arrays
+        Where the distance is measured: ``first_point - second_point = distance * normal``.
+    """
+
+    distance: float
+    normal: np.ndarray
+    first_point: np.ndarray
+    second_point: np.ndarray
+
+
+def signed_distance(
+    first: Polytope, second: Polytope, first_pose: Pose | None = None, second_pose: Pose | None = None
+) -> SignedDistance:
+    """Signed distance of two bodies at poses of numbers (of expressions: at their current values).
+
+    Parameters
+    ----------
+    first, second : Polytope
+        Both in the plane, or both in space.
+    first_pose, second_pose : Pose, optional
+        None: the body's frame is the world's.
+
+    Raises
+    ------
+    GeometryError
+        If one is in the plane and the other in space, or both extend without end such that no translation
+        separates them.
+    """
+    if first.dimension != second.dimension:
+        raise GeometryError(
+            f"'{first.name}' has {first.dimension} dimensions and '{second.name}' {second.dimension}. "
+            "Give both in the plane, or both in space."
+        )
+    if first_pose is not None:
+        first = first.placed(first_pose)
+    if second_pose is not None:
+        second = second.placed(second_pose)
+    core = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
+    if core.distance == -np.inf:
+        raise GeometryError(
+            f"'{first.name}' and '{second.name}' overlap without end: no translation separates them. Bound one of them."
+        )
+    if first.radius == 0.0 and second.radius == 0.0:
+        return core
+    return SignedDistance(
+        core.distance - first.radius - second.radius,
+        core.normal,
+        core.first_point - first.radius * core.normal,
+        core.second_point + second.radius * core.normal,
+    )
+
+
+def distance_of_points(
+    p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None = None, q_rays: np.ndarray | None = None
+) -> SignedDistance:
+    """Signed distance of the convex hulls of two point sets (with rays: of the unbounded sets); nothing is checked.
+
+    Parameters
+    ----------
+    p, q : (v, d) and (w, d) arrays
+        Corners in the world, in any order; d is 2 or 3.
+    p_rays, q_rays : (k, d) arrays, optional
+        Unit directions in which the sets have no end.
+
+    Returns
+    -------
+    SignedDistance
+        Of distance minus infinity if rays leave no direction to separate the sets along.
+    """
+    rays = None
+    of_first = 0 if p_rays is None else len(p_rays)
+    if of_first or (q_rays is not None and len(q_rays)):
+        rays = difference_rays(p_rays, q_rays, p.shape[1])
+    origin = (p[0] + q[0]) * 0.5  # scenes far from the world's origin lose no digits
+    p, q = p - origin, q - origin
+    scale = max(float(np.abs(p).max()), float(np.abs(q).max())) or 1.0
+    nearest = nearest_difference(p, q, scale, rays, of_first)
+    if nearest.norm > TOUCHING * scale:
+        normal = nearest.point / nearest.norm
+        return SignedDistance(nearest.norm, normal, nearest.first + origin, nearest.second + origin)
+    all_rays = np.zeros((0, p.shape[1])) if rays is None else rays
+    directions = candidate_normals(p, q, all_rays)
+    is_apart = nearest.norm > APART * scale
+    if is_apart:
+        directions = np.vstack([directions, nearest.point / nearest.norm])
+    widths = gaps(directions, p, q, all_rays)
+    best = int(widths.argmax()) if len(widths) else -1
+    if best < 0 or widths[best] == -np.inf:
+        nowhere = np.full(p.shape[1], np.nan)
+        return SignedDistance(-np.inf, nowhere, nowhere, nowhere)
+    normal = directions[best]
+    # Two corners this close: no normal is known well enough for its gap to be the distance, which is known.
+    distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
+    on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
+    return SignedDistance(distance, normal, on_second + distance * normal, on_second)
+
+
+def _point_of_contact(
+    p: np.ndarray, q: np.ndarray, rays: np.ndarray | None, of_first: int, normal: np.ndarray, scale: float
+) -> np.ndarray:
+    """A point of q where p, moved along the normal until both touch, touches it."""
+    along_p, along_q = p @ normal, q @ normal
+    top = float(along_q.max())
+    p_face = p[along_p <= along_p.min() + LEVEL * scale]
+    q_face = q[along_q >= top - LEVEL * scale]
+    flat = np.eye(len(normal)) - np.outer(normal, normal)
+    level = None
+    if rays is not None:
+        is_level = np.abs(rays @ normal) <= LEVEL
+        of_first = int(is_level[:of_first].sum())
+        level = rays[is_level] @ flat if is_level.any() else None
+    return nearest_difference(p_face @ flat, q_face @ flat, scale, level, of_first).second + top * normal

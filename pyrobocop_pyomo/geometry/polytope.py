@@ -1,0 +1,241 @@
+"""Convex shapes: corners, rays where they are unbounded, and a padding that rounds them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import GeometryError
+
+from .halfspace_lists import corners_of_halfspaces
+from .hulls import affine_rank
+from .poses import Pose
+from .representations import halfspaces_of
+from .vertex_lists import corners_of_list, read_points, read_rays
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """All points closer than a radius to the convex hull of some corners and rays, in the plane or in space.
+
+    Make one by `box`, `regular_polygon`, `from_vertices`, `from_halfspaces`, `ball`, `capsule` or `point`: they
+    check what they are given. The constructor itself checks nothing.
+
+    Attributes
+    ----------
+    vertices : (v, d) array
+        In the plane and bounded: counter-clockwise. Read-only.
+    rays : (k, d) array
+        Unit directions in which the shape has no end; none (k = 0) for a bounded shape. Read-only.
+    radius : float
+        Everything closer than this belongs to the shape too; 0 for sharp corners.
+    name : str
+        What messages call it.
+    """
+
+    vertices: np.ndarray
+    rays: np.ndarray
+    radius: float = 0.0
+    name: str = "polytope"
+
+    def __post_init__(self) -> None:
+        self.vertices.setflags(write=False)
+        self.rays.setflags(write=False)
+
+    @classmethod
+    def from_vertices(
+        cls, vertices: Any, *, rays: Any = (), radius: float = 0.0, allow_flat: bool = False, name: str = "polytope"
+    ) -> Polytope:
+        """Shape with the given corners: in the plane an outline, in either direction; in space in any order.
+
+        Parameters
+        ----------
+        vertices : (v, d) array_like
+            Repeated points and points between corners are dropped with a warning in the log.
+        rays : (k, d) array_like, optional
+            Directions in which the shape has no end.
+        radius : float, optional
+            Padding.
+        allow_flat : bool, optional
+            Accept a point, a segment, or in space a flat polygon.
+
+        Raises
+        ------
+        GeometryError
+            For corners that are not finite or span no volume, and for an outline that crosses itself or is not
+            convex: its hull would silently fill what is free. `decompose` cuts it into convex parts.
+        """
+        points = read_points(vertices, name)
+        return cls._of_points(points, rays, radius, name, allow_flat=allow_flat, ordered=True)
+
+    @classmethod
+    def hull(cls, points: Any, *, radius: float = 0.0, allow_flat: bool = False, name: str = "polytope") -> Polytope:
+        """Convex hull of points in any order; what lies between them is filled on purpose."""
+        return cls._of_points(
+            read_points(points, name, "points"), (), radius, name, allow_flat=allow_flat, ordered=False
+        )
+
+    @classmethod
+    def _of_points(
+        cls, points: np.ndarray, rays: Any, radius: float, name: str, *, allow_flat: bool, ordered: bool
+    ) -> Polytope:
+        if len(points) == 0:
+            raise GeometryError(f"'{name}': there are no points. Give at least one.")
+        directions = read_rays(rays, points.shape[1], name)
+        corners = corners_of_list(points, directions, allow_flat=allow_flat, ordered=ordered, name=name)
+        return cls(corners, directions, _checked_radius(radius, name), name)
+
+    @classmethod
+    def from_halfspaces(
+        cls, normals: Any, offsets: Any, *, bounded: bool = True, radius: float = 0.0, name: str = "polytope"
+    ) -> Polytope:
+        """The set ``{y : normals @ y <= offsets}``: normals point outwards.
+
+        Parameters
+        ----------
+        normals, offsets : (m, d) and (m,) array_like
+            Rows of any length but zero. Rows that cut nothing off are dropped with a warning in the log.
+        bounded : bool, optional
+            False accepts a set without end: a half-space, a wedge, a slab.
+        radius : float, optional
+            Padding.
+
+        Raises
+        ------
+        GeometryError
+            If the set is empty, flat, or has no end though it should: a sign or a row is wrong.
+        """
+        vertices, rays = corners_of_halfspaces(normals, offsets, bounded=bounded, name=name)
+        return cls._of_points(vertices, rays, radius, name, allow_flat=False, ordered=False)
+
+    @classmethod
+    def box(cls, *sides: float, center: Sequence[float] | None = None, name: str = "box") -> Polytope:
+        """Box with the given full side lengths (two or three), its sides along the axes."""
+        lengths = np.array(sides, dtype=float)
+        if len(sides) not in (2, 3) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
+            raise GeometryError(f"'{name}': a box has 2 or 3 sides of positive length; given: {sides}.")
+        # Counter-clockwise in the plane, as for every shape.
+        signs = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+        if len(sides) == 3:
+            signs = np.vstack([np.column_stack([signs, np.full(4, z)]) for z in (-1.0, 1.0)])
+        middle = _checked_position((0.0,) * len(sides) if center is None else center, name, len(sides))
+        return cls(middle + 0.5 * signs * lengths, np.zeros((0, len(sides))), 0.0, name)
+
+    @classmethod
+    def regular_polygon(
+        cls, corners: int, circumradius: float, center: Sequence[float] = (0.0, 0.0), *, name: str = "polygon"
+    ) -> Polytope:
+        """Polygon with equal sides and its first corner on the positive x axis of its centre."""
+        if corners < 3 or not (math.isfinite(circumradius) and circumradius > 0.0):
+            raise GeometryError(
+                f"'{name}': a regular polygon has 3 corners or more and a positive circumradius; "
+                f"given: {corners} and {circumradius}."
+            )
+        angles = 2.0 * math.pi * np.arange(corners) / corners
+        ring = circumradius * np.column_stack([np.cos(angles), np.sin(angles)])
+        return cls(_checked_position(center, name, 2) + ring, np.zeros((0, 2)), 0.0, name)
+
+    @classmethod
+    def point(cls, position: Sequence[float], *, name: str = "point") -> Polytope:
+        """A single point."""
+        place = _checked_position(position, name)
+        return cls(place[None, :], np.zeros((0, len(place))), 0.0, name)
+
+    @classmethod
+    def ball(cls, radius: float, center: Sequence[float] = (0.0, 0.0), *, name: str = "ball") -> Polytope:
+        """A disc in the plane, a ball in space: as many dimensions as the centre has."""
+        return replace(cls.point(center, name=name), radius=_checked_radius(radius, name))
+
+    @classmethod
+    def capsule(cls, start: Sequence[float], end: Sequence[float], radius: float, *, name: str = "capsule") -> Polytope:
+        """All points closer than a radius to the segment from start to end."""
+        return cls.from_vertices([start, end], radius=radius, allow_flat=True, name=name)
+
+    def padded(self, radius: float) -> Polytope:
+        """The shape grown by a radius on all sides, its corners rounded."""
+        return replace(self, radius=self.radius + _checked_radius(radius, self.name))
+
+    def named(self, name: str) -> Polytope:
+        """The same shape under another name."""
+        return replace(self, name=name)
+
+    def placed(self, pose: Pose) -> Polytope:
+        """The shape in the world at a pose of numbers (of expressions: at their current values)."""
+        if pose.dimension != self.dimension:
+            raise GeometryError(
+                f"'{self.name}' has {self.dimension} dimensions and its pose {pose.dimension}. "
+                "Use planar_pose in the plane and spatial_pose in space."
+            )
+        rotation, translation = pose.numbers()
+        return replace(self, vertices=self.vertices @ rotation.T + translation, rays=self.rays @ rotation.T)
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return int(self.vertices.shape[1])
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the shape has no rays."""
+        return len(self.rays) == 0
+
+    @cached_property
+    def is_flat(self) -> bool:
+        """Whether the shape without its padding is a point, a segment, or in space a flat polygon."""
+        return affine_rank(self.vertices, self.rays) < self.dimension
+
+    @cached_property
+    def halfspaces(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(A, b)`` with unit rows: the shape without its padding is ``{y : A y <= b}``, each row a facet.
+
+        Raises
+        ------
+        GeometryError
+            If the shape is flat: it has no facets.
+        """
+        if self.is_flat:
+            raise GeometryError(
+                f"'{self.name}' is flat and has no half-spaces. Use a formulation that works "
+                "with corners, such as 'plane', or give the shape a thickness."
+            )
+        normals, offsets = halfspaces_of(self.vertices, self.rays)
+        normals.setflags(write=False)
+        offsets.setflags(write=False)
+        return normals, offsets
+
+    @property
+    def center(self) -> np.ndarray:
+        """Mean of the corners, (d,)."""
+        return self.vertices.mean(axis=0)
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a point of the shape from its frame's origin; infinite for a shape with rays."""
+        farthest = float(np.linalg.norm(self.vertices, axis=1).max()) if self.is_bounded else math.inf
+        return farthest + self.radius
+
+    def __str__(self) -> str:
+        parts = [f"{len(self.vertices)} corner{'s' if len(self.vertices) != 1 else ''}"]
+        if not self.is_bounded:
+            parts.append(f"{len(self.rays)} ray{'s' if len(self.rays) != 1 else ''}")
+        if self.radius > 0.0:
+            parts.append(f"radius {self.radius:g}")
+        return f"{self.name}: {', '.join(parts)} in {self.dimension} dimensions"
+
+
+def _checked_radius(radius: float, name: str) -> float:
+    if not (math.isfinite(radius) and radius >= 0.0):
+        raise GeometryError(f"'{name}': its radius is {radius}; a padding is a finite length that is not negative.")
+    return float(radius)
+
+
+def _checked_position(position: Sequence[float], name: str, dimension: int | None = None) -> np.ndarray:
+    place = read_points([position], name, "the position")[0]
+    if dimension is not None and len(place) != dimension:
+        raise GeometryError(f"'{name}': the position has {len(place)} coordinates; expected {dimension}.")
+    return place

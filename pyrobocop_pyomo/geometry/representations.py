@@ -1,0 +1,125 @@
+"""From corners and rays to half-spaces and back, for sets that may be unbounded, in two or three dimensions.
+
+Both ways are one computation, by polarity: with the origin inside, the facets of ``{y : A y <= b}`` divided by
+their offsets are points whose convex hull has one facet per corner, and one facet through the origin per ray.
+Directions in which a set extends both ways (a half-space, a slab) are split off first: what is left is pointed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pyrobocop_pyomo.optional_imports import scipy
+
+from .hulls import affine_basis, convex_hull
+
+# Relative to unit rows and a scene of extent one.
+ZERO = 1e-9
+
+
+def halfspaces_of(vertices: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Facets ``A y <= b`` of the convex hull of corners and rays that span the space.
+
+    Parameters
+    ----------
+    vertices : (v, dimension) array
+    rays : (k, dimension) array
+        Unit rows; may be empty.
+
+    Returns
+    -------
+    (m, dimension) and (m,) arrays
+        Unit rows, each of which is a facet.
+    """
+    if len(rays) == 0:
+        hull = convex_hull(vertices)
+        return hull.normals, hull.offsets
+    basis = complement(_lines(rays), vertices.shape[1])
+    corners, directions = vertices @ basis.T, rays @ basis.T
+    directions = directions[np.linalg.norm(directions, axis=1) > ZERO]
+    extent = max(float(np.ptp(corners, axis=0).max()), ZERO * float(np.abs(corners).max())) or 1.0
+    inside = corners.mean(axis=0) + extent * directions.sum(axis=0)
+    # The polar set {n : n.(v - inside) <= 1, n.r <= 0}: its corners, but the origin, are the facets.
+    rows = np.vstack([(corners - inside) / extent, directions])
+    polar, _ = corners_of(rows, np.concatenate([np.ones(len(corners)), np.zeros(len(directions))]))
+    lengths = np.linalg.norm(polar, axis=1)
+    normals = polar[lengths > ZERO] / lengths[lengths > ZERO][:, None] @ basis
+    return normals, (normals @ vertices.T).max(axis=1)
+
+
+def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners and unit rays of ``{y : A y <= b}``, a set with an interior.
+
+    Parameters
+    ----------
+    normals, offsets : (m, dimension) and (m,) arrays
+        Any length of rows but zero.
+
+    Returns
+    -------
+    (v, dimension) and (k, dimension) arrays
+        A direction in which the set extends both ways is two rays; corners are then those of a section.
+
+    Raises
+    ------
+    EmptyInterior
+        If no ball fits inside.
+    """
+    lengths = np.linalg.norm(normals, axis=1)
+    normals, offsets = normals / lengths[:, None], offsets / lengths
+    basis = affine_basis(np.zeros((1, normals.shape[1])), normals)
+    lines = complement(basis, normals.shape[1])
+    rows = normals @ basis.T
+    center, radius = largest_ball(rows, offsets)
+    # Distances of the planes from the centre, in radii: at least one, so no division is close to zero.
+    points = rows * (radius / (offsets - rows @ center))[:, None]
+    hull = convex_hull(np.vstack([points, np.zeros(points.shape[1])]))
+    finite = hull.offsets > ZERO
+    corners = center + hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
+    return corners @ basis, np.vstack([hull.normals[~finite] @ basis, lines, -lines])
+
+
+class EmptyInterior(ArithmeticError):
+    """No ball fits between the planes; ``radius`` is that of the largest (negative: they contradict each other)."""
+
+    def __init__(self, radius: float) -> None:
+        super().__init__(radius)
+        self.radius = radius
+
+
+def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre and radius of the largest ball inside (of a limited one where there is no largest); unit rows."""
+    dimension = normals.shape[1]
+    scale = float(np.abs(offsets).max()) or 1.0
+    answer = scipy.optimize.linprog(
+        np.append(np.zeros(dimension), -1.0),
+        A_ub=np.column_stack([normals, np.ones(len(normals))]),
+        b_ub=offsets / scale,
+        bounds=[(None, None)] * dimension + [(None, 1.0)],
+        method="highs",
+    )
+    radius = float(answer.x[-1]) if answer.x is not None else -np.inf
+    if radius <= ZERO:
+        raise EmptyInterior(radius * scale)
+    return answer.x[:-1] * scale, radius * scale
+
+
+def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = ZERO) -> bool:
+    """Whether a vector is a sum of generators (rows) with weights that are not negative."""
+    if len(generators) == 0:
+        return bool(np.linalg.norm(target) <= tolerance)
+    _, distance = scipy.optimize.nnls(generators.T, target)
+    return bool(distance <= tolerance)
+
+
+def _lines(rays: np.ndarray) -> np.ndarray:
+    """Orthonormal rows that span the directions in which the cone of the rays extends both ways."""
+    both = np.array([in_cone(-ray, rays) for ray in rays], dtype=bool)
+    return affine_basis(np.zeros((1, rays.shape[1])), rays[both])
+
+
+def complement(basis: np.ndarray, dimension: int) -> np.ndarray:
+    """Orthonormal rows that span what is perpendicular to orthonormal rows."""
+    if len(basis) == 0:
+        return np.eye(dimension)
+    return np.linalg.svd(basis, full_matrices=True)[2][len(basis) :]

@@ -1,0 +1,148 @@
+"""What a list of corners must be, and what is dropped from it with a word: repeated points, points inside."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import GeometryError
+
+from .hulls import affine_basis, convex_hull
+from .representations import in_cone
+
+logger = logging.getLogger(__name__)
+
+# Points closer than this, relative to the extent of the list, are one point.
+SAME_POINT = 1e-9
+
+
+def read_points(points: Any, name: str, what: str = "vertices") -> np.ndarray:
+    """Finite points (v, 2 or 3) as an array of floats, or a GeometryError that names the body."""
+    try:
+        array = np.array(points, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise GeometryError(f"'{name}': {what} are no list of points of numbers: {error}.") from None
+    if array.ndim != 2 or array.shape[1] not in (2, 3):
+        raise GeometryError(
+            f"'{name}': {what} have the shape {array.shape}; expected one row per point, with 2 or 3 coordinates."
+        )
+    if not np.isfinite(array).all():
+        row = int(np.argmax(~np.isfinite(array).all(axis=1)))
+        raise GeometryError(f"'{name}': {what} have an entry that is not finite, in row {row}: {array[row]}.")
+    return array
+
+
+def read_rays(rays: Any, dimension: int, name: str) -> np.ndarray:
+    """Unit directions (k, dimension), those left out that others span already."""
+    if len(rays) == 0:
+        return np.zeros((0, dimension))
+    array = read_points(rays, name, "rays")
+    if array.shape[1] != dimension:
+        raise GeometryError(f"'{name}': rays have {array.shape[1]} coordinates, and vertices {dimension}.")
+    lengths = np.linalg.norm(array, axis=1)
+    if lengths.min() == 0.0:
+        raise GeometryError(f"'{name}': ray {int(np.argmin(lengths))} is zero, which is no direction. Leave it out.")
+    array = array / lengths[:, None]
+    return array[_needed([lambda others, i=i: in_cone(array[i], array[others]) for i in range(len(array))])]
+
+
+def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, ordered: bool, name: str) -> np.ndarray:
+    """The corners among the points; in the plane, and without rays, in counter-clockwise order.
+
+    Parameters
+    ----------
+    ordered : bool
+        Points in the plane are a polygon's outline: one that is not convex is refused.
+
+    Raises
+    ------
+    GeometryError
+        For a flat shape that is not allowed to be one, and for an outline that is not convex.
+    """
+    distinct = _without_repeated(points, name)
+    dimension = points.shape[1]
+    basis = affine_basis(distinct, rays, SAME_POINT)
+    if len(basis) < dimension and not allow_flat:
+        spanned = ("a point", "a line", "a plane")[len(basis)]
+        raise GeometryError(
+            f"'{name}': its {len(distinct)} distinct points lie in {spanned}; a body in {dimension} dimensions needs "
+            f"{dimension + 1} points that do not. Add corners, or say allow_flat=True."
+        )
+    if len(basis) == 0:
+        return distinct[:1]
+    if len(rays):
+        inside = [lambda others, i=i: _in_hull(distinct, rays, i, others) for i in range(len(distinct))]
+        kept = np.array(_needed(inside))
+    else:
+        flat = len(basis) < dimension  # in its own plane then; else as it is, for the basis may mirror the order
+        kept = convex_hull((distinct - distinct[0]) @ basis.T if flat else distinct).corners
+        if dimension == 2 and len(basis) == 2 and ordered:
+            _refuse_outlines_that_are_not_convex(distinct, kept, name)
+    if len(kept) < len(distinct) and ordered:
+        logger.warning(
+            "'%s': %d of its %d points are no corners of their convex hull and are left out.",
+            name, len(distinct) - len(kept), len(distinct),
+        )  # fmt: skip
+    return distinct[kept]
+
+
+def _without_repeated(points: np.ndarray, name: str) -> np.ndarray:
+    closed = len(points) > 1 and np.array_equal(points[0], points[-1])
+    if closed:  # a ring, as other programs write it: nothing to talk about
+        points = points[:-1]
+    tolerance = SAME_POINT * float(np.ptp(points, axis=0).max())
+    kept: list[int] = []
+    for i, point in enumerate(points):
+        if not kept or np.abs(points[kept] - point).max(axis=1).min() > tolerance:
+            kept.append(i)
+    if len(kept) < len(points):
+        logger.warning("'%s': %d of its points are repeated and left out.", name, len(points) - len(kept))
+    return points[kept]
+
+
+def _refuse_outlines_that_are_not_convex(points: np.ndarray, corners: np.ndarray, name: str) -> None:
+    """Read in the order given, the points must go around their hull once, in either direction."""
+    on_edges = _on_boundary(points, points[corners])
+    if not on_edges.all():
+        row = int(np.argmin(on_edges))
+        raise GeometryError(
+            f"'{name}': the outline is not convex: its point {row}, at {points[row]}, lies inside the hull "
+            "of the others. Cut the outline into convex parts with decompose(outline), or take the hull on purpose: "
+            "Polytope.hull(points)."
+        )
+    positions = np.argsort(corners)  # where around the hull the first corner listed is, the second, ...
+    steps = {int(step) for step in (np.roll(positions, -1) - positions) % len(corners)}
+    if steps not in ({1}, {len(corners) - 1}) and len(corners) > 3:
+        raise GeometryError(
+            f"'{name}': the outline crosses itself: its {len(corners)} points, in the order given, do not go around "
+            "their hull. List them in order, or take the hull on purpose: Polytope.hull(points)."
+        )
+
+
+def _on_boundary(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    edges = np.roll(corners, -1, axis=0) - corners
+    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    depths = (outward * corners).sum(axis=1) - points @ outward.T
+    return depths.min(axis=1) <= SAME_POINT * np.ptp(corners, axis=0).max()
+
+
+def _in_hull(points: np.ndarray, rays: np.ndarray, i: int, others: list[int]) -> bool:
+    """Whether point i is a convex combination of others plus rays: a cone's question, one dimension up."""
+    if not others:
+        return False
+    extent = float(np.abs(points - points[i]).max()) or 1.0
+    lifted = np.column_stack([(points[others] - points[i]) / extent, np.ones(len(others))])
+    cone = np.vstack([lifted, np.column_stack([rays, np.zeros(len(rays))])])
+    return in_cone(np.append(np.zeros(points.shape[1]), 1.0), cone)
+
+
+def _needed(spanned_by_others: list) -> list[int]:
+    """Indices left when each that the remaining others span is taken out, one after the other."""
+    kept = list(range(len(spanned_by_others)))
+    for i, is_spanned in enumerate(spanned_by_others):
+        others = [j for j in kept if j != i]
+        if is_spanned(others):
+            kept = others
+    return kept
