@@ -1,5 +1,6 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
+from .decompose import decompose
 from .distance import SignedDistance, distance_of_points, signed_distance
 from .lockstep import distances_of_points
 from .polytope import Polytope
@@ -11,6 +12,7 @@ __all__ = [
     "Pose",
     "SignedDistance",
     "check_pose",
+    "decompose",
     "distance_of_points",
     "distances_of_points",
     "gap",

@@ -47,7 +47,8 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
     if bounded and len(rays):
         raise GeometryError(
             f"'{name}': the set normals @ y <= offsets has no end in the direction {rays[0].round(6)}. "
-            "Check that normals point outwards and that no side is missing; for a half-space or a wedge say bounded=False."
+            "Check that normals point outwards and that no side is missing; "
+            "for a half-space or a wedge say bounded=False."
         )
     _tell_redundant_rows(rows, sides, corners, rays, name)
     return corners, rays

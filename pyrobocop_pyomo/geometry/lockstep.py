@@ -91,7 +91,7 @@ def _lowest(p: np.ndarray, q: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 def _nearest_with(newest: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nearest points to the origin of the simplices of the newest (m, d) and the kept (m, d, d), and what they need."""
-    count, dimension = newest.shape
+    dimension = newest.shape[1]
     best, best_square = newest, (newest * newest).sum(axis=1)
     best_kept = np.full_like(kept, np.nan)
     best_kept[:, 0] = newest
@@ -116,7 +116,9 @@ def _nearest_with(newest: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.
 def _affine_minimum(base: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nearest points of the affine hulls, and whether all weights there are positive; by orthogonalisation."""
     size = others.shape[1]
-    point, axes, aims = base, [], []
+    point = base
+    axes: list[np.ndarray] = []
+    aims: list[np.ndarray] = []
     triangle = np.zeros((len(base), size, size))
     with np.errstate(invalid="ignore", divide="ignore"):  # free places, and points that others span: not inside
         for k in range(size):

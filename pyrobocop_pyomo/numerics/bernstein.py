@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,7 @@ def bernstein_matrix(degree: int, at: ArrayLike) -> Array:
     return np.asarray(binomials * tau**powers * (1.0 - tau) ** (degree - powers), dtype=np.float64)
 
 
+@lru_cache(maxsize=32)
 def bernstein_from_samples(degree: int) -> tuple[Array, Array]:
     """Points in [0, 1], and the matrix that turns a polynomial's values there into its Bernstein coefficients.
 
@@ -31,7 +33,10 @@ def bernstein_from_samples(degree: int) -> tuple[Array, Array]:
     matrix : array, shape (degree + 1, degree + 1)
     """
     points = (1.0 - np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))) / 2.0
-    return points, np.asarray(np.linalg.inv(bernstein_matrix(degree, points)), dtype=np.float64)
+    matrix = np.asarray(np.linalg.inv(bernstein_matrix(degree, points)), dtype=np.float64)
+    for each in (points, matrix):
+        each.setflags(write=False)  # shared by all callers
+    return points, matrix
 
 
 def derivative_coefficients(coefficients: Array) -> Array:

@@ -36,8 +36,8 @@ class Interpolation(Protocol):
     def weights(self, series: Series, interval: int, fractions: ArrayLike) -> Array:
         """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
 
-    def is_exact_at(self, interval: int, node: int) -> bool:
-        """Whether the polynomial has the variable's own value at a node, whatever the values are."""
+    def is_clock_of(self, block: Any) -> bool:
+        """Whether ``block.clock`` tells the time of the indices."""
 
     def clock(self, index: float) -> Any:
         """The time that an index stands for."""
@@ -102,9 +102,9 @@ class CollocationInterpolation:
         increments = scheme.increments_at(fractions)
         return np.column_stack([np.ones(len(increments)), increments])
 
-    def is_exact_at(self, interval: int, node: int) -> bool:
-        """False at an end that is no node of the scheme: a continuity row ties it, once it is solved."""
-        return node < len(self.source.grid.node_times[interval])
+    def is_clock_of(self, block: Any) -> bool:
+        """Only the phase's own."""
+        return block is getattr(self.source, "phase", None)
 
     def clock(self, index: float) -> Any:
         """Of the phase."""
@@ -143,9 +143,9 @@ class NodalInterpolation:
         local = [(node - start) / (end - start) for node in self.support[interval]]
         return evaluation_matrix(local, fractions)
 
-    def is_exact_at(self, interval: int, node: int) -> bool:
-        """True at the nodes that the polynomial goes through."""
-        return self.intervals[interval][node] in self.support[interval]
+    def is_clock_of(self, block: Any) -> bool:
+        """There is none."""
+        return False
 
     def clock(self, index: float) -> Any:
         """The index is the time."""

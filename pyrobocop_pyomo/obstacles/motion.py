@@ -168,8 +168,8 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     for before, after in itertools.pairwise(points):
         if not before < after:
             raise ObstacleError(
-                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and have to increase, but "
-                f"{before:g} is followed by {after:g}. Sort them; where their order means nothing, use names."
+                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and have to increase, "
+                f"but {before:g} is followed by {after:g}. Sort them; where their order means nothing, use names."
             )
     if len(points) < 2:
         return Motion(parent_block, points, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 from pyrobocop_pyomo.continuous.record import Discretisation
@@ -52,7 +53,11 @@ class PhaseSource:
 
     def width(self, interval: int) -> Any:
         """Of an element, in real time."""
-        return element_widths(self.phase, self.phase.record)[interval]
+        return self._widths[interval]
+
+    @cached_property
+    def _widths(self) -> list[Any]:
+        return element_widths(self.phase, self.phase.record)
 
     def clock(self, index: float) -> Any:
         """Of the phase."""
