@@ -51,27 +51,32 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     if not record.per_interval:
         return []
     done: dict[str, int] = {}
-    sags = measured_sags(block)
+    paths = _Paths(record, block.motion)
+    sags = {index: paths.sag(piece, _normal(block, index)) for index, piece in record.pieces.items()}
+    record_pairs = {(first.name, second.name) for first, second in record.scene.pairs_of_parts()}
     unsafe: dict[PlaneIndex, float] = {}
     for pair in report.pairs:
-        for interval in pair.unsafe_intervals:
-            back = block.restore(pair.first, pair.second, interval)
+        if (pair.first, pair.second) not in record_pairs:
+            continue
+        for interval in np.flatnonzero(pair.interval_proven < pair.clearance - pair.tolerance).tolist():
+            bodies = (record.scene.parts[name].body for name in (pair.first, pair.second))
+            back = block.restore(*bodies, interval)
             if back:
-                done["pairs brought back"] = done.get("pairs brought back", 0) + len(back)
+                done["left-out planes brought back"] = done.get("left-out planes brought back", 0) + len(back)
                 continue
-            for piece in _pieces(record, pair, interval):
-                unsafe[piece.index] = pair.clearance - float(pair.interval_distance[interval])
+            missing = pair.clearance - float(np.nan_to_num(pair.interval_distance[interval], nan=pair.clearance))
+            unsafe |= {piece.index: missing for piece in _pieces(record, pair, interval)}
     for index, sag in sags.items():
         before = value(block.margin[index])
         wanted = SAG_FACTOR * sag
         if index in unsafe:
             # The sag alone was not enough last time, or its plane is not the one that the distance is measured to.
-            wanted = max(wanted, before + max(unsafe[index], 0.1 * sag))
+            wanted = max(wanted, before + unsafe[index])
         if wanted > before:
             block.set_margin(*index, wanted)
             done["margins raised"] = done.get("margins raised", 0) + 1
     if split:
-        count = sum(_split(block, index) for index in unsafe)
+        count = sum(_split(block, index, paths) for index in unsafe)
         if count:
             done["planes split"] = count
     words = [f"{count} {what}" for what, count in done.items()]
@@ -91,19 +96,8 @@ def split_violated(block: Any, tolerance: float = 1e-6) -> int:
         return 0
     gaps = block.certificate_gaps()
     violated = [index for index, gap in gaps.items() if gap < value(block.required[index]) - tolerance]
-    return sum(_split(block, index) for index in violated)
-
-
-def measured_sags(block: Any) -> dict[PlaneIndex, float]:
-    """By how much the motion bulges beyond what the poses of each plane show, along its normal."""
-    record, motion = block.record, block.motion
-    paths = _Paths(record, motion)
-    normals = block.normals()
-    return {
-        index: paths.sag(piece, normals[index])
-        for index, piece in record.pieces.items()
-        if np.isfinite(normals[index]).all() and np.linalg.norm(normals[index]) > 0
-    }
+    paths = _Paths(block.record, block.motion)
+    return sum(_split(block, index, paths) for index in violated)
 
 
 class _Paths:
@@ -114,7 +108,11 @@ class _Paths:
         self._templates: dict[str, PoseTemplate] = {}
 
     def sag(self, piece: Piece, normal: Array) -> float:
-        direction = normal / np.linalg.norm(normal)
+        """By how much the motion bulges beyond what the poses of a plane show, along its normal."""
+        length = np.linalg.norm(normal)
+        if not 0.0 < length < np.inf:  # a plane without normal shows nothing
+            return 0.0
+        direction = normal / length
         first, second = (self._record.scene.parts[name] for name in (piece.first, piece.second))
         return self._bulge(first, piece, -direction) + self._bulge(second, piece, direction)
 
@@ -144,14 +142,19 @@ class _Paths:
 
 
 def _pieces(record: Any, pair: PairSafety, interval: int) -> list[Piece]:
-    return [
-        piece for piece in record.pieces.values() if record.concerns(piece, (pair.first, pair.second), interval)
-    ]
+    pieces: list[Piece] = record.pieces_of(pair.first, pair.second)
+    return [piece for piece in pieces if piece.interval == interval]
 
 
-def _split(block: Any, index: PlaneIndex) -> bool:
+def _split(block: Any, index: PlaneIndex, paths: _Paths) -> bool:
     piece = block.record.pieces[index]
     if piece.fractions[-1] - piece.fractions[0] <= SMALLEST_PART:
         return False
-    block.split(*index)
+    for half in block.split(*index):
+        # Its motion bulges less than that of the whole.
+        block.set_margin(*half, SAG_FACTOR * paths.sag(block.record.pieces[half], _normal(block, half)))
     return True
+
+
+def _normal(block: Any, index: PlaneIndex) -> Array:
+    return np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)

@@ -16,16 +16,18 @@ from typing import Any
 
 from pyomo.core.base.block import Block
 
-from pyrobocop_pyomo.obstacles import ObstacleAvoidanceData, SafetyReport, joined_report
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData, SafetyReport
+from pyrobocop_pyomo.obstacles.safety_report import joined_report
+from pyrobocop_pyomo.obstacles.tightening import tighten
 
 from .attempt import FINAL_REASONS
 from .planning_round import ROUND_HEADER, PlanningRound
 from .point import Point
 from .progress import Progress
+from .quality import Quality
 from .recovery import Recovery
 from .rungs import Rung
 from .settings import Settings
-from .quality import Quality
 from .solve_result import SolveResult
 
 logger = logging.getLogger(__name__)
@@ -33,20 +35,18 @@ logger = logging.getLogger(__name__)
 Climb = Callable[[Settings, Sequence[Rung] | None, Progress, Callable[[], float | None]], SolveResult]
 
 MOST_ROUNDS = 10
-
-
 # From this round on, planes of which margins alone did not make a safe plan are split.
 FIRST_SPLIT = 3
 # The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
 AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 
 
-def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceData]:
+def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
     """The active `ObstacleAvoidanceBlock` of a model, wherever they are."""
     return [
         block
         for block in model.block_data_objects(active=True, descend_into=Block)
-        if isinstance(block, ObstacleAvoidanceData)
+        if isinstance(block, ObstacleAvoidanceBlockData)
     ]
 
 
@@ -56,7 +56,7 @@ class SafePlanning:
     Parameters
     ----------
     model : Block
-    blocks : list of ObstacleAvoidanceData
+    blocks : list of ObstacleAvoidanceBlockData
         Its active ones.
     climb : callable
         Solves the model as it stands.
@@ -71,7 +71,7 @@ class SafePlanning:
     def __init__(
         self,
         model: Any,
-        blocks: list[ObstacleAvoidanceData],
+        blocks: list[ObstacleAvoidanceBlockData],
         climb: Climb,
         settings: Settings,
         rungs: Sequence[Rung] | None,
@@ -84,7 +84,7 @@ class SafePlanning:
         self._started = time.perf_counter()
         self.rounds: list[PlanningRound] = []
         self._results: list[SolveResult] = []
-        self._safety: SafetyReport | None = None
+        self._safety: SafetyReport
         self._best: tuple[SolveResult, SafetyReport, Point] | None = None
 
     def plan(self) -> SolveResult:
@@ -141,7 +141,10 @@ class SafePlanning:
                 return
             # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
             failed = result.quality is Quality.INFEASIBLE
-            point.restore()
+            if failed:
+                point.restore()
+            else:
+                report = self._safety
             purpose = self._tightened(report, split=failed or len(self.rounds) > FIRST_SPLIT)
             if not purpose:
                 return
@@ -149,7 +152,7 @@ class SafePlanning:
 
     def _tightened(self, report: SafetyReport, *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
-        done = [what for block in self._blocks for what in block.tighten(report, split=split)]
+        done = [what for block in self._blocks for what in tighten(block, report, split=split)]
         return ", ".join(dict.fromkeys(done))
 
     def _best_of_all(self) -> SolveResult:
@@ -170,5 +173,5 @@ class SafePlanning:
 
 def _rank(result: SolveResult, report: SafetyReport) -> tuple[bool, bool, float]:
     """Larger is better: feasible, then safe, then as near to it as can be."""
-    worst = report.worst
-    return (result.quality is not Quality.INFEASIBLE, report.safe, 0.0 if report.safe else worst.distance - worst.clearance)
+    missing = 0.0 if report.safe or report.worst is None else report.worst.clearance - report.worst.distance
+    return (result.quality is not Quality.INFEASIBLE, report.safe, -missing)

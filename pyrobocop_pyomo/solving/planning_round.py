@@ -50,8 +50,8 @@ class PlanningRound:
             quality=result.quality,
             objective=result.objective,
             iterations=result.iterations,
-            shortfall=worst.clearance - worst.distance,
-            worst=f"{worst.first} - {worst.second}",
+            shortfall=worst.clearance - worst.distance if worst is not None else 0.0,
+            worst=f"{worst.first} - {worst.second}" if worst is not None else "",
             safe=report.safe,
             seconds=result.seconds,
         )
@@ -64,5 +64,6 @@ class PlanningRound:
 
 
 ROUND_HEADER = (
-    f"{'round':<36} {'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  worst pair"
+    f"{'round':<36} {'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}"
+    "  worst pair"
 )

@@ -1,4 +1,4 @@
-"""What is tried when no feasible plan was found: a ladder of its own, each step from the user's guess or the last point.
+"""What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
 
 A wrong side, a plane that has to see too long a step, or a guess deep inside an obstacle end in a point of local
 infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
@@ -9,11 +9,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
 from pyomo.core.base.objective import Objective
+from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.obstacles import ObstacleAvoidanceData
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.tightening import split_violated
 
 from .point import Point
 from .quality import Quality
@@ -22,9 +27,12 @@ from .solve_result import SolveResult
 logger = logging.getLogger(__name__)
 
 CLEARANCE_FACTORS = (0.2, 0.5, 1.0)
-# Times the size of the objective, per length that a plane gives way.
+# In units of the objective, per length that a plane gives way.
 SOFTNESS_WEIGHT = 100.0
-SEEDS = (1, 2)
+# Degrees by which the way past an obstacle is turned: to its other side, then across.
+TURNS = (180.0, 90.0, -90.0)
+
+Array = NDArray[np.float64]
 
 
 class Solves(Protocol):
@@ -43,13 +51,13 @@ class Recovery:
     Parameters
     ----------
     model : Block
-    blocks : list of ObstacleAvoidanceData
+    blocks : list of ObstacleAvoidanceBlockData
     planning : Solves
     guess : Point
         The user's, before the first solve.
     """
 
-    def __init__(self, model: Any, blocks: list[ObstacleAvoidanceData], planning: Solves, guess: Point) -> None:
+    def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves, guess: Point) -> None:
         self._model, self._blocks, self._planning, self._guess = model, blocks, planning, guess
 
     def climb(self, result: SolveResult) -> SolveResult:
@@ -65,20 +73,21 @@ class Recovery:
         yield self._other_norm
         yield self._growing_clearance
         yield self._giving_way
-        for seed in SEEDS:
-            yield lambda seed=seed: self._other_sides(seed)
+        for turn in TURNS:
+            yield partial(self._other_side, turn)
 
     def _fresh_certificates(self) -> SolveResult:
         for block in self._blocks:
-            block.split_violated()
+            split_violated(block)
             block.initialize()
         return self._planning.solve("planes anew, at the last point")
 
     def _other_norm(self) -> SolveResult:
         self._guess.restore()
         for block in self._blocks:
-            block.set_norm("ball" if block.norm == "sphere" else "sphere")
             block.initialize()
+            if block.record.formulation.norms:
+                block.set_norm("ball" if block.record.norm_now == "sphere" else "sphere")
         return self._planning.solve("other norm of the normals")
 
     def _growing_clearance(self) -> SolveResult:
@@ -99,40 +108,63 @@ class Recovery:
 
     def _giving_way(self) -> SolveResult:
         self._guess.restore()
-        for block in self._blocks:
-            block.initialize()
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
+            for block in self._blocks:
+                block.initialize()
             self._planning.solve("planes that give way")
         for block in self._blocks:
             block.initialize()
         return self._planning.solve("hard planes again")
 
-    def _other_sides(self, seed: int) -> SolveResult:
+    def _other_side(self, turn: float) -> SolveResult:
+        """Have the two that are in each other's way most pass on another side than they do now."""
+        block, pair, direction = self._most_in_the_way()
         self._guess.restore()
-        for block in self._blocks:
-            block.initialize(seed=seed)
-        return self._planning.solve(f"sides by seed {seed}")
+        for each in self._blocks:
+            each.initialize(sides={pair: _turned(direction, turn)} if each is block else None)
+        return self._planning.solve(f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round")
+
+    def _most_in_the_way(self) -> tuple[ObstacleAvoidanceBlockData, tuple[str, str], Array]:
+        """The block and the bodies of the certificate that misses most, and where its normal points at the guess."""
+        gaps = {
+            (block, index): gap - value(block.required[index])
+            for block in self._blocks
+            for index, gap in block.certificate_gaps().items()
+        }
+        block, (first, second, start) = min(gaps, key=gaps.__getitem__)
+        self._guess.restore()
+        block.initialize()
+        normal = [value(block.normal[first, second, start, axis]) for axis in block.axes]
+        parts = block.record.scene.parts
+        return block, (parts[first].body, parts[second].body), np.array(normal)
+
+
+def _turned(direction: Array, degrees: float) -> Array:
+    """A direction turned in the plane of its two largest components."""
+    i, j = np.sort(np.argsort(-np.abs(direction), kind="stable")[:2])
+    angle = np.deg2rad(degrees)
+    turned = direction.copy()
+    turned[i] = np.cos(angle) * direction[i] - np.sin(angle) * direction[j]
+    turned[j] = np.sin(angle) * direction[i] + np.cos(angle) * direction[j]
+    return turned
 
 
 @contextmanager
-def softened(model: Any, blocks: list[ObstacleAvoidanceData], weight: float) -> Iterator[None]:
+def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float) -> Iterator[None]:
     """Let planes give way at a price, in an objective that takes the place of the user's for a while."""
     users = list(model.component_data_objects(Objective, active=True))
-    for block in blocks:
-        block.soften()
-    softness = sum(block.softness for block in blocks)
-    own = users[0].expr if len(users) == 1 else 0.0
-    sign = 1.0 if not users or users[0].is_minimizing() else -1.0
-    sense = users[0].sense if users else 1
     home = blocks[0]
-    home.softened_objective = Objective(expr=own + sign * weight * softness, sense=sense)
-    for each in users:
-        each.deactivate()
+    own = sum(each.expr if each.is_minimizing() else -each.expr for each in users)
     try:
+        for block in blocks:
+            block.soften(weight)
+        home.softened_objective = Objective(expr=own + sum(block.softness for block in blocks))
+        for each in users:
+            each.deactivate()
         yield
     finally:
-        home.del_component("softened_objective")
         for each in users:
             each.activate()
+        home.del_component("softened_objective")
         for block in blocks:
             block.harden()

@@ -15,9 +15,9 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.obstacles import SafetyReport
 from pyrobocop_pyomo.optional_imports import pandas
 
+from .pair_report import ActiveSide, PairReport, pair_reports
 from .planning_round import ROUND_HEADER, PlanningRound
 from .quality import Quality
-from .pair_report import ActiveSide, PairReport, pair_reports
 from .result_pictures import draw_history, draw_pairs, draw_products
 from .result_text import long_report, pair_sentence, pair_table
 from .step import STEP_HEADER, Step

@@ -34,9 +34,7 @@ def random_scene(seed: int) -> Scene:
         ring = rng.uniform(-1.0, 1.0, (8, 2)) * rng.uniform(0.1, 0.6, 2) + rng.uniform(-0.8, 0.8, 2)
         obstacles[f"obstacle {i}"] = rcp.Polytope.hull(ring, name=f"obstacle {i}")
     turns = rng.uniform(-np.pi, np.pi, 2)
-    return Scene(
-        body, obstacles, (-2.5, rng.uniform(-1, 1), turns[0]), (2.5, rng.uniform(-1, 1), turns[1])
-    )
+    return Scene(body, obstacles, (-2.5, rng.uniform(-1, 1), turns[0]), (2.5, rng.uniform(-1, 1), turns[1]))
 
 
 def pose_of(b: Any, t: Any) -> rcp.Pose:
