@@ -33,6 +33,7 @@ from pyrobocop_pyomo.geometry import (
     Polytope,
     Pose,
     SignedDistance,
+    decompose,
     planar_pose,
     signed_distance,
     spatial_pose,
@@ -41,7 +42,7 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
-from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, animate_avoidance, draw_avoidance
+from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, SafetyReport, animate_avoidance, draw_avoidance
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -126,6 +127,7 @@ __all__ = [
     "RefinementEnd",
     "Route",
     "Rung",
+    "SafetyReport",
     "Scheme",
     "Scholtes",
     "Sensitivity",
@@ -151,6 +153,7 @@ __all__ = [
     "available_routes",
     "complements",
     "dae_trajectory",
+    "decompose",
     "diagnose",
     "draw_avoidance",
     "draw_linkage",

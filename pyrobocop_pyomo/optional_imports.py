@@ -30,6 +30,7 @@ pandas, pandas_available = attempt_import("pandas", error_message=_remedy("panda
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
 
 # Required, but deferred all the same: with Pyomo loaded, the first import of SciPy takes half a second.
+networkx, _ = attempt_import("networkx")
 scipy, _ = attempt_import(
     "scipy", deferred_submodules=["integrate", "optimize", "sparse", "sparse.linalg", "spatial", "special"]
 )

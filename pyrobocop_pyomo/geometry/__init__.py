@@ -1,6 +1,8 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
+from .decompose import decompose
 from .distance import SignedDistance, distance_of_points, signed_distance
+from .lockstep import distances_of_points
 from .polytope import Polytope
 from .poses import Pose, check_pose, planar_pose, spatial_pose
 from .separation import gap, separating_directions
@@ -10,7 +12,9 @@ __all__ = [
     "Pose",
     "SignedDistance",
     "check_pose",
+    "decompose",
     "distance_of_points",
+    "distances_of_points",
     "gap",
     "planar_pose",
     "separating_directions",

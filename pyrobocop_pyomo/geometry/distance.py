@@ -11,11 +11,13 @@ from pyrobocop_pyomo.errors import GeometryError
 from .minimum_norm import difference_rays, nearest_difference
 from .polytope import Polytope
 from .poses import Pose
-from .separation import LEVEL, gaps, separating_directions
+from .separation import LEVEL, candidate_normals, gaps
 
 # Relative to the scene. Closer than this, the difference of the nearest points is too short to give a direction,
 # and the facets of the difference of the bodies give it.
 TOUCHING = 1e-7
+# Rounding leaves touching bodies apart by less than this.
+APART = 1e-14
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def signed_distance(
     """
     if first.dimension != second.dimension:
         raise GeometryError(
-            f"'{first.name}' has {first.dimension} dimensions and '{second.name}' {second.dimension}: they have no distance. "
+            f"'{first.name}' has {first.dimension} dimensions and '{second.name}' {second.dimension}. "
             "Give both in the plane, or both in space."
         )
     if first_pose is not None:
@@ -108,13 +110,19 @@ def distance_of_points(
     if nearest.norm > TOUCHING * scale:
         normal = nearest.point / nearest.norm
         return SignedDistance(nearest.norm, normal, nearest.first + origin, nearest.second + origin)
-    directions = separating_directions(p, q, p_rays, q_rays)
-    if len(directions) == 0:
+    all_rays = np.zeros((0, p.shape[1])) if rays is None else rays
+    directions = candidate_normals(p, q, all_rays)
+    is_apart = nearest.norm > APART * scale
+    if is_apart:
+        directions = np.vstack([directions, nearest.point / nearest.norm])
+    widths = gaps(directions, p, q, all_rays)
+    best = int(widths.argmax()) if len(widths) else -1
+    if best < 0 or widths[best] == -np.inf:
         nowhere = np.full(p.shape[1], np.nan)
         return SignedDistance(-np.inf, nowhere, nowhere, nowhere)
-    widths = gaps(directions, p, q, np.zeros((0, p.shape[1])) if rays is None else rays)
-    best = int(widths.argmax())
-    normal, distance = directions[best], float(widths[best])
+    normal = directions[best]
+    # Two corners this close: no normal is known well enough for its gap to be the distance, which is known.
+    distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
     on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
     return SignedDistance(distance, normal, on_second + distance * normal, on_second)
 

@@ -41,12 +41,14 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
     except EmptyInterior as error:
         what = "is empty" if error.radius < -ON_PLANE else "has no interior"
         raise GeometryError(
-            f"'{name}': the set normals @ y <= offsets {what}. Normals point outwards, away from the body: check their signs."
+            f"'{name}': the set normals @ y <= offsets {what}. "
+            "Normals point outwards, away from the body: check their signs."
         ) from None
     if bounded and len(rays):
         raise GeometryError(
-            f"'{name}': the set normals @ y <= offsets has no end in the direction {rays[0].round(6)}. Check that normals "
-            "point outwards and that no side is missing; for a half-space or a wedge say bounded=False."
+            f"'{name}': the set normals @ y <= offsets has no end in the direction {rays[0].round(6)}. "
+            "Check that normals point outwards and that no side is missing; "
+            "for a half-space or a wedge say bounded=False."
         )
     _tell_redundant_rows(rows, sides, corners, rays, name)
     return corners, rays

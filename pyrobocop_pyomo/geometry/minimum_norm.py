@@ -22,6 +22,7 @@ EXACT = 1e-15
 # Unit rays that point this little towards the origin are taken as level.
 LEVEL = 1e-14
 LARGEST_COUNT = 200
+LARGEST_IDLE_COUNT = 10
 
 
 class Nearest(NamedTuple):
@@ -76,6 +77,7 @@ def nearest_difference(
     point = kept[0].at
     square = _dot(point, point)
     short_by = norm = square**0.5
+    idle = 0
     for _ in range(LARGEST_COUNT):
         if norm <= EXACT * scale:
             short_by = norm
@@ -92,8 +94,10 @@ def nearest_difference(
             break
         kept, weights, nearer = _best_combination([*kept, found], [*weights, 0.0])
         square, before = _dot(nearer, nearer), square
-        if square >= before:
-            break  # nothing gained but rounding
+        if square >= before:  # nothing gained but rounding, in length; the direction may still gain
+            idle += 1
+            if idle > LARGEST_IDLE_COUNT:
+                break
         point, norm = nearer, square**0.5
     on_first, on_second = np.zeros(first.shape[1]), np.zeros(first.shape[1])
     for one, weight in zip(kept, weights, strict=True):

@@ -200,8 +200,8 @@ class Polytope:
         """
         if self.is_flat:
             raise GeometryError(
-                f"'{self.name}' is flat and has no half-spaces. Use a formulation that works with corners, such as 'plane', "
-                "or give the shape a thickness."
+                f"'{self.name}' is flat and has no half-spaces. Use a formulation that works "
+                "with corners, such as 'plane', or give the shape a thickness."
             )
         normals, offsets = halfspaces_of(self.vertices, self.rays)
         normals.setflags(write=False)

@@ -153,16 +153,16 @@ def check_pose(pose: Pose, name: str, *, tolerance: float = 1e-6) -> None:
         raise GeometryError(f"'{name}': {error}") from None
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
         raise GeometryError(f"'{name}': the pose has entries that are not finite:\n{rotation}\n{translation}.")
-    error = float(np.abs(rotation @ rotation.T - np.eye(pose.dimension)).max())
-    if error > tolerance:
+    deviation = float(np.abs(rotation @ rotation.T - np.eye(pose.dimension)).max())
+    if deviation > tolerance:
         raise GeometryError(
-            f"'{name}': the pose's rotation R is none: R R' differs from the identity by {error:.3g}. "
+            f"'{name}': the pose's rotation R is none: R R' differs from the identity by {deviation:.3g}. "
             "Check the signs of sines and cosines; a quaternion must have length one, as a start value too."
         )
     if np.linalg.det(rotation) < 0.0:
         raise GeometryError(
-            f"'{name}': the pose's rotation mirrors the body (its determinant is -1). Check the signs of the sines, and "
-            "that all axes are right-handed."
+            f"'{name}': the pose's rotation mirrors the body (its determinant is -1). Check the signs of the "
+            "sines, and that all axes are right-handed."
         )
     for angle in pose.angles:
         turned = _value(angle)

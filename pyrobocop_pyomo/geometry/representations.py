@@ -15,6 +15,8 @@ from .hulls import affine_basis, convex_hull
 
 # Relative to unit rows and a scene of extent one.
 ZERO = 1e-9
+# A set whose largest ball is smaller than this, relative to its extent, counts as flat.
+THINNEST = 1e-8
 
 
 def halfspaces_of(vertices: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,11 +78,30 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
     hull = convex_hull(np.vstack([points, np.zeros(points.shape[1])]))
     finite = hull.offsets > ZERO
     corners = center + hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
-    return corners @ basis, np.vstack([hull.normals[~finite] @ basis, lines, -lines])
+    if len(corners) > 1 and radius < THINNEST * float(np.ptp(corners, axis=0).max()):
+        raise EmptyInterior(0.0)
+    corners = _met_by_planes(corners, rows, offsets)
+    # Adding zero makes minus zeros plain ones.
+    return corners @ basis + 0.0, np.vstack([hull.normals[~finite] @ basis, lines, -lines]) + 0.0
+
+
+def _met_by_planes(corners: np.ndarray, normals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """The corners moved to where the planes through them meet: in thin sets, the hull's rounding shows."""
+    extent = max(float(np.abs(corners).max()), float(np.ptp(corners, axis=0).max()))
+    met = corners.copy()
+    for k, corner in enumerate(corners):
+        misses = offsets - normals @ corner
+        through = np.abs(misses) <= ZERO * extent
+        moved = corner + np.linalg.lstsq(normals[through], misses[through], rcond=None)[0]
+        if np.abs(offsets[through] - normals[through] @ moved).max(initial=0.0) < np.abs(misses[through]).max(
+            initial=0.0
+        ):
+            met[k] = moved
+    return met
 
 
 class EmptyInterior(ArithmeticError):
-    """No ball fits between the planes; ``radius`` is that of the largest (negative: they contradict each other)."""
+    """No ball fits between the planes; ``radius`` is that of the largest, relative (negative: empty)."""
 
     def __init__(self, radius: float) -> None:
         super().__init__(radius)
@@ -90,18 +111,28 @@ class EmptyInterior(ArithmeticError):
 def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre and radius of the largest ball inside (of a limited one where there is no largest); unit rows."""
     dimension = normals.shape[1]
-    scale = float(np.abs(offsets).max()) or 1.0
-    answer = scipy.optimize.linprog(
-        np.append(np.zeros(dimension), -1.0),
-        A_ub=np.column_stack([normals, np.ones(len(normals))]),
-        b_ub=offsets / scale,
-        bounds=[(None, None)] * dimension + [(None, 1.0)],
-        method="highs",
-    )
-    radius = float(answer.x[-1]) if answer.x is not None else -np.inf
-    if radius <= ZERO:
-        raise EmptyInterior(radius * scale)
-    return answer.x[:-1] * scale, radius * scale
+    whole = scale = float(np.abs(offsets).max()) or 1.0
+    center = np.zeros(dimension)
+    for _ in range(4):
+        # Planes far away, cut short, only make the ball smaller; their numbers would drown those of the near ones.
+        answer = scipy.optimize.linprog(
+            np.append(np.zeros(dimension), -1.0),
+            A_ub=np.column_stack([normals, np.ones(len(normals))]),
+            b_ub=np.minimum((offsets - normals @ center) / scale, 1e3),
+            bounds=[(None, None)] * dimension + [(None, 1.0)],
+            method="highs",
+        )
+        if answer.x is None:
+            break
+        center = center + scale * answer.x[:-1]
+        radius = float((offsets - normals @ center).min())
+        if radius > 1e-4 * scale or scale < ZERO * whole:
+            break
+        # Small compared with how far the planes are from the origin: once more, seen from near.
+        scale *= 1e-4
+    if answer.x is None or radius <= 1e-3 * ZERO * whole:
+        raise EmptyInterior(-np.inf if answer.x is None else radius / whole)
+    return center, radius
 
 
 def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = ZERO) -> bool:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
+
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .hulls import affine_basis, convex_hull
 from .minimum_norm import difference_rays
@@ -10,6 +14,7 @@ from .representations import complement, halfspaces_of
 
 # Rays are unit vectors: one that points this little across a gap is along it.
 LEVEL = 1e-9
+PARALLEL = 1e-9
 
 
 def gap(
@@ -62,3 +67,41 @@ def separating_directions(
         return np.vstack([normals, -normals])
     # Outward normals of the differences point towards where p and q come apart, seen from q: inwards is from q to p.
     return -(halfspaces_of(differences, rays)[0] if len(rays) else convex_hull(differences).normals)
+
+
+def candidate_normals(p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """What `separating_directions` returns, quickly, and more: repeated ones, and others that do no harm.
+
+    A facet of the differences is spanned by edges of p and of q and by rays. Where these are few, all that any
+    two of them span are taken, and no hull is needed; else Qhull's facets, triangle by triangle.
+    """
+    dimension = p.shape[1]
+    if max(len(p), len(q)) <= (8 if dimension == 2 or len(rays) else 2):
+        normals = _spanned(np.vstack([_edges(p), _edges(q), rays]))
+        if len(normals):
+            return np.vstack([normals, -normals])
+    elif len(rays) == 0:
+        differences = (p[:, None, :] - q[None, :, :]).reshape(-1, dimension)
+        with contextlib.suppress(scipy.spatial.QhullError):  # they lie in one plane
+            return -scipy.spatial.ConvexHull(differences).equations[:, :-1]
+    return separating_directions(p, q, rays)
+
+
+def _edges(points: np.ndarray) -> np.ndarray:
+    """Unit vectors between all pairs of points: few of them are edges, and all edges are among them."""
+    i, j = np.triu_indices(len(points), 1)
+    vectors = points[i] - points[j]
+    lengths = np.linalg.norm(vectors, axis=1)
+    kept = lengths > PARALLEL * (lengths.max() if len(lengths) else 0.0)
+    return vectors[kept] / lengths[kept, None]
+
+
+def _spanned(vectors: np.ndarray) -> np.ndarray:
+    """Unit normals, one of each two opposite ones, of all planes (lines in 2-D) that the unit vectors span."""
+    if vectors.shape[1] == 2:
+        return np.column_stack([-vectors[:, 1], vectors[:, 0]])
+    i, j = np.triu_indices(len(vectors), 1)
+    normals = np.cross(vectors[i], vectors[j])
+    lengths = np.linalg.norm(normals, axis=1)
+    kept = lengths > PARALLEL
+    return normals[kept] / lengths[kept, None]

@@ -73,7 +73,8 @@ def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, o
     if len(basis) == 0:
         return distinct[:1]
     if len(rays):
-        kept = _needed([lambda others, i=i: _in_hull(distinct, rays, i, others) for i in range(len(distinct))])
+        inside = [lambda others, i=i: _in_hull(distinct, rays, i, others) for i in range(len(distinct))]
+        kept = np.array(_needed(inside))
     else:
         flat = len(basis) < dimension  # in its own plane then; else as it is, for the basis may mirror the order
         kept = convex_hull((distinct - distinct[0]) @ basis.T if flat else distinct).corners
@@ -107,8 +108,9 @@ def _refuse_outlines_that_are_not_convex(points: np.ndarray, corners: np.ndarray
     if not on_edges.all():
         row = int(np.argmin(on_edges))
         raise GeometryError(
-            f"'{name}': the outline is not convex: its point {row}, at {points[row]}, lies inside the hull of the others. "
-            "Cut the outline into convex parts with decompose(outline), or take the hull on purpose: Polytope.hull(points)."
+            f"'{name}': the outline is not convex: its point {row}, at {points[row]}, lies inside the hull "
+            "of the others. Cut the outline into convex parts with decompose(outline), or take the hull on purpose: "
+            "Polytope.hull(points)."
         )
     positions = np.argsort(corners)  # where around the hull the first corner listed is, the second, ...
     steps = {int(step) for step in (np.roll(positions, -1) - positions) % len(corners)}

@@ -3,7 +3,7 @@
 from .avoidance_block import ObstacleAvoidanceBlock
 from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
-from .formulations import Formulation, Plane
+from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .motion import Motion, motion_of
 from .pictures import animate_avoidance, draw_avoidance
 from .safety_report import PairSafety, SafetyReport
@@ -11,10 +11,14 @@ from .verification import verify_clearance
 
 __all__ = [
     "Body",
+    "Dual",
     "Formulation",
+    "Mixed",
     "Motion",
     "ObstacleAvoidanceBlock",
     "ObstacleAvoidanceBlockData",
+    "Offset",
+    "Optimality",
     "PairSafety",
     "Plane",
     "SafetyReport",

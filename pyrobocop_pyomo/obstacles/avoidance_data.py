@@ -24,9 +24,11 @@ from .certificates import proven_gap
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
 from .motion import Motion, motion_of
 from .pieces import Piece, PlaneIndex, halves, pieces_of_motion
+from .safety_report import SafetyReport
 from .scene import Pair
 from .snapshot import Snapshot
 from .starting import apply_broad_phase, is_far, start_all, start_one
+from .verification import verify_clearance
 
 
 class ObstacleAvoidanceBlockData(BlockData):
@@ -276,6 +278,17 @@ class ObstacleAvoidanceBlockData(BlockData):
         snapshot = Snapshot(self.record, self._what)
         pieces = self.record.pieces.values()
         return {piece.index: proven_gap(*snapshot.sides(piece), self._normal(piece.index)) for piece in pieces}
+
+    def verify(self, tolerance: float | None = None) -> SafetyReport:
+        """Judge the motion that the current values describe: all pairs, and all times between the points.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            What may be missing of a clearance; 1 % of it by default.
+        """
+        clearances = {pair: value(self.clearance[pair]) for pair in self.record.scene.pairs}
+        return verify_clearance(self.motion, self.record.scene.bodies, clearances, tolerance=tolerance)
 
     def _normal(self, index: PlaneIndex) -> np.ndarray:
         entries = [value(self.normal[(*index, axis)], exception=False) for axis in self.axes]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
+
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .formulations import PlacedSide
 from .side_choice import gap_along
@@ -20,7 +21,7 @@ def proven_gap(first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> flo
     rays = np.vstack([second.rays, -first.rays])
     if len(rays):
         # What is left of a vector once its part in the cone of the rays is taken off points away from all of them.
-        normal = normal - rays.T @ nnls(rays.T, normal)[0]
+        normal = normal - rays.T @ scipy.optimize.nnls(rays.T, normal)[0]
     length = float(np.linalg.norm(normal))
     if not length > SHORTEST_NORMAL:
         return -float("inf")

@@ -166,10 +166,12 @@ class _Proof:
         return (gap - 64 * _EPS * size) / np.linalg.norm(normals, axis=1) - self.radii
 
     def _box_distances(self, p: Stretches, q: Stretches) -> Array:
-        """Distances of boxes that hold the shapes during each stretch; NaN where they have no bounds."""
+        """Distances of boxes that hold the shapes during each stretch; nothing where they meet or have no bounds."""
         a, b = p.boxes(), q.boxes()
         gaps = np.maximum(np.maximum(a.low - b.high, b.low - a.high), 0.0)
-        return np.linalg.norm(gaps, axis=1) * (1.0 - 8 * _EPS)
+        distances = np.linalg.norm(gaps, axis=1) * (1.0 - 8 * _EPS)
+        # How deep shapes overlap, boxes that meet do not say.
+        return np.where(distances > 0.0, distances, -np.inf)
 
     def _search_violated(self) -> None:
         """Find the closest instants of the intervals that are too close, so that margins can be chosen by them."""

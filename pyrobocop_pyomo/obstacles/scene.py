@@ -10,11 +10,11 @@ from itertools import combinations
 from numbers import Real
 from typing import Any
 
-import networkx as nx
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, signed_distance
+from pyrobocop_pyomo.optional_imports import networkx
 
 from .bodies import Body
 
@@ -60,7 +60,7 @@ class Scene:
     bodies: Mapping[str, Body]
     obstacles: frozenset[str]
     parts: Mapping[str, Part]
-    graph: nx.Graph
+    graph: Any
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         return self
@@ -211,15 +211,15 @@ def _check_dimensions(what: str, parts: Mapping[str, Part]) -> None:
 
 def _graph(
     what: str, bodies: Mapping[str, Body], obstacles: frozenset[str], pairs: Any, exclude: Iterable[Pair]
-) -> nx.Graph:
-    graph: nx.Graph = nx.Graph()
+) -> Any:
+    graph = networkx.Graph()
     graph.add_nodes_from(bodies)
     excluded = {frozenset(_pair(what, "exclude", each, bodies)) for each in exclude}
     if pairs is None:
         candidates = [each for each in combinations(bodies, 2) if not obstacles.issuperset(each)]
         candidates = [each for each in candidates if any(bodies[name].moves for name in each)]
     else:
-        given = pairs.edges if isinstance(pairs, nx.Graph) else pairs
+        given = pairs.edges if isinstance(pairs, networkx.Graph) else pairs
         candidates = [_pair(what, "pairs", each, bodies) for each in given]
         for first, second in candidates:
             if obstacles.issuperset((first, second)):
@@ -249,7 +249,7 @@ def _pair(what: str, where: str, given: Any, bodies: Mapping[str, Body]) -> Pair
     return given
 
 
-def _set_clearances(what: str, graph: nx.Graph, bodies: Mapping[str, Body], clearance: Any) -> None:
+def _set_clearances(what: str, graph: Any, bodies: Mapping[str, Body], clearance: Any) -> None:
     if isinstance(clearance, Mapping):
         asked = {frozenset(_pair(what, "clearance", pair, bodies)): number for pair, number in clearance.items()}
         missing = [edge for edge in graph.edges if frozenset(edge) not in asked]

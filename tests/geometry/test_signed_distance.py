@@ -38,8 +38,8 @@ def test_flat_bodies() -> None:
     point = np.array([[1.0, 2.0]])
     segment = np.array([[0.0, 0.0], [4.0, 0.0]])
     assert distance_of_points(point, segment).distance == pytest.approx(2.0)
-    assert distance_of_points(segment + (2, 0), segment).distance == 0.0
-    assert distance_of_points(segment + (5, 0), segment).distance == pytest.approx(1.0)
+    assert distance_of_points(segment + np.array([2.0, 0.0]), segment).distance == 0.0
+    assert distance_of_points(segment + np.array([5.0, 0.0]), segment).distance == pytest.approx(1.0)
     assert distance_of_points(point, point).distance == 0.0
 
 

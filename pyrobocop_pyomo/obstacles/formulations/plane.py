@@ -16,10 +16,14 @@ from .rows import (
     empty_expressions,
     empty_rows,
     has_constant_rotation,
+    norm_relation,
     rotation_of,
-    set_norm_row,
     turned,
 )
+
+# Bounds of 1 would be reached by every plane parallel to an axis, where they say the same as the norm: multipliers
+# are then not unique, and solvers take three times as many steps.
+WIDER_THAN_ONE = (-1.5, 1.5)
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Plane:
         """Normal, offset and their rows, still empty."""
         add_components(
             block,
-            normal=Var(block.planes, list(axes), bounds=(-1, 1), dense=False, doc="normal of each plane"),
+            normal=Var(block.planes, list(axes), bounds=WIDER_THAN_ONE, dense=False, doc="normal of each plane"),
             offset=Var(block.planes, dense=False, doc="offset of each plane"),
             turned_normal=empty_expressions("normals in the frame of a body that turns"),
             level=empty_expressions("height of a body's origin over the plane"),
@@ -83,7 +87,7 @@ class Plane:
                 bodies += [dot(ray, direction) for ray in rays.tolist()]
                 for number, body in enumerate(bodies):
                     rows.add((*place, number), (0.0, body, None) if upward else (None, body, 0.0))
-        set_norm_row(block.unit.add(index, (None, normal[0], 1.0)), normal, "ball")
+        block.unit.add(index, norm_relation(normal, "ball"))
 
     def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
         """The given normal, and the plane half-way between what it leaves free on either side."""
@@ -95,4 +99,4 @@ class Plane:
 
     def set_norm(self, block: Any, index: Index, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
-        set_norm_row(block.unit[index], [block.normal[(*index, axis)] for axis in block.axes], norm)
+        block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))

@@ -10,11 +10,9 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr.numvalue import native_numeric_types
-from scipy.optimize import nnls
 
 from pyrobocop_pyomo.geometry import Polytope, Pose
-
-NORMS = ("ball", "sphere")
+from pyrobocop_pyomo.optional_imports import scipy
 
 
 def add_components(block: Any, **components: Any) -> None:
@@ -66,10 +64,10 @@ def turned(normal: Sequence[Any], pose: Pose) -> list[Any]:
     return [dot([pose.rotation[row][column] for row in range(dimension)], normal) for column in range(dimension)]
 
 
-def set_norm_row(row: Any, normal: Sequence[Any], norm: str) -> None:
-    """Give the row that bounds or fixes the length of the normal its relation."""
+def norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:
+    """The relation that bounds ("ball") or fixes ("sphere") the length of the normal."""
     square = sum(entry**2 for entry in normal)
-    row.set_value((1.0, square, 1.0) if norm == "sphere" else (None, square, 1.0))
+    return (1.0, square, 1.0) if norm == "sphere" else (None, square, 1.0)
 
 
 def facet_weights(shape: Polytope, direction: np.ndarray) -> np.ndarray:
@@ -83,5 +81,5 @@ def facet_weights(shape: Polytope, direction: np.ndarray) -> np.ndarray:
     reached = shape.vertices[np.argmax(shape.vertices @ direction)]
     active = np.flatnonzero(offsets - normals @ reached <= 1e-9 * scale)
     weights = np.zeros(len(offsets))
-    weights[active] = nnls(normals[active].T, direction)[0]
+    weights[active] = scipy.optimize.nnls(normals[active].T, direction)[0]
     return weights
