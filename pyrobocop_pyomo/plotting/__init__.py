@@ -1,8 +1,8 @@
 """Pictures from plain arrays: the only reader of Matplotlib."""
 
 from .animations import animate_scene
-from .linkage import draw_linkage
 from .body_path import BodyPath
+from .linkage import draw_linkage
 from .pairs import plot_pair_sides, plot_products
 from .phase_marks import mark_phases
 from .planar_pushing import draw_planar_pushing
