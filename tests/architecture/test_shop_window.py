@@ -13,7 +13,7 @@ import pyrobocop_pyomo
 
 PUBLIC = """
     ActiveSide Algebraic AllPairs AugmentedLagrangian Body BodyPath Certificate
-    ChenHarkerKanzowSmale Complementarity Control Crossed Diagnosis Duration Elastic
+    ChenHarkerKanzowSmale Complementarity Containment Control Crossed Diagnosis Duration Elastic
     FischerBurmeister Fixed FollowBarrier Geometric GeometryError Grid HomotopyResult
     JoinedTrajectory Kadrani KanzowSchwartz LinFukushima Link Mesh MultistartResult
     ObstacleAvoidanceBlock ObstacleError PairReport Parameter Penalty PerElement PerPair PerPhase
