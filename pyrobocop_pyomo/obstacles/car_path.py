@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .car_guess import Function, car_guess
+from .car_timing import CarTiming
 from .rolling import rolled
 
 Array = NDArray[np.float64]
@@ -53,11 +57,58 @@ class CarPath:
         """How often it changes its direction."""
         return int(np.count_nonzero(np.diff(self.directions[:-1])))
 
-    @property
-    def legs(self) -> Array:
-        """How far the car has rolled at the start, at each cusp and at the goal."""
+    def timed(self, speed: float = 1.0, acceleration: float | None = None) -> CarTiming:
+        """When the car is where: it stops at both ends and at every cusp.
+
+        Parameters
+        ----------
+        speed : float
+            Never exceeded.
+        acceleration : float, optional
+            While speeding up and slowing down; None: such that the car keeps its speed along two thirds of the
+            longest leg between stops.
+
+        Raises
+        ------
+        GuessError
+            When they are not positive.
+        """
         turns = np.flatnonzero(np.diff(self.directions[:-1])) + 1
-        return np.asarray(self.ways[[0, *turns, -1]])
+        return CarTiming.over_legs(self.ways[[0, *turns, -1]], self.directions[[0, *turns]], float(speed), acceleration)
+
+    def guess(
+        self,
+        phase: Any,
+        *,
+        speed: float = 1.0,
+        acceleration: float | None = None,
+        names: Mapping[str, str] | None = None,
+    ) -> dict[str, Function | float]:
+        """The path as a guess for ``phase.set_guess``: along it at a speed that vanishes at ends and cusps.
+
+        A free duration gets that of `timed`, moved into its bounds; where the duration is another one, speeds and
+        accelerations are scaled to it.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+        speed, acceleration : float
+            As for `timed`.
+        names : dict of str to str, optional
+            What the phase calls each of ``x``, ``y``, ``theta``, ``v`` (negative backwards), ``steering``,
+            ``acceleration`` and ``steering_rate``, as far as it has them; by default the same. Where a rate is asked
+            for, jumps of the steering are spread over a twentieth of the duration.
+
+        Returns
+        -------
+        dict of str to function of the time index, or number
+
+        Raises
+        ------
+        GuessError
+            When names do not fit, and when the heading is fixed at the end whole turns away from that of the path.
+        """
+        return car_guess(self, phase, speed, acceleration, names)
 
     def piece_at(self, ways: ArrayLike) -> NDArray[np.int64]:
         """Number of the arc on which the car is after rolling so far."""

@@ -110,7 +110,7 @@ class FreeSpace:
         corners = self._placed(chains)
         sides = self._from_obstacles(corners)
         best = np.maximum.reduceat(np.minimum(sides[:, :-1], sides[:, 1:]) - rise, self.first_side, axis=2)
-        clear = (best >= self.needed - ROUNDING).all(axis=(1, 2))
+        clear: NDArray[np.bool_] = np.asarray((best >= self.needed - ROUNDING).all(axis=(1, 2)))
         unknown = np.nonzero(~clear)[0]  # few: where obstacles are near
         if len(unknown):
             apart = np.maximum.reduceat(sides[unknown], self.first_side, axis=2)

@@ -122,8 +122,8 @@ def hybrid_a_star(
             if end is SearchEnd.USED_UP:
                 raise GuessError(
                     f"hybrid_a_star: no path was found: from the {which}, {len(each.search.poses)} poses can be "
-                    f"reached, none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less clearance, or "
-                    "wider bounds."
+                    f"reached, none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less "
+                    "clearance, or wider bounds."
                 )
         if time.monotonic() > began + time_limit or budget >= options.most_nodes:
             reached = " and ".join(f"{len(each.search.poses)} from the {each.which}" for each in turns)

@@ -103,8 +103,7 @@ class OutwardSearch:
         """Try to end from the most promising poses, and make all moves from them."""
         here: list[int] = []
         while self.queue and len(here) < AT_ONCE:
-            _, node = heapq.heappop(self.queue)
-            here.append(node)
+            here.append(heapq.heappop(self.queue)[1])
         poses, costs = np.array([self.poses[i] for i in here]), np.array([self.costs[i] for i in here])
         made_by = np.array([self.made_by[i] for i in here])
         self._try_to_end(here, poses, costs, made_by)
