@@ -68,9 +68,7 @@ def build(
         clearance=CLEARANCE,
     )
     m = pyo.ConcreteModel(name="parking")
-    m.drive = b = rcp.PhaseBlock(
-        duration=rcp.Duration(bounds=(5, 120), guess=path.duration), elements=elements, stages=stages
-    )
+    m.drive = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(5, 120)), elements=elements, stages=stages)
     b.x = rcp.State(initial=start[0], final=goal[0], bounds=BOX[0])
     b.y = rcp.State(initial=start[1], final=goal[1], bounds=BOX[1])
     b.theta = rcp.State(initial=start[2], final=goal[2], bounds=(-pi, pi))
@@ -89,7 +87,7 @@ def build(
             b.steering: b.steering_rate[t],
         }
 
-    b.set_guess(path.guess(b.time))
+    b.set_guess(path.guess(b, acceleration=ACCELERATION))
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t]))},
