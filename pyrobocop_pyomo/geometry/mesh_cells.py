@@ -35,8 +35,9 @@ def convex_cells(vertices: np.ndarray, faces: np.ndarray, name: str) -> list[np.
         count += 1
         if count > LARGEST_NUMBER:
             raise GeometryError(
-                f"'{name}': the mesh of {len(faces)} triangles needs more than {LARGEST_NUMBER // 2} convex parts. Simplify "
-                "it, or cut it approximately with trimesh.decomposition.convex_decomposition, and give the parts."
+                f"'{name}': the mesh of {len(faces)} triangles needs more than {LARGEST_NUMBER // 2} convex "
+                "cells. Simplify it, or cut it approximately with trimesh.decomposition.convex_decomposition, "
+                "and give the parts."
             )
         hull = convex_hull(corners)
         corners = corners[hull.corners]
@@ -64,9 +65,9 @@ def _refuse_open_meshes(faces: np.ndarray, name: str) -> None:
     unmatched = [side for side, balance in sides.items() if balance != 0]
     if unmatched or not len(faces):
         raise GeometryError(
-            f"'{name}': the mesh is not closed: {len(unmatched)} of the sides of its {len(faces)} triangles have no partner "
-            f"that runs the other way, such as the one between vertices {unmatched[:1]}. Merge vertices that are repeated, "
-            "and fill its holes."
+            f"'{name}': the mesh is not closed: {len(unmatched)} of the sides of its {len(faces)} triangles have "
+            f"no partner that runs the other way, such as the one between vertices {unmatched[:1]}. Merge vertices "
+            "that are repeated, and fill its holes."
         )
 
 
