@@ -41,8 +41,7 @@ def convex_cells(vertices: np.ndarray, faces: np.ndarray, name: str) -> list[np.
             )
         hull = convex_hull(corners)
         corners = corners[hull.corners]
-        inside = [_clipped(triangle, hull.normals, hull.offsets, ON_PLANE * extent) for triangle in near]
-        near = near[[piece is not None for piece in inside]]
+        near = near[_reach_inside(near, hull.normals, hull.offsets, ON_PLANE * extent)]
         if len(near) == 0:
             if abs(_winding(triangles, corners.mean(axis=0))) > 0.5:
                 cells.append(corners)
@@ -71,10 +70,18 @@ def _refuse_open_meshes(faces: np.ndarray, name: str) -> None:
         )
 
 
-def _clipped(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> np.ndarray | None:
-    """What of a triangle is in the inside of a cell, not only on its boundary; None for nothing."""
-    if (triangle @ normals.T - offsets).min(axis=0).max() >= -tolerance:
-        return None  # behind one of the planes, or in it
+def _reach_inside(triangles: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> np.ndarray:
+    """Which triangles have more than their boundary in the inside of a cell."""
+    heights = triangles @ normals.T - offsets
+    certain = (heights.max(axis=2) < -tolerance).any(axis=1)  # a corner is inside
+    possible = ~(heights.min(axis=1) >= -tolerance).any(axis=1)  # else all of it is behind one of the planes, or in it
+    for k in np.flatnonzero(possible & ~certain):
+        certain[k] = _is_cut_by_all(triangles[k], normals, offsets, tolerance)
+    return certain
+
+
+def _is_cut_by_all(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> bool:
+    """Whether something is left of a triangle that each plane in turn cuts off."""
     piece = triangle
     for normal, offset in zip(normals, offsets, strict=True):
         heights = piece @ normal - (offset - tolerance)
@@ -85,10 +92,10 @@ def _clipped(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tol
             if (low < 0.0 < high) or (high < 0.0 < low):
                 kept.append(a + low / (low - high) * (b - a))
         if len(kept) < 3:
-            return None
+            return False
         piece = np.array(kept)
     area = np.linalg.norm(np.cross(piece[1:-1] - piece[0], piece[2:] - piece[0]).sum(axis=0))
-    return piece if area > tolerance * tolerance else None
+    return bool(area > tolerance * tolerance)
 
 
 def _pairs(rows: np.ndarray) -> zip:

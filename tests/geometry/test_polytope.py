@@ -102,7 +102,8 @@ def test_shapes_in_the_plane_run_counter_clockwise() -> None:
     outline = [(0, 0), (0, 2), (3, 2), (3, 0), (0, 0)]
     for body in (
         Polytope.from_vertices(outline), Polytope.from_vertices(outline[::-1]), Polytope.hull(outline),
-        Polytope.box(3, 2), Polytope.regular_polygon(7, 2.0, (1, 5)), Polytope.from_halfspaces([[1, 1], [-1, 0], [0, -1]], [1, 0, 0]),
+        Polytope.box(3, 2), Polytope.regular_polygon(7, 2.0, (1, 5)),
+        Polytope.from_halfspaces([[1, 1], [-1, 0], [0, -1]], [1, 0, 0]),
     ):  # fmt: skip
         edges = np.roll(body.vertices, -1, axis=0) - body.vertices
         following = np.roll(edges, -1, axis=0)
