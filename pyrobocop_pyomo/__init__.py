@@ -42,7 +42,14 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
-from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, SafetyReport, animate_avoidance, draw_avoidance
+from pyrobocop_pyomo.obstacles import (
+    Body,
+    Containment,
+    ObstacleAvoidanceBlock,
+    SafetyReport,
+    animate_avoidance,
+    draw_avoidance,
+)
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -90,6 +97,7 @@ __all__ = [
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
+    "Containment",
     "Control",
     "Crossed",
     "Diagnosis",

@@ -3,6 +3,8 @@
 from .avoidance_block import ObstacleAvoidanceBlock
 from .avoidance_data import ObstacleAvoidanceBlockData
 from .bodies import Body
+from .containment import Containment
+from .containment_data import ContainmentData
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .motion import Motion, motion_of
 from .pictures import animate_avoidance, draw_avoidance
@@ -11,6 +13,8 @@ from .verification import verify_clearance
 
 __all__ = [
     "Body",
+    "Containment",
+    "ContainmentData",
     "Dual",
     "Formulation",
     "Mixed",
