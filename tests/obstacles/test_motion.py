@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,7 @@ def test_intervals_are_the_elements_of_a_phase(points: str) -> None:
     motion = motion_of(m.move.component(points), m.move)
     assert motion.points == tuple(m.move.component(points))
     boundaries = m.move.grid.mesh.boundaries
-    assert [(nodes[0], nodes[-1]) for nodes in motion.intervals] == list(zip(boundaries, boundaries[1:], strict=False))
+    assert [(nodes[0], nodes[-1]) for nodes in motion.intervals] == list(pairwise(boundaries))
     assert sorted({node for nodes in motion.intervals for node in nodes}) == list(m.move.time)
 
 
