@@ -42,6 +42,7 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, SafetyReport, animate_avoidance, draw_avoidance
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -54,7 +55,7 @@ from pyrobocop_pyomo.phases import (
     Verification,
     label_measurements,
 )
-from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
+from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
 from pyrobocop_pyomo.solving import (
     ActiveSide,
     HomotopyResult,
@@ -84,6 +85,8 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Body",
+    "BodyPath",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
@@ -106,6 +109,7 @@ __all__ = [
     "Link",
     "Mesh",
     "MultistartResult",
+    "ObstacleAvoidanceBlock",
     "ObstacleError",
     "PairReport",
     "Parameter",
@@ -123,6 +127,7 @@ __all__ = [
     "RefinementEnd",
     "Route",
     "Rung",
+    "SafetyReport",
     "Scheme",
     "Scholtes",
     "Sensitivity",
@@ -143,13 +148,17 @@ __all__ = [
     "Verification",
     "__version__",
     "active_pairs",
+    "animate_avoidance",
+    "animate_scene",
     "available_routes",
     "complements",
     "dae_trajectory",
     "decompose",
     "diagnose",
+    "draw_avoidance",
     "draw_linkage",
     "draw_planar_pushing",
+    "draw_scene",
     "explicit",
     "find_scheme",
     "gauss_legendre",
