@@ -131,7 +131,7 @@ def measured(made: Callable[..., Any], guess: rcp.Trajectory, options: dict[str,
     worst = avoid.verify().worst
     objective = result.objective if result.solved or result.quality is rcp.Quality.OPTIMAL else None
     verdict = worst.verdict if objective is not None else "unsolved"
-    rounds = len(getattr(result, "rounds", ()))
+    rounds = len(result.rounds)
     found = (rounds, result.iterations, result.seconds, objective)
     return (*size, *found, sampled_distance(avoid), worst.clearance, verdict)
 

@@ -93,7 +93,7 @@ class SafePlanning:
             result = step()
             if result.quality is not Quality.INFEASIBLE:
                 result = self._made_safe(result)
-            if self._is_safe or not self.may_go_on(result):
+            if self._is_safe or self._is_all_that_was_asked(result) or not self.may_go_on(result):
                 break
         return self._best_of_all()
 
@@ -153,6 +153,11 @@ class SafePlanning:
         assert self._best is not None
         best, report, _ = self._best
         return report.safe and best.quality is not Quality.INFEASIBLE
+
+    def _is_all_that_was_asked(self, result: SolveResult) -> bool:
+        """Whether the plan is feasible, and every block looks at nodes only: nothing would make it safer but luck."""
+        per_node = not any(block.record.per_interval for block in self._blocks)
+        return per_node and result.quality is not Quality.INFEASIBLE
 
     def _tightened(self, report: SafetyReport, *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
