@@ -42,6 +42,18 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+from pyrobocop_pyomo.obstacles import (
+    Body,
+    CarPath,
+    CarSearch,
+    Containment,
+    ObstacleAvoidanceBlock,
+    SafetyReport,
+    animate_avoidance,
+    draw_avoidance,
+    hybrid_a_star,
+    waypoint_guess,
+)
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -54,7 +66,7 @@ from pyrobocop_pyomo.phases import (
     Verification,
     label_measurements,
 )
-from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
+from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
 from pyrobocop_pyomo.solving import (
     ActiveSide,
     HomotopyResult,
@@ -84,9 +96,14 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Body",
+    "BodyPath",
+    "CarPath",
+    "CarSearch",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
+    "Containment",
     "Control",
     "Crossed",
     "Diagnosis",
@@ -106,6 +123,7 @@ __all__ = [
     "Link",
     "Mesh",
     "MultistartResult",
+    "ObstacleAvoidanceBlock",
     "ObstacleError",
     "PairReport",
     "Parameter",
@@ -123,6 +141,7 @@ __all__ = [
     "RefinementEnd",
     "Route",
     "Rung",
+    "SafetyReport",
     "Scheme",
     "Scholtes",
     "Sensitivity",
@@ -143,17 +162,22 @@ __all__ = [
     "Verification",
     "__version__",
     "active_pairs",
+    "animate_avoidance",
+    "animate_scene",
     "available_routes",
     "complements",
     "dae_trajectory",
     "decompose",
     "diagnose",
+    "draw_avoidance",
     "draw_linkage",
     "draw_planar_pushing",
+    "draw_scene",
     "explicit",
     "find_scheme",
     "gauss_legendre",
     "homotopy",
+    "hybrid_a_star",
     "join_trajectories",
     "label_measurements",
     "lobatto",
@@ -167,6 +191,7 @@ __all__ = [
     "solve_refined",
     "solve_sequences",
     "spatial_pose",
+    "waypoint_guess",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.

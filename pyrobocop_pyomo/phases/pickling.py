@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable
 from typing import Any
 
 
-def picklable_or_none(function: Callable[..., Any] | None) -> Callable[..., Any] | None:
+def picklable_or_none(function: Any) -> Any:
     """The function if a pickle can hold it, which takes a function at the top level of a module; None otherwise."""
     try:
         pickle.dumps(function)

@@ -1,0 +1,87 @@
+"""`Body`: a shape, or several that move as one, and where it is over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.phases.pickling import picklable_or_none
+
+PoseRule = Callable[[Any, Any], Any]
+
+
+def _lost_pose(block: Any, t: Any) -> Any:
+    """Stand-in for a rule that a pickle could not hold: no pose at all would mean a body that rests."""
+    raise ObstacleError("the rule for a body's pose did not survive pickling. Define it at the top level of a module.")
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A shape and its pose.
+
+    Attributes
+    ----------
+    shape : Polytope, or sequence of Polytope
+        In the body's own frame. Several are one body that is their union.
+    pose : callable or None
+        ``pose(block, t)`` returns the `Pose` at an index ``t`` of the set that the avoidance block is given; ``block``
+        is the parent of the avoidance block, or something that stands in for it: variables have to be read through
+        it. None for a body that rests where its shape lies.
+
+    Raises
+    ------
+    ObstacleError
+        When the shape is none, or its parts do not have the same dimension.
+    """
+
+    shape: Any
+    pose: PoseRule | None = None
+
+    def __post_init__(self) -> None:
+        parts = self.parts
+        if not parts or not all(isinstance(part, Polytope) for part in parts):
+            raise ObstacleError(
+                f"a body of shape {self.shape!r}: expected a Polytope or a list of them. "
+                "Make one by Polytope.box, from_vertices or from_halfspaces; cut what is not convex by decompose."
+            )
+        dimensions = sorted({part.dimension for part in parts})
+        if len(dimensions) > 1:
+            names = ", ".join(f"'{part.name}' ({part.dimension})" for part in parts)
+            raise ObstacleError(f"a body with parts of dimensions {dimensions}: {names}. All must have the same.")
+        if self.pose is not None and not callable(self.pose):
+            raise ObstacleError(
+                f"'{parts[0].name}': its pose is {self.pose!r}; expected a function of (block, t), or None for a body "
+                "that rests. A body at a constant pose is shape.placed(pose)."
+            )
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Body:
+        return self  # nothing in it can change, so that cloned models share it
+
+    def __getstate__(self) -> dict[str, Any]:
+        pose = None if self.pose is None else picklable_or_none(self.pose) or _lost_pose
+        return {"shape": self.shape, "pose": pose}
+
+    @property
+    def parts(self) -> tuple[Polytope, ...]:
+        """The convex shapes that it is made of."""
+        return (self.shape,) if isinstance(self.shape, Polytope) else tuple(self.shape)
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.parts[0].dimension
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a pose."""
+        return self.pose is not None
+
+    def named_parts(self, name: str) -> Iterator[tuple[str, Polytope]]:
+        """Each part with its name: that of the body, or ``name[1]``, ``name[2]``, ... where there are several."""
+        parts = self.parts
+        for i, part in enumerate(parts, start=1):
+            label = name if len(parts) == 1 else f"{name}[{i}]"
+            yield label, part.named(label)

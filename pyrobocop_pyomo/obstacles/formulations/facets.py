@@ -1,0 +1,53 @@
+"""Weights of half-spaces: what formulations have in common that give a shape by its facets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.set_types import NonNegativeIntegers
+from pyomo.core.base.var import Var
+
+from .protocol import Index, PlacedSide, Side
+from .rows import dot, facet_weights
+
+
+def weights_component(block: Any, doc: str) -> Var:
+    """Weights >= 0 of facets, by certificate and facet; added one by one."""
+    return Var(block.planes, NonNegativeIntegers, bounds=(0, None), dense=False, doc=doc)
+
+
+def add_weights(component: Var, index: Index, side: Side) -> list[Any]:
+    """A weight for each facet of a shape."""
+    return [component.add((*index, facet)) for facet in range(len(side.shape.halfspaces[1]))]
+
+
+def combination(weights: list[Any], side: Side) -> tuple[list[Any], Any]:
+    """``A'l`` in the frame of the shape, and ``b'l``."""
+    normals, offsets = side.shape.halfspaces
+    return [dot(column, weights) for column in normals.T.tolist()], dot(offsets.tolist(), weights)
+
+
+def turned_out(direction: list[Any], side: Side) -> list[Any]:
+    """``R v``: a direction of the shape's frame in the world, at the one pose of the side."""
+    (_, pose) = side.poses[0]
+    return [dot(row, direction) for row in pose.rotation]
+
+
+def add_normal(block: Any, index: Index, second_weights: list[Any], second: Side) -> tuple[list[Any], Any]:
+    """The normal as an expression of the weights of the second shape, and ``b'l``."""
+    direction, offset = combination(second_weights, second)
+    normal = turned_out(direction, second)
+    return [block.normal.add((*index, axis), entry) for axis, entry in enumerate(normal)], offset
+
+
+def between_origins(normal: list[Any], first: Side, second: Side) -> Any:
+    """``n.(t1 - t2)``."""
+    here, there = first.poses[0][1].translation, second.poses[0][1].translation
+    return dot(here, normal) - dot(there, normal)
+
+
+def start_weights(component: Var, index: Index, side: PlacedSide, outwards: np.ndarray, scale: float = 1.0) -> None:
+    """Weights that give a direction of the world."""
+    for facet, weight in enumerate(scale * facet_weights(side.shape, side.rotation.T @ outwards)):
+        component[(*index, facet)].set_value(float(weight), skip_validation=True)

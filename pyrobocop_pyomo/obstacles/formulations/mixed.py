@@ -1,0 +1,66 @@
+"""The first shape by its corners, the second by its half-spaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .facets import add_normal, add_weights, start_weights, weights_component
+from .protocol import Index, PlacedSide, Side
+from .rows import add_components, dot, empty_expressions, empty_rows, norm_relation, turned
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """A normal made of the second shape's facets, and all corners of the first beyond it.
+
+    With weights ``l >= 0`` of the facets of ``{y : A y <= b}`` at ``(R2, t2)`` and the corners ``V_i`` of the first
+    shape at ``(R1, t1)``::
+
+        n = R2 A'l        n.(R1 V_i + t1 - t2) - b'l >= required        n.n <= 1 or n.n = 1
+
+    One pose at a time. Suits obstacles of many corners and few facets, or without end.
+    """
+
+    name: str = "mixed"
+    covers_intervals: bool = False
+    signed: bool = True
+    norms: tuple[str, ...] = ("ball", "sphere")
+    halfspaces: tuple[bool, bool] = (False, True)
+    rays: tuple[bool, bool] = (True, True)
+
+    def declare(self, block: Any, axes: range) -> None:
+        """Weights, normal and rows, still empty."""
+        add_components(
+            block,
+            second_weight=weights_component(block, "weights of the facets of the second shape"),
+            normal=empty_expressions("normal of each certificate"),
+            turned_normal=empty_expressions("normals in the frame of the first shape"),
+            level=empty_expressions("height of the first shape's origin"),
+            first_side=empty_rows("corners of the first shape: beyond the second by what is required"),
+            unit=empty_rows("length of the normal"),
+        )
+
+    def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
+        """Weights and rows of one certificate."""
+        weights = add_weights(block.second_weight, index, second)
+        normal, offset = add_normal(block, index, weights, second)
+        (_, here), (_, there) = first.poses[0], second.poses[0]
+        height = dot(here.translation, normal) - dot(there.translation, normal) - offset - block.required[index]
+        level = block.level.add(index, height)
+        direction = [block.turned_normal.add((*index, axis), entry) for axis, entry in enumerate(turned(normal, here))]
+        bodies = [dot(corner, direction) + level for corner in first.shape.vertices.tolist()]
+        bodies += [dot(ray, direction) for ray in first.shape.rays.tolist()]
+        for number, body in enumerate(bodies):
+            block.first_side.add((*index, number), (0.0, body, None))
+        block.unit.add(index, norm_relation(normal, "ball"))
+
+    def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+        """Weights that give the normal."""
+        start_weights(block.second_weight, index, second, normal)
+
+    def set_norm(self, block: Any, index: Index, norm: str) -> None:
+        """Bound the length of the normal, or fix it."""
+        block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))

@@ -1,0 +1,121 @@
+"""What can be seen to be wrong before a solver is asked."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.visitor import identify_variables
+
+from pyrobocop_pyomo.errors import GeometryError, ObstacleError
+from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
+
+from .avoidance_record import AvoidanceRecord
+from .snapshot import Snapshot, variables_of
+
+LOGGER = logging.getLogger(__name__)
+
+NEARLY = 1e-9
+
+
+def check_poses(snapshot: Snapshot) -> None:
+    """Every pose is a rotation and a translation at the current values.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body and the time.
+    """
+    for (body, time), pose in snapshot.record.poses.items():
+        if time is None:
+            continue
+        snapshot.pose(body, time)
+        try:
+            check_pose(pose, body)
+        except GeometryError as error:
+            raise ObstacleError(f"{snapshot.what}: at {time}, {error}") from None
+
+
+def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]) -> None:
+    """No pair is closer than its clearance where both poses are fixed: no plan could change that.
+
+    Raises
+    ------
+    ObstacleError
+        Naming both bodies, the time and the clearance that is available there.
+    """
+    scene = snapshot.record.scene
+    fixed: dict[str, list[Hashable]] = {}
+    for (body, time), pose in snapshot.record.poses.items():
+        if time is not None and all(each.fixed for each in variables_of(pose)):
+            fixed.setdefault(body, []).append(time)
+    for first, second in scene.pairs_of_parts():
+        moving = [part.body for part in (first, second) if not scene.is_static(part.body)]
+        times = [time for time in fixed.get(moving[0], ()) if all(time in fixed.get(body, ()) for body in moving)]
+        asked = value(clearances[first.body, second.body])
+        for time in times:
+            p, q = snapshot.vertices(first, [time]), snapshot.vertices(second, [time])
+            rays = snapshot.rays(first, [time]), snapshot.rays(second, [time])
+            near = distance_of_points(p, q, q_rays=rays[1], p_rays=rays[0])
+            available = near.distance - first.shape.radius - second.shape.radius
+            if available < asked - NEARLY * max(1.0, float(np.abs(p).max())):
+                if available > 0:
+                    found, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
+                else:
+                    found, remedy = f"{-available:.6g} into each other", "Move"
+                raise ObstacleError(
+                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {found} at {time}, where both poses are "
+                    f"fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+                )
+
+
+def has_values(record: AvoidanceRecord) -> bool:
+    """True when every variable that a pose reads has a value."""
+    return all(each.value is not None for pose in record.poses.values() for each in variables_of(pose))
+
+
+def warn_about_quaternions(snapshot: Snapshot, model: Any) -> None:
+    """Warn where a rotation stays one only as long as its variables do, and no equation says so.
+
+    Sines and cosines make rotations whatever the angles; a quaternion does at length one only. To tell them apart,
+    the variables are moved a little.
+    """
+    one_of_each = {body: pose for (body, time), pose in snapshot.record.poses.items() if time is not None}
+    for body, pose in one_of_each.items():
+        read = variables_of(Pose(pose.rotation, (0.0,) * pose.dimension))
+        if not read or _is_always_a_rotation(pose, read):
+            continue
+        names = {id(each) for each in read}
+        kept = any(
+            row.equality and {id(each) for each in identify_variables(row.body)} == names - _fixed(read)
+            for row in model.component_data_objects(Constraint, active=True, descend_into=True)
+        )
+        if not kept and not all(each.fixed for each in read):
+            LOGGER.warning(
+                "%s: the rotation of '%s' is one only while %s have length one, and no equation keeps them so: its "
+                "shape would grow or shrink. Add the equation, or normalise what the pose reads.",
+                snapshot.what,
+                body,
+                ", ".join(each.name for each in read),
+            )
+
+
+def _fixed(variables: list[Any]) -> set[int]:
+    return {id(each) for each in variables if each.fixed}
+
+
+def _is_always_a_rotation(pose: Pose, variables: list[Any]) -> bool:
+    """Whether the rotation stays orthonormal when its variables move."""
+    before = [each.value for each in variables]
+    try:
+        for each, number in zip(variables, before, strict=True):
+            each.set_value(1.1 * number + 0.1, skip_validation=True)
+        rotation, _ = pose.numbers()
+    finally:
+        for each, number in zip(variables, before, strict=True):
+            each.set_value(number, skip_validation=True)
+    return bool(np.abs(rotation @ rotation.T - np.eye(len(rotation))).max() < NEARLY)
