@@ -16,7 +16,7 @@ from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.initializer import IndexedCallInitializer
 
-from pyrobocop_pyomo.errors import ObstacleError, PyRobocopError
+from pyrobocop_pyomo.errors import ModelError, ObstacleError
 
 
 class _Index:
@@ -175,7 +175,7 @@ def ask(rule: Any, block: Any, reader: Reader, name: str) -> Any:
     """
     try:
         return rule(StandIn(block, reader), reader.index)
-    except PyRobocopError as error:
+    except ModelError as error:
         raise type(error)(f"the pose of '{name}': {error}") from error
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")  # Pyomo adds paragraphs of advice
