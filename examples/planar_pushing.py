@@ -28,7 +28,14 @@ def build(
     """The pusher-slider with sticking and slipping contact, transcribed by implicit Euler."""
     m = pyo.ConcreteModel(name="planar pushing")
     m.push = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
-    step = duration / elements
+    state_pusher_slider(b, goal)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: squared_distance(b, t, goal)))
+    return m
+
+
+def state_pusher_slider(b, goal: tuple[float, float, float]) -> None:
+    """States, forces and friction cone of a slider that starts at the origin and ends at the goal."""
+    step = b.duration / b.grid.mesh.elements
 
     # The published bounds on rates, 5 m/s and 5 rad/s, are left out: with these forces they cannot be reached.
     b.x = rcp.State(initial=0, final=goal[0], bounds=(-5, 5))
@@ -64,14 +71,10 @@ def build(
             rcp.complements(b.cone_down[t] >= 0, b.slip_down[t] >= 0),
         ]
 
-    m.cost = pyo.Objective(
-        expr=b.integral(
-            lambda b, t: (
-                (b.x[t] - goal[0]) ** 2 + (b.y[t] - goal[1]) ** 2 + (b.theta[t] - goal[2]) ** 2 + b.contact[t] ** 2
-            )
-        )
-    )
-    return m
+
+def squared_distance(b, t, goal: tuple[float, float, float]):
+    """From the goal, and of the finger from the middle of the face."""
+    return (b.x[t] - goal[0]) ** 2 + (b.y[t] - goal[1]) ** 2 + (b.theta[t] - goal[2]) ** 2 + b.contact[t] ** 2
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:

@@ -12,6 +12,7 @@ import pyomo.environ as pyo
 from matplotlib.figure import Figure
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 Case = Mapping[str, Any]
@@ -27,7 +28,9 @@ def run_example(
     size: tuple[float, float] = (10.0, 4.6),
     search: Callable[..., tuple[pyo.ConcreteModel, rcp.SolveResult]] | None = None,
 ) -> None:
-    """Read the command line, run the cases it names, and exit with 0 only if all of them were solved.
+    """Read the command line, run the cases it names, and exit with 0 only if all of them were solved, and are safe.
+
+    A plan around obstacles is safe when its clearances are proven at all times, not only at the points of the mesh.
 
     Parameters
     ----------
@@ -49,6 +52,7 @@ def run_example(
     """
     source = Path(inspect.getfile(build))
     arguments = _read_command_line(str(inspect.getmodule(build).__doc__), cases, default)
+    arguments.output.mkdir(parents=True, exist_ok=True)
     chosen = list(cases) if arguments.case == "all" else [arguments.case]
 
     figure = Figure(figsize=size, dpi=100, layout="constrained")
@@ -67,11 +71,18 @@ def run_example(
         for phase in model.block_data_objects(active=True):
             if isinstance(phase, PhaseBlockData):
                 print(f"\nphase '{phase.name}', recomputed from its equations:\n{phase.trajectory().verify()}")
+        for avoid in model.block_data_objects(active=True):
+            if isinstance(avoid, ObstacleAvoidanceBlockData):
+                report = avoid.verify()
+                print(f"\nobstacle avoidance '{avoid.name}', judged at all times:\n{report}")
+                solved = solved and report.safe
+                if arguments.animate:
+                    film = arguments.output / f"{source.stem}_{name}.gif"
+                    print(f"animation: {rcp.animate_avoidance(avoid, film, title=model.name)}")
         print()
         draw(place, model)
         solved = solved and result.solved
 
-    arguments.output.mkdir(parents=True, exist_ok=True)
     picture = arguments.output / f"{source.stem}.png"
     figure.savefig(picture)
     print(f"picture: {picture}")
@@ -83,6 +94,7 @@ def _read_command_line(description: str, cases: Mapping[str, Case], default: str
     parser.add_argument("--case", choices=[*cases, "all"], default=default, help=f"default: {default}")
     parser.add_argument("--coarse", action="store_true", help="few elements, for a quick look")
     parser.add_argument("--output", type=Path, default=Path("output"), help="folder of the picture (default: output)")
+    parser.add_argument("--animate", action="store_true", help="write a GIF per case where bodies avoid obstacles")
     parser.add_argument(
         "--route", choices=["in process", "asl", "casadi", "executable"], help="default: the best found"
     )

@@ -42,7 +42,11 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
+<<<<<<< HEAD
 from pyrobocop_pyomo.obstacles import Body, Containment, ObstacleAvoidanceBlock, SafetyReport
+=======
+from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, SafetyReport, animate_avoidance, draw_avoidance
+>>>>>>> mot
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -55,7 +59,7 @@ from pyrobocop_pyomo.phases import (
     Verification,
     label_measurements,
 )
-from pyrobocop_pyomo.plotting import draw_linkage, draw_planar_pushing
+from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
 from pyrobocop_pyomo.solving import (
     ActiveSide,
     HomotopyResult,
@@ -86,6 +90,7 @@ __all__ = [
     "AllPairs",
     "AugmentedLagrangian",
     "Body",
+    "BodyPath",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
@@ -148,13 +153,17 @@ __all__ = [
     "Verification",
     "__version__",
     "active_pairs",
+    "animate_avoidance",
+    "animate_scene",
     "available_routes",
     "complements",
     "dae_trajectory",
     "decompose",
     "diagnose",
+    "draw_avoidance",
     "draw_linkage",
     "draw_planar_pushing",
+    "draw_scene",
     "explicit",
     "find_scheme",
     "gauss_legendre",

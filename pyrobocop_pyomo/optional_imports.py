@@ -21,6 +21,9 @@ matplotlib, matplotlib_available = attempt_import(
     error_message=_remedy("Matplotlib", "plot"),
     deferred_submodules=["cm", "colors", "figure", "lines", "patches"],
 )
+# Not loaded with Matplotlib, so that each is deferred on its own.
+art3d, _ = attempt_import("mpl_toolkits.mplot3d.art3d", error_message=_remedy("Matplotlib", "plot"))
+animation, _ = attempt_import("matplotlib.animation", error_message=_remedy("Matplotlib", "plot"))
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))

@@ -7,6 +7,7 @@ from .containment import Containment
 from .containment_data import ContainmentData
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .motion import Motion, motion_of
+from .pictures import animate_avoidance, draw_avoidance
 from .safety_report import PairSafety, SafetyReport
 from .verification import verify_clearance
 
@@ -25,6 +26,8 @@ __all__ = [
     "PairSafety",
     "Plane",
     "SafetyReport",
+    "animate_avoidance",
+    "draw_avoidance",
     "motion_of",
     "verify_clearance",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.optional_imports import matplotlib
 
+from .outlines import outline
 from .time_colours import evenly_moved, time_colours
 
 Array = NDArray[np.float64]
@@ -24,6 +26,7 @@ def draw_planar_pushing(
     snapshots: int = 9,
     title: str = "",
     force: Array | None = None,
+    obstacles: Sequence[Any] = (),
     figure: Any = None,
 ) -> Any:
     """Draw the slider and the pusher at several times, light to dark, with the path of the slider's centre.
@@ -47,6 +50,8 @@ def draw_planar_pushing(
     title : str
     force : array, shape (T, 2), optional
         Contact force in the slider's frame, newtons; drawn as arrows scaled to the slider.
+    obstacles : sequence of Polytope
+        What stands on the table, bounded; grey.
     figure : Figure or SubFigure, optional
         Where to draw; a new figure by default.
 
@@ -58,6 +63,8 @@ def draw_planar_pushing(
         figure = matplotlib.figure.Figure(figsize=(6.4, 6.0), layout="constrained")
     axis = figure.subplots()
     colours = time_colours(time)
+    for obstacle in obstacles:
+        axis.add_patch(matplotlib.patches.Polygon(outline(obstacle), facecolor="0.72", edgecolor="0.45", zorder=1))
     turns = np.moveaxis(
         np.array([[np.cos(pose[:, 2]), -np.sin(pose[:, 2])], [np.sin(pose[:, 2]), np.cos(pose[:, 2])]]), -1, 0
     )

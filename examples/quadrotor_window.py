@@ -1,0 +1,121 @@
+"""A quadrotor flies through a window in a wall that is too narrow for it: it has to roll.
+
+The body is a box of 0.6 m x 0.6 m x 0.2 m. Through ``narrow``, 0.6 m wide and 0.8 m high, it fits only on its side;
+through ``low``, 0.8 m wide and 0.5 m high, upright, with little room. The wall is 0.1 m thick: a plan that keeps its
+distance only at the points of a mesh may jump straight through it. The first guess is a straight line at rest.
+
+The states are position, roll, pitch and yaw, velocity and body rates; the controls are the thrusts of four rotors.
+Rigid-body model: Mahony, Kumar & Corke, Multirotor aerial vehicles, IEEE Robotics & Automation Magazine 19 (2012),
+doi:10.1109/MRA.2012.2206474
+"""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+
+BODY = rcp.Polytope.box(0.6, 0.6, 0.2, name="quadrotor")
+CLEARANCE = 0.04
+MASS, GRAVITY, INERTIA = 1.0, 9.81, (0.012, 0.012, 0.02)
+ARM, DRAG, MOST_THRUST = 0.2, 0.02, 6.0  # of a rotor: lever in metres, torque per thrust in metres, newtons
+THICKNESS, WALL = 0.1, 3.0  # of the wall: depth, and half of its width and height
+WINDOWS = {"narrow": (0.6, 0.8), "low": (0.8, 0.5)}  # width and height
+START, GOAL = (-1.5, 0.4, -0.3), (1.5, -0.4, 0.3)
+
+
+def wall(width: float, height: float) -> list[rcp.Polytope]:
+    """Four boxes around an opening in the middle."""
+    beside, above = (WALL - width / 2), (WALL - height / 2)
+    return [
+        rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, width / 2 + beside / 2, 0), name="left"),
+        rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, -width / 2 - beside / 2, 0), name="right"),
+        rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, height / 2 + above / 2), name="above"),
+        rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, -height / 2 - above / 2), name="below"),
+    ]
+
+
+def build(case: str = "narrow", elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
+    """From hovering to hovering on the other side, in little time and with little effort."""
+    m = pyo.ConcreteModel(name="quadrotor")
+    m.flight = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 6), guess=2.5), elements=elements, stages=stages)
+    for name, start, goal in zip(("x", "y", "z"), START, GOAL, strict=True):
+        b.declare(name, rcp.State(initial=start, final=goal, bounds=(-2, 2)))
+    for name, largest in {"roll": 1.5, "pitch": 1.2, "yaw": 1.5}.items():
+        b.declare(name, rcp.State(initial=0, final=0, bounds=(-largest, largest)))
+    for name, largest in {"v_x": 5, "v_y": 5, "v_z": 5, "p": 12, "q": 12, "r": 12}.items():
+        b.declare(name, rcp.State(initial=0, final=0, bounds=(-largest, largest)))
+    for rotor in ("front", "left", "back", "right"):
+        thrust = rcp.Control(bounds=(0, MOST_THRUST), guess=MASS * GRAVITY / 4, parametrization="piecewise_constant")
+        b.declare(rotor, thrust)
+    b.ode(rigid_body)
+    b.guess_straight_lines()
+
+    def pose(b, t):
+        return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))
+
+    m.flight.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        bodies={"quadrotor": rcp.Body(BODY, pose=pose)},
+        obstacles=wall(*WINDOWS[case]),
+        clearance=CLEARANCE,
+    )
+    hover = MASS * GRAVITY / 4
+    m.cost = pyo.Objective(
+        expr=b.duration
+        + b.integral(
+            lambda b, t: (
+                0.01 * sum((each[t] - hover) ** 2 for each in (b.front, b.left, b.back, b.right))
+                + 0.01 * (b.p[t] ** 2 + b.q[t] ** 2 + b.r[t] ** 2)
+            )
+        )
+    )
+    return m
+
+
+def rigid_body(b, t):
+    """Newton and Euler; x points forward, y to the left, z up."""
+    sin, cos, tan = pyo.sin, pyo.cos, pyo.tan
+    roll, pitch, yaw, p, q, r = (each[t] for each in (b.roll, b.pitch, b.yaw, b.p, b.q, b.r))
+    thrust = (b.front[t] + b.left[t] + b.back[t] + b.right[t]) / MASS
+    torque = (
+        ARM * (b.left[t] - b.right[t]),
+        ARM * (b.back[t] - b.front[t]),
+        DRAG * (b.left[t] + b.right[t] - b.front[t] - b.back[t]),
+    )
+    i_x, i_y, i_z = INERTIA
+    return {
+        b.x: b.v_x[t],
+        b.y: b.v_y[t],
+        b.z: b.v_z[t],
+        b.v_x: thrust * (cos(yaw) * sin(pitch) * cos(roll) + sin(yaw) * sin(roll)),
+        b.v_y: thrust * (sin(yaw) * sin(pitch) * cos(roll) - cos(yaw) * sin(roll)),
+        b.v_z: thrust * cos(pitch) * cos(roll) - GRAVITY,
+        b.roll: p + tan(pitch) * (q * sin(roll) + r * cos(roll)),
+        b.pitch: q * cos(roll) - r * sin(roll),
+        b.yaw: (q * sin(roll) + r * cos(roll)) / cos(pitch),
+        b.p: (torque[0] + (i_y - i_z) * q * r) / i_x,
+        b.q: (torque[1] + (i_z - i_x) * r * p) / i_y,
+        b.r: (torque[2] + (i_x - i_y) * p * q) / i_z,
+    }
+
+
+def draw(figure, m: pyo.ConcreteModel) -> None:
+    """The flight, and the angles over time."""
+    above, below = figure.subfigures(2, 1, height_ratios=(2.4, 1))
+    view = [(-2, -1.2, -1.2), (2, 1.2, 1.2)]
+    rcp.draw_avoidance(m.flight.avoid, snapshots=8, view=view, title=m.name, figure=above)
+    m.flight.trajectory().plot({"roll": "roll [rad]", "pitch": "pitch [rad]"}, figure=below)
+
+
+if __name__ == "__main__":
+    from run_example import run_example
+
+    run_example(
+        build,
+        draw,
+        cases={name: {"case": name} for name in WINDOWS},
+        default="all",
+        coarse={"elements": 20},
+        size=(12, 8),
+    )

@@ -1,0 +1,172 @@
+"""What a convex shape looks like: outline in the plane, faces in space; padded, and cut off where it never ends."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.optional_imports import scipy
+
+Array = NDArray[np.float64]
+
+_CORNERS_OF_A_CIRCLE = 48
+
+
+def outline(shape: Any, view: Array | None = None) -> Array:
+    """Corners of a shape in the plane, counter-clockwise.
+
+    Parameters
+    ----------
+    shape : Polytope
+        Of dimension two; read are its vertices, rays and radius.
+    view : array, shape (2, 2), optional
+        Lower and upper corner of what is seen; the outline of a shape with rays ends a little outside of it, those of
+        others are left whole.
+
+    Returns
+    -------
+    array, shape (k, 2)
+        Three corners or more; two for a segment and one for a point without padding; none for what lies wholly
+        outside the view.
+    """
+    points = _padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
+    if not len(shape.rays):
+        return convex_outline(points)
+    frame = _frame(view, points)
+    return _clipped(convex_outline(_with_rays(points, shape.rays, frame)), *frame)
+
+
+def faces(shape: Any, view: Array | None = None) -> list[Array]:
+    """Polygons that bound a shape in space.
+
+    Parameters
+    ----------
+    shape : Polytope
+        Of dimension three.
+    view : array, shape (2, 3), optional
+        Lower and upper corner of what is seen; what is outside is cut off, since axes in space hide nothing.
+
+    Returns
+    -------
+    list of arrays, shape (k, 3)
+        Corners of each face in order. A flat shape has one face, a segment one of two corners, a point one of one.
+    """
+    points = _padded(np.asarray(shape.vertices, dtype=float), float(shape.radius))
+    if view is None and not len(shape.rays):
+        return convex_faces(points)
+    frame = _frame(None, points) if view is None else np.asarray(view, dtype=float)
+    if len(shape.rays):
+        points = _with_rays(points, shape.rays, frame)
+    elif np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1]):
+        return convex_faces(points)
+    whole = convex_faces(points)
+    pieces = [_clipped(face, *frame) for face in whole]
+    if len(whole) > 1:
+        # What the cut has opened is closed again by the corners of the frame that lie in the shape.
+        sides = scipy.spatial.ConvexHull(points).equations
+        corners = np.array(list(product(*frame.T)))
+        pieces.append(corners[(corners @ sides[:, :-1].T + sides[:, -1]).max(axis=1) <= 0])
+    remaining = np.concatenate(pieces)
+    return convex_faces(remaining) if len(remaining) else []
+
+
+def convex_outline(points: Array) -> Array:
+    """Corners of the convex hull of points in the plane, counter-clockwise; shape (k, 2). Flat sets are welcome.
+
+    References
+    ----------
+    Andrew, Another efficient algorithm for convex hulls in two dimensions, Information Processing Letters 9 (1979),
+    doi:10.1016/0020-0190(79)90072-3
+    """
+    ordered = np.unique(points, axis=0)
+    if len(ordered) < 3:
+        return ordered
+    # Corners within rounding of an edge are no corners, else a segment would come back as a thin triangle.
+    negligible = 1e-12 * float(np.ptp(ordered, axis=0).max()) ** 2
+    chains = []
+    for chain in (ordered, ordered[::-1]):
+        kept: list[Array] = []
+        for point in chain:
+            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= negligible:
+                kept.pop()
+            kept.append(point)
+        chains += kept[:-1]
+    return np.array(chains)
+
+
+def convex_faces(points: Array) -> list[Array]:
+    """Faces of the convex hull of points in space, each as its corners in order; flat sets are one face."""
+    centre = points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(points - centre, full_matrices=False)
+    rank = int((sizes > 1e-9 * max(float(sizes[0]), 1e-300)).sum())
+    if rank < 3:
+        plane = axes[:2]
+        return [convex_outline((points - centre) @ plane.T) @ plane + centre]
+    hull = scipy.spatial.ConvexHull(points)
+    # The hull is made of triangles; those in one plane belong to one face.
+    planes: dict[tuple[float, ...], set[int]] = {}
+    for equation, simplex in zip(np.round(hull.equations, 9) + 0.0, hull.simplices, strict=True):
+        planes.setdefault(tuple(equation.tolist()), set()).update(simplex.tolist())
+    found = []
+    for equation, corners in planes.items():
+        _, _, within = np.linalg.svd(np.array(equation[:3])[None, :])
+        own, plane = points[sorted(corners)], within[1:]
+        middle = own.mean(axis=0)
+        found.append(convex_outline((own - middle) @ plane.T) @ plane + middle)
+    return found
+
+
+def _turn(a: Array, b: Array, c: Array) -> float:
+    """Twice the signed area of a triangle: positive for a turn to the left."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _padded(points: Array, radius: float) -> Array:
+    if not radius:
+        return points
+    angle = np.linspace(0, 2 * np.pi, _CORNERS_OF_A_CIRCLE, endpoint=False)
+    ball = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    if points.shape[1] == 3:
+        height = np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None, None]
+        few = ball[::3]
+        ring = np.concatenate([np.cos(height) * few, np.broadcast_to(np.sin(height), (9, len(few), 1))], axis=-1)
+        ball = ring.reshape(-1, 3)
+    return (points[:, None, :] + radius * ball).reshape(-1, points.shape[1])
+
+
+def _frame(view: Array | None, points: Array) -> Array:
+    """The view with a margin, so that the cut itself is not seen; without a view, the surroundings of the corners."""
+    if view is None:
+        size = max(float(np.ptp(points, axis=0).max()), 1.0)
+        view = np.array([points.min(axis=0) - size, points.max(axis=0) + size])
+    margin = 0.02 * (view[1] - view[0]).max()
+    return np.array([view[0] - margin, view[1] + margin])
+
+
+def _with_rays(points: Array, rays: Array, frame: Array) -> Array:
+    """The corners, and where the rays have left the frame for good, however slanted."""
+    middle, size = frame.mean(axis=0), float(np.linalg.norm(frame[1] - frame[0]))
+    length = 4 * (size + float(np.linalg.norm(points - middle, axis=1).max()))
+    directions = np.asarray(rays, dtype=float)
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    # Twice each ray, and both of each two: the hull of the ends of a half-plane's rays would be one triangle else.
+    directions = np.concatenate([directions, *(directions + each for each in directions)])
+    return np.concatenate([points, (points[:, None, :] + length * directions).reshape(-1, points.shape[1])])
+
+
+def _clipped(corners: Array, lower: Array, upper: Array) -> Array:
+    """The part of a convex polygon within a box, side by side."""
+    for axis in range(corners.shape[1]):
+        for sign, bound in ((1.0, float(upper[axis])), (-1.0, -float(lower[axis]))):
+            kept = []
+            for before, after in zip(np.roll(corners, 1, axis=0), corners, strict=True):
+                beyond, here = sign * before[axis] - bound, sign * after[axis] - bound
+                if (beyond > 0) != (here > 0):
+                    kept.append(before + beyond / (beyond - here) * (after - before))
+                if here <= 0:
+                    kept.append(after)
+            corners = np.array(kept) if kept else np.empty((0, corners.shape[1]))
+    return corners
