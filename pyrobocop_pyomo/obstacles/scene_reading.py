@@ -10,7 +10,7 @@ from numbers import Real
 from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, signed_distance
+from pyrobocop_pyomo.geometry import Polytope, distance_of_points
 from pyrobocop_pyomo.optional_imports import networkx
 
 from .bodies import Body
@@ -168,7 +168,7 @@ def _mention(what: str, scene: Scene) -> None:
     """Say what is no error but seldom meant."""
     still = [part for part in scene.parts.values() if scene.is_static(part.body)]
     for first, second in combinations(still, 2):
-        if first.body != second.body and signed_distance(first.shape, second.shape).distance < 0:
+        if first.body != second.body and _overlap(first.shape, second.shape):
             LOGGER.info("%s: '%s' and '%s' stand still and overlap; nothing is asked.", what, first.name, second.name)
     for first, second in scene.pairs_of_parts():
         extents = [_extent(first.shape), _extent(second.shape)]
@@ -181,6 +181,12 @@ def _mention(what: str, scene: Scene) -> None:
                 max(extents) / min(extents),
                 smaller.name,
             )
+
+
+def _overlap(first: Polytope, second: Polytope) -> bool:
+    # Also without end, as two walls that meet in a corner do: minus infinity then, which `signed_distance` refuses.
+    core = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
+    return core.distance < first.radius + second.radius
 
 
 def _extent(shape: Polytope) -> float:

@@ -12,7 +12,7 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    ActiveSide Algebraic AllPairs AugmentedLagrangian Body BodyPath Certificate
+    ActiveSide Algebraic AllPairs AugmentedLagrangian Body BodyPath CarPath CarSearch Certificate
     ChenHarkerKanzowSmale Complementarity Containment Control Crossed Diagnosis Duration Elastic
     FischerBurmeister Fixed FollowBarrier Geometric GeometryError Grid HomotopyResult
     JoinedTrajectory Kadrani KanzowSchwartz LinFukushima Link Mesh MultistartResult
@@ -23,8 +23,9 @@ PUBLIC = """
     StopReason Superlinear Trajectory TwoSided Verification __version__ active_pairs
     animate_avoidance animate_scene available_routes complements dae_trajectory decompose diagnose
     draw_avoidance draw_linkage draw_planar_pushing draw_scene explicit find_scheme gauss_legendre
-    homotopy join_trajectories label_measurements lobatto mode_sequences multistart planar_pose
-    radau sensitivity signed_distance solve solve_refined solve_sequences spatial_pose
+    homotopy hybrid_a_star join_trajectories label_measurements lobatto mode_sequences multistart
+    planar_pose radau sensitivity signed_distance solve solve_refined solve_sequences spatial_pose
+    waypoint_guess
 """
 
 EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py", "shapely", "trimesh", "coal")
