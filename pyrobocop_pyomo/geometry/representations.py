@@ -77,17 +77,17 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
     points = rows * (radius / (offsets - rows @ center))[:, None]
     hull = convex_hull(np.vstack([points, np.zeros(points.shape[1])]))
     finite = hull.offsets > ZERO
-    corners = center + hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
+    corners = hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
     if len(corners) > 1 and radius < THINNEST * float(np.ptp(corners, axis=0).max()):
         raise EmptyInterior(0.0)
-    corners = _met_by_planes(corners, rows, offsets)
+    corners = center + _met_by_planes(corners, rows, offsets - rows @ center)
     # Adding zero makes minus zeros plain ones.
     return corners @ basis + 0.0, np.vstack([hull.normals[~finite] @ basis, lines, -lines]) + 0.0
 
 
 def _met_by_planes(corners: np.ndarray, normals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """The corners moved to where the planes through them meet: in thin sets, the hull's rounding shows."""
-    extent = max(float(np.abs(corners).max()), float(np.ptp(corners, axis=0).max()))
+    """The corners, seen from inside, moved to where the planes through them meet: in thin sets, rounding shows."""
+    extent = float(np.abs(corners).max())
     met = corners.copy()
     for k, corner in enumerate(corners):
         misses = offsets - normals @ corner

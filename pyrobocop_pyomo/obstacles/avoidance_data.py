@@ -101,7 +101,8 @@ class ObstacleAvoidanceBlockData(RefinedBetweenSolves):
             update_softness(self, record)
             overlapping = start_all(self, snapshot, directions, seed)
             if record.formulation.norms:
-                self.set_norm(("ball" if overlapping else "sphere") if record.norm == "auto" else record.norm)
+                chosen = ("ball" if overlapping else "sphere") if record.norm == "auto" else record.norm
+                self.set_norm("sphere" if record.soft else chosen)
 
     # ---------------------------------------------------------------- judgement
 

@@ -42,7 +42,8 @@ class MovingShape:
         """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
         count, d = len(interval), self.shape.dimension
         if self.template is None:
-            return tuple(np.broadcast_to(each, (count, *each.shape)) for each in (self.shape.vertices, self.shape.rays))
+            vertices, rays = self.shape.vertices, self.shape.rays
+            return np.broadcast_to(vertices, (count, *vertices.shape)), np.broadcast_to(rays, (count, *rays.shape))
         entries = self.template.values(interval, fraction)
         rotation, translation = entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
         turned = [np.einsum("mrc,ic->mir", rotation, each) for each in (self.shape.vertices, self.shape.rays)]

@@ -47,13 +47,14 @@ class RefinedBetweenSolves(AvoidanceCore):
             remove_certificate(self, record, piece)
             for half in (left, right):
                 add_certificate(self, record, half)
+                record.pinned.add(half.index)
                 self.margin[half.index] = margin
                 start_one(self, Snapshot(record, self._what), half, normal)
             update_softness(self, record)
         return left.index, right.index
 
     def restore(self, first: str, second: str, interval: Hashable) -> list[PlaneIndex]:
-        """Bring back what the broad phase left out, and start it.
+        """Bring back what the broad phase left out, start it, and never leave it out again.
 
         Parameters
         ----------
@@ -73,6 +74,7 @@ class RefinedBetweenSolves(AvoidanceCore):
         with PauseGC():
             for piece in found:
                 del record.pruned[piece.index]
+                record.pinned.add(piece.index)
                 add_certificate(self, record, piece)
                 start_one(self, snapshot, piece)
             update_softness(self, record)
@@ -87,6 +89,8 @@ class RefinedBetweenSolves(AvoidanceCore):
     def set_norm(self, norm: str) -> None:
         """Bound the lengths of all normals by 1 ("ball"), or fix them at 1 ("sphere")."""
         record = self.record
+        if norm == "ball" and record.soft:
+            raise ObstacleError(f"{self._what}: softened certificates need normals of length 1. Harden it first.")
         if norm not in record.formulation.norms:
             raise ObstacleError(
                 f"{self._what}: norm is {norm!r}; the formulation '{record.formulation.name}' has "
@@ -106,6 +110,8 @@ class RefinedBetweenSolves(AvoidanceCore):
     def soften(self, weight: float = 1.0) -> None:
         """Let every certificate miss its separation by a slack; add ``softness`` to the objective.
 
+        The lengths of normals are fixed at 1 meanwhile: shorter ones would make any overlap look harmless.
+
         Parameters
         ----------
         weight : float
@@ -113,12 +119,19 @@ class RefinedBetweenSolves(AvoidanceCore):
         """
         if not (np.isfinite(weight) and weight > 0):
             raise ObstacleError(f"{self._what}: the weight of the slack is {weight!r}; it must be > 0.")
+        if not self.record.formulation.signed:
+            raise ObstacleError(
+                f"{self._what}: the formulation '{self.record.formulation.name}' does not measure how deep shapes "
+                'overlap, so that a slack says nothing. Use formulation="plane".'
+            )
         self.softness_weight.set_value(float(weight))
         if not self.record.soft:
             soften(self, self.record)
+            if self.record.formulation.norms:
+                self.set_norm("sphere")
 
     def harden(self) -> None:
-        """Take the slack away again."""
+        """Take the slack away again; `initialize` chooses the norm anew."""
         if self.record.soft:
             harden(self, self.record)
 

@@ -166,8 +166,9 @@ def ask(rule: Any, block: Any, reader: Reader, name: str) -> Any:
     except PyRobocopError as error:
         raise type(error)(f"the pose of '{name}': {error}") from error
     except Exception as error:
+        reason = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")  # Pyomo adds paragraphs of advice
         raise ObstacleError(
-            f"the pose of '{name}' cannot be asked between the nodes ({type(error).__name__}: {error}). Its rule has "
-            "to read variables through its first argument, not through the model, and to be made of Pyomo's functions: "
+            f"the pose of '{name}' cannot be asked between the nodes ({reason}). Its rule has to "
+            "read variables through its first argument, not through the model, and to be made of Pyomo's functions: "
             "pyo.cos(t) instead of math.cos(t), no 'if' on t."
         ) from error

@@ -63,9 +63,9 @@ def verify_clearance(
         missing = [name for name in pair if name not in bodies]
         if missing:
             raise ObstacleError(f"the pair {pair} names '{missing[0]}'; the bodies are {', '.join(bodies)}.")
-        first, second = (bodies[name].dimension for name in pair)
-        if first != second:
-            raise ObstacleError(f"the pair {pair} is of a body in {first} and one in {second} dimensions.")
+        sizes = [bodies[name].dimension for name in pair]
+        if sizes[0] != sizes[1]:
+            raise ObstacleError(f"the pair {pair} is of a body in {sizes[0]} and one in {sizes[1]} dimensions.")
         if tolerance is not None and not 0.0 < tolerance < clearance:
             raise ObstacleError(
                 f"tolerance = {tolerance!r}: expected a length between 0 and the clearance of {pair}, {clearance:g}. "

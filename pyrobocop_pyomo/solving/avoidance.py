@@ -9,7 +9,6 @@ point at all, see `recovery`.
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -34,7 +33,8 @@ logger = logging.getLogger(__name__)
 
 Climb = Callable[[Settings, Sequence[Rung] | None, Progress, Callable[[], float | None]], SolveResult]
 
-MOST_ROUNDS = 10
+# From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
+MOST_ROUNDS = 7
 # From this round on, planes of which margins alone did not make a safe plan are split.
 FIRST_SPLIT = 3
 # The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
@@ -81,22 +81,20 @@ class SafePlanning:
         self._model, self._blocks = model, blocks
         self._climb, self._settings, self._rungs = climb, settings, rungs
         self._bar, self._left = bar, left
-        self._started = time.perf_counter()
         self.rounds: list[PlanningRound] = []
         self._results: list[SolveResult] = []
         self._safety: SafetyReport
         self._best: tuple[SolveResult, SafetyReport, Point] | None = None
 
     def plan(self) -> SolveResult:
-        """Solve until the motion is proven to be safe, or nothing is left to be tried; the best point is kept."""
-        guess = Point(self._model)
-        for block in self._blocks:
-            block.initialize()
-        result = self.solve("from the guess")
-        if result.quality is Quality.INFEASIBLE:
-            result = Recovery(self._model, self._blocks, self, guess).climb(result)
-        if result.quality is not Quality.INFEASIBLE:
-            self._make_safe(result)
+        """Solve from one start after the other until the motion is proven to be safe; the best point is kept."""
+        recovery = Recovery(self._model, self._blocks, self)
+        for step in recovery.steps():
+            result = step()
+            if result.quality is not Quality.INFEASIBLE:
+                result = self._made_safe(result)
+            if self._is_safe or not self.may_go_on(result):
+                break
         return self._best_of_all()
 
     # ---------------------------------------------------------------- one round
@@ -132,23 +130,29 @@ class SafePlanning:
 
     # ---------------------------------------------------------------- from feasible to safe
 
-    def _make_safe(self, result: SolveResult) -> None:
-        """Tighten and solve again, from the best point, until the motion is safe."""
-        while len(self.rounds) < MOST_ROUNDS and self.may_go_on(result):
-            assert self._best is not None
-            best, report, point = self._best
-            if best.quality is not Quality.INFEASIBLE and report.safe:
-                return
-            # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
-            failed = result.quality is Quality.INFEASIBLE
-            if failed:
+    def _made_safe(self, result: SolveResult) -> SolveResult:
+        """Tighten and solve again until the motion is safe, or it does not seem to become so."""
+        point = Point(self._model)
+        report = self._safety
+        for number in range(1, MOST_ROUNDS):
+            if report.safe or not self.may_go_on(result):
+                break
+            purpose = self._tightened(report, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
+            if not purpose:
+                break
+            result = self.solve(purpose, again=True)
+            if result.quality is Quality.INFEASIBLE:
+                # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
                 point.restore()
             else:
-                report = self._safety
-            purpose = self._tightened(report, split=failed or len(self.rounds) > FIRST_SPLIT)
-            if not purpose:
-                return
-            result = self.solve(purpose, again=True)
+                point, report = Point(self._model), self._safety
+        return result
+
+    @property
+    def _is_safe(self) -> bool:
+        assert self._best is not None
+        best, report, _ = self._best
+        return report.safe and best.quality is not Quality.INFEASIBLE
 
     def _tightened(self, report: SafetyReport, *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""

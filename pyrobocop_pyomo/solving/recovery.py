@@ -7,7 +7,7 @@ infeasibility. None of the steps below is trusted by itself: each ends with the 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, Protocol
@@ -46,54 +46,57 @@ class Solves(Protocol):
 
 
 class Recovery:
-    """Climbs the steps on one model until a feasible point is found.
+    """Starts to plan from, one after the other.
 
     Parameters
     ----------
     model : Block
+        Its values are the user's guess.
     blocks : list of ObstacleAvoidanceBlockData
     planning : Solves
-    guess : Point
-        The user's, before the first solve.
     """
 
-    def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves, guess: Point) -> None:
-        self._model, self._blocks, self._planning, self._guess = model, blocks, planning, guess
+    def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves) -> None:
+        self._model, self._blocks, self._planning = model, blocks, planning
+        self._guess = Point(model)
 
-    def climb(self, result: SolveResult) -> SolveResult:
-        """Try one step after the other; the result of the last is returned, feasible or not."""
-        for step in self._steps():
-            if result.quality is not Quality.INFEASIBLE or not self._planning.may_go_on(result):
-                break
-            result = step()
-        return result
-
-    def _steps(self) -> Iterator[Callable[[], SolveResult]]:
-        yield self._fresh_certificates
+    def steps(self) -> Iterator[Callable[[], SolveResult]]:
+        """What solves from each start; the caller stops asking when a plan is good enough."""
+        yield self._from_guess
+        yield self._planes_anew
         yield self._other_norm
         yield self._growing_clearance
         yield self._giving_way
         for turn in TURNS:
             yield partial(self._other_side, turn)
 
-    def _fresh_certificates(self) -> SolveResult:
+    def _start(self, sides: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
+        """Back to the user's guess, with certificates of its own."""
+        self._guess.restore()
+        for block in self._blocks:
+            for index in block.planes:
+                block.margin[index] = 0.0
+            block.initialize(sides=None if sides is None else sides.get(block))
+
+    def _from_guess(self) -> SolveResult:
+        self._start()
+        return self._planning.solve("from the guess")
+
+    def _planes_anew(self) -> SolveResult:
         for block in self._blocks:
             split_violated(block)
             block.initialize()
         return self._planning.solve("planes anew, at the last point")
 
     def _other_norm(self) -> SolveResult:
-        self._guess.restore()
+        self._start()
         for block in self._blocks:
-            block.initialize()
             if block.record.formulation.norms:
                 block.set_norm("ball" if block.record.norm_now == "sphere" else "sphere")
         return self._planning.solve("other norm of the normals")
 
     def _growing_clearance(self) -> SolveResult:
-        self._guess.restore()
-        for block in self._blocks:
-            block.initialize()
+        self._start()
         try:
             for factor in CLEARANCE_FACTORS:
                 for block in self._blocks:
@@ -107,10 +110,8 @@ class Recovery:
         return result
 
     def _giving_way(self) -> SolveResult:
-        self._guess.restore()
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
-            for block in self._blocks:
-                block.initialize()
+            self._start()
             self._planning.solve("planes that give way")
         for block in self._blocks:
             block.initialize()
@@ -119,9 +120,7 @@ class Recovery:
     def _other_side(self, turn: float) -> SolveResult:
         """Have the two that are in each other's way most pass on another side than they do now."""
         block, pair, direction = self._most_in_the_way()
-        self._guess.restore()
-        for each in self._blocks:
-            each.initialize(sides={pair: _turned(direction, turn)} if each is block else None)
+        self._start({block: {pair: _turned(direction, turn)}})
         return self._planning.solve(f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round")
 
     def _most_in_the_way(self) -> tuple[ObstacleAvoidanceBlockData, tuple[str, str], Array]:
@@ -132,8 +131,7 @@ class Recovery:
             for index, gap in block.certificate_gaps().items()
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
-        self._guess.restore()
-        block.initialize()
+        self._start()
         normal = [value(block.normal[first, second, start, axis]) for axis in block.axes]
         parts = block.record.scene.parts
         return block, (parts[first].body, parts[second].body), np.array(normal)
