@@ -42,7 +42,18 @@ from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_execu
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
-from pyrobocop_pyomo.obstacles import Body, ObstacleAvoidanceBlock, SafetyReport, animate_avoidance, draw_avoidance
+from pyrobocop_pyomo.obstacles import (
+    Body,
+    CarPath,
+    CarSearch,
+    Containment,
+    ObstacleAvoidanceBlock,
+    SafetyReport,
+    animate_avoidance,
+    draw_avoidance,
+    hybrid_a_star,
+    waypoint_guess,
+)
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -87,9 +98,12 @@ __all__ = [
     "AugmentedLagrangian",
     "Body",
     "BodyPath",
+    "CarPath",
+    "CarSearch",
     "Certificate",
     "ChenHarkerKanzowSmale",
     "Complementarity",
+    "Containment",
     "Control",
     "Crossed",
     "Diagnosis",
@@ -163,6 +177,7 @@ __all__ = [
     "find_scheme",
     "gauss_legendre",
     "homotopy",
+    "hybrid_a_star",
     "join_trajectories",
     "label_measurements",
     "lobatto",
@@ -176,6 +191,7 @@ __all__ = [
     "solve_refined",
     "solve_sequences",
     "spatial_pose",
+    "waypoint_guess",
 ]
 
 # Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.

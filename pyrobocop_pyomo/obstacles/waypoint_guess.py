@@ -1,0 +1,81 @@
+"""Guesses through waypoints: straight lines from one to the next, at an even speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import GuessError
+
+from .phase_fractions import fraction_of
+
+
+def waypoint_guess(
+    phase: Any, waypoints: Mapping[Any, Sequence[float]], *, even_in: Iterable[Any] | None = None
+) -> dict[str, Callable[[float], float]]:
+    """A guess that leads states through waypoints on straight lines, for ``phase.set_guess``.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    waypoints : dict of name or variable to values
+        Values of each state at all waypoints, the first at the start of the phase and the last at its end; two or
+        more, as many for every state.
+    even_in : names or variables, optional
+        States that share one unit, along whose straight lines the speed is even: positions, say, but not angles. All
+        of them by default.
+
+    Returns
+    -------
+    dict of str to function
+        Of the time index.
+
+    Raises
+    ------
+    GuessError
+        When names, lengths or values do not fit.
+
+    Examples
+    --------
+    ``phase.set_guess(rcp.waypoint_guess(phase, {"x": [0, 2, 4], "y": [0, 1, 0], "theta": [0, 0, 1]}, even_in="xy"))``
+    """
+    fraction = fraction_of(phase)
+    values = {_name(phase, key): np.array(each, dtype=float) for key, each in waypoints.items()}
+    if not values:
+        raise GuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")
+    counts = {name: each.shape for name, each in values.items()}
+    if len(set(counts.values())) > 1 or any(len(shape) != 1 or shape[0] < 2 for shape in counts.values()):
+        given = ", ".join(f"'{name}' {shape}" for name, shape in counts.items())
+        raise GuessError(
+            f"phase '{phase.name}': waypoints of shapes {given}; expected one list per state, all of one length, two "
+            "values or more."
+        )
+    for name, each in values.items():
+        if not np.isfinite(each).all():
+            raise GuessError(
+                f"phase '{phase.name}': the waypoints of '{name}' are {each.tolist()}; not all are finite."
+            )
+    counted = list(values) if even_in is None else [_name(phase, key) for key in even_in]
+    if not counted or set(counted) - set(values):
+        raise GuessError(
+            f"phase '{phase.name}': even_in has {', '.join(counted) or 'nothing'}; waypoints are given for "
+            f"{', '.join(values)}. Name one or more of these."
+        )
+    lengths = np.sqrt(sum(np.diff(values[name]) ** 2 for name in counted))
+    if lengths.sum() == 0.0:
+        lengths = np.ones_like(lengths)  # only states that do not count change: as much time for each line
+    reached = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
+    return {name: _along(reached, each, fraction) for name, each in values.items()}
+
+
+def _along(reached: np.ndarray, values: np.ndarray, fraction: Callable[[float], float]) -> Callable[[float], float]:
+    return lambda t: float(np.interp(fraction(t), reached, values))
+
+
+def _name(phase: Any, key: Any) -> str:
+    name = key if isinstance(key, str) else getattr(key, "local_name", repr(key))
+    if phase.component(name) is None or not (isinstance(key, str) or phase.component(name) is key):
+        raise GuessError(f"phase '{phase.name}': waypoints are given for '{name}', which it does not have.")
+    return name
