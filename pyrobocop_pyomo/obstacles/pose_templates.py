@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
@@ -180,7 +181,8 @@ class _TemplateReader:
 
     def _add(self, key: Any, name: str, at_node: Callable[[Any], float], coefficients: Array) -> None:
         placeholder = Var(initialize=0.0)  # Pyomo evaluates what it is indexed with
-        self.owner.add_component(name, placeholder)  # messages quote formulas: the name is the user's word
+        # Messages quote formulas: the name is the user's word.
+        self.owner.add_component(unique_component_name(self.owner, name), placeholder)
         slope = derivative_coefficients(coefficients)
         self.signals[key] = Signal(placeholder, at_node, (coefficients, slope, derivative_coefficients(slope)))
 
