@@ -18,7 +18,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-BODY = rcp.Polytope.box(0.6, 0.6, 0.2, name="quadrotor")
+BODY = rcp.Polytope.box(0.6, 0.6, 0.2)
 CLEARANCE = 0.04
 MASS, GRAVITY, INERTIA = 1.0, 9.81, (0.012, 0.012, 0.02)
 ARM, DRAG, MOST_THRUST = 0.2, 0.02, 6.0  # of a rotor: lever in metres, torque per thrust in metres, newtons
@@ -28,15 +28,15 @@ ROLL = {"narrow": 0.9, "low": 0.0}  # of the first guess, in the middle
 START, GOAL = (-1.5, 0.4, -0.3), (1.5, -0.4, 0.3)
 
 
-def wall(width: float, height: float) -> list[rcp.Polytope]:
+def wall(width: float, height: float) -> dict[str, rcp.Polytope]:
     """Four boxes around an opening in the middle."""
     beside, above = (WALL - width / 2), (WALL - height / 2)
-    return [
-        rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, width / 2 + beside / 2, 0), name="left"),
-        rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, -width / 2 - beside / 2, 0), name="right"),
-        rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, height / 2 + above / 2), name="above"),
-        rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, -height / 2 - above / 2), name="below"),
-    ]
+    return {
+        "left": rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, width / 2 + beside / 2, 0)),
+        "right": rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, -width / 2 - beside / 2, 0)),
+        "above": rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, height / 2 + above / 2)),
+        "below": rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, -height / 2 - above / 2)),
+    }
 
 
 def build(case: str = "narrow", elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:

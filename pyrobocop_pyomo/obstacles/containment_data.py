@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from .bodies import Body
 from .building import BuiltWhole
 from .formulations.rows import dot
 from .motion import Motion, motion_of
-from .safety_report import SafetyReport
+from .safety_report import PairSafety, SafetyReport
 from .verification import verify_clearance
 
 
@@ -129,15 +129,30 @@ class ContainmentData(BuiltWhole):
         """
         record = self.record
         asked = float(value(self.clearance))
+        size = max(float(np.ptp(part.vertices, axis=0).max()) + part.radius for part in record.body.parts) or 1.0
+        # A proof needs a clearance to give up a little of: where none is asked for, sides are moved outwards first.
+        moved = 0.0 if asked > 0 else size
         if tolerance is None:
-            size = max(float(np.ptp(part.vertices, axis=0).max()) + part.radius for part in record.body.parts)
             tolerance = 0.01 * asked if asked > 0 else 1e-6 * size
         scene = {"body": record.body}
         for number, (outwards, offset) in enumerate(zip(*record.region.halfspaces, strict=True), start=1):
-            beyond = Polytope.from_halfspaces([-outwards], [-offset], bounded=False, name=f"side {number}")
+            beyond = Polytope.from_halfspaces([-outwards], [-offset - moved], bounded=False, name=f"side {number}")
             scene[beyond.name] = Body(beyond)
-        pairs = {("body", name): asked for name in scene if name != "body"}
-        return verify_clearance(self.motion, scene, pairs, tolerance=tolerance)
+        pairs = {("body", name): asked + moved for name in scene if name != "body"}
+        report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance)
+        return replace(report, pairs=tuple(_brought_back(pair, moved) for pair in report.pairs)) if moved else report
+
+
+def _brought_back(pair: PairSafety, moved: float) -> PairSafety:
+    """What was found about a side, before it was moved outwards."""
+    return replace(
+        pair,
+        clearance=pair.clearance - moved,
+        distance=pair.distance - moved,
+        proven=pair.proven - moved,
+        interval_distance=pair.interval_distance - moved,
+        interval_proven=pair.interval_proven - moved,
+    )
 
 
 def _checked_body(what: str, body: Any, pose: Any) -> Body:
