@@ -17,7 +17,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-CAR = rcp.Polytope.box(0.5, 0.5, name="car")
+CAR = rcp.Polytope.box(0.5, 0.5)
 CLEARANCE = 0.02
 # Start and goal as (x, y, heading, speed), centres of square obstacles of side 1, duration in seconds.
 CASES = {

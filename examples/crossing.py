@@ -26,13 +26,14 @@ ROUTES = {
 }
 
 
-def corners() -> list[rcp.Polytope]:
+def corners() -> dict[str, rcp.Polytope]:
     """What is not street: a wedge in each quadrant."""
     half = STREET / 2
-    return [
-        rcp.Polytope.from_halfspaces([[-x, 0], [0, -y]], [-half, -half], bounded=False, name=name)
-        for x, y, name in ((1, 1, "north-east"), (-1, 1, "north-west"), (-1, -1, "south-west"), (1, -1, "south-east"))
-    ]
+    signs = {"north-east": (1, 1), "north-west": (-1, 1), "south-west": (-1, -1), "south-east": (1, -1)}
+    return {
+        name: rcp.Polytope.from_halfspaces([[-x, 0], [0, -y]], [-half, -half], bounded=False)
+        for name, (x, y) in signs.items()
+    }
 
 
 def build(elements: int = 40, stages: int = 2) -> pyo.ConcreteModel:

@@ -22,32 +22,37 @@ import pyrobocop_pyomo as rcp
 
 # Metres, seconds, radians. The frame of the car sits on its rear axle.
 WHEELBASE = 2.7
-CAR = rcp.Polytope.from_vertices([(-1, -1), (3.7, -1), (3.7, 1), (-1, 1)], name="car")
+CAR = rcp.Polytope.from_vertices([(-1, -1), (3.7, -1), (3.7, 1), (-1, 1)])
 CLEARANCE = 0.05
 STEERING, STEERING_RATE, ACCELERATION, SPEED = 0.6, 0.6, 0.4, (-1.0, 2.0)
 BOX = ((-15, 15), (1, 10))  # of the rear axle
 START = (-6, 9.5, 0)
 
 
-def below_and_beside(x: float, y: float, side: int, name: str) -> rcp.Polytope:
+def below_and_beside(x: float, y: float, side: int) -> rcp.Polytope:
     """The endless wedge below y, on the left (side = -1) or on the right of x."""
-    return rcp.Polytope.from_halfspaces([[-side, 0], [0, 1]], [-side * x, y], bounded=False, name=name)
+    return rcp.Polytope.from_halfspaces([[-side, 0], [0, 1]], [-side * x, y], bounded=False)
 
 
-FAR_SIDE = rcp.Polytope.from_halfspaces([[0, -1]], [-11], bounded=False, name="far side")
+FAR_SIDE = rcp.Polytope.from_halfspaces([[0, -1]], [-11], bounded=False)
+PAVEMENT = rcp.Polytope.from_halfspaces([[0, 1]], [2.5], bounded=False)
 CASES = {
     "reverse": {
         "goal": (0, 1.3, pi / 2),
-        "obstacles": [below_and_beside(-1.3, 5, -1, "left"), below_and_beside(1.3, 5, 1, "right"), FAR_SIDE],
+        "obstacles": {
+            "left": below_and_beside(-1.3, 5, -1),
+            "right": below_and_beside(1.3, 5, 1),
+            "far side": FAR_SIDE,
+        },
     },
     "parallel": {
         "goal": (-1.35, 4, 0),
-        "obstacles": [
-            below_and_beside(-3, 5, -1, "behind"),
-            below_and_beside(3, 5, 1, "ahead"),
-            rcp.Polytope.from_halfspaces([[0, 1]], [2.5], bounded=False, name="pavement"),
-            FAR_SIDE,
-        ],
+        "obstacles": {
+            "behind": below_and_beside(-3, 5, -1),
+            "ahead": below_and_beside(3, 5, 1),
+            "pavement": PAVEMENT,
+            "far side": FAR_SIDE,
+        },
     },
 }
 
@@ -66,9 +71,7 @@ def build(case: str = "reverse", elements: int = 50, stages: int = 2) -> pyo.Con
         clearance=CLEARANCE,
     )
     m = pyo.ConcreteModel(name="parking")
-    m.drive = b = rcp.PhaseBlock(
-        duration=rcp.Duration(bounds=(5, 120), guess=path.duration), elements=elements, stages=stages
-    )
+    m.drive = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(5, 120)), elements=elements, stages=stages)
     b.x = rcp.State(initial=START[0], final=goal[0], bounds=BOX[0])
     b.y = rcp.State(initial=START[1], final=goal[1], bounds=BOX[1])
     b.theta = rcp.State(initial=START[2], final=goal[2], bounds=(-pi, pi))
@@ -87,7 +90,7 @@ def build(case: str = "reverse", elements: int = 50, stages: int = 2) -> pyo.Con
             b.steering: b.steering_rate[t],
         }
 
-    b.set_guess(path.guess(b.time))
+    b.set_guess(path.guess(b, acceleration=ACCELERATION))
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t]))},

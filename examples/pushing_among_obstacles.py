@@ -80,4 +80,4 @@ if __name__ == "__main__":
     from run_example import run_example
 
     cases = {name: {"case": name} for name in CASES}
-    run_example(build, draw, cases=cases, default="all", coarse={"elements": 40}, size=(10, 8))
+    run_example(build, draw, cases=cases, default="all", coarse={"elements": 52}, size=(10, 8))

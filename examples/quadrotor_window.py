@@ -2,7 +2,8 @@
 
 The body is a box of 0.6 m x 0.6 m x 0.2 m. Through ``narrow``, 0.6 m wide and 0.8 m high, it fits only on its side;
 through ``low``, 0.8 m wide and 0.5 m high, upright, with little room. The wall is 0.1 m thick: a plan that keeps its
-distance only at the points of a mesh may jump straight through it. The first guess is a straight line at rest.
+distance only at the points of a mesh may jump straight through it. The first guess is a straight line, for ``narrow``
+rolled to one side in the middle: left of upright is as good as right, and from upright neither is downhill.
 
 The states are position, roll, pitch and yaw, velocity and body rates; the controls are the thrusts of four rotors.
 Rigid-body model: Mahony, Kumar & Corke, Multirotor aerial vehicles, IEEE Robotics & Automation Magazine 19 (2012),
@@ -11,28 +12,31 @@ doi:10.1109/MRA.2012.2206474
 
 from __future__ import annotations
 
+from math import pi, sin
+
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-BODY = rcp.Polytope.box(0.6, 0.6, 0.2, name="quadrotor")
+BODY = rcp.Polytope.box(0.6, 0.6, 0.2)
 CLEARANCE = 0.04
 MASS, GRAVITY, INERTIA = 1.0, 9.81, (0.012, 0.012, 0.02)
 ARM, DRAG, MOST_THRUST = 0.2, 0.02, 6.0  # of a rotor: lever in metres, torque per thrust in metres, newtons
 THICKNESS, WALL = 0.1, 3.0  # of the wall: depth, and half of its width and height
 WINDOWS = {"narrow": (0.6, 0.8), "low": (0.8, 0.5)}  # width and height
+ROLL = {"narrow": 0.9, "low": 0.0}  # of the first guess, in the middle
 START, GOAL = (-1.5, 0.4, -0.3), (1.5, -0.4, 0.3)
 
 
-def wall(width: float, height: float) -> list[rcp.Polytope]:
+def wall(width: float, height: float) -> dict[str, rcp.Polytope]:
     """Four boxes around an opening in the middle."""
     beside, above = (WALL - width / 2), (WALL - height / 2)
-    return [
-        rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, width / 2 + beside / 2, 0), name="left"),
-        rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, -width / 2 - beside / 2, 0), name="right"),
-        rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, height / 2 + above / 2), name="above"),
-        rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, -height / 2 - above / 2), name="below"),
-    ]
+    return {
+        "left": rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, width / 2 + beside / 2, 0)),
+        "right": rcp.Polytope.box(THICKNESS, beside, 2 * WALL, center=(0, -width / 2 - beside / 2, 0)),
+        "above": rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, height / 2 + above / 2)),
+        "below": rcp.Polytope.box(THICKNESS, width, above, center=(0, 0, -height / 2 - above / 2)),
+    }
 
 
 def build(case: str = "narrow", elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
@@ -50,6 +54,7 @@ def build(case: str = "narrow", elements: int = 30, stages: int = 2) -> pyo.Conc
         b.declare(rotor, thrust)
     b.ode(rigid_body)
     b.guess_straight_lines()
+    b.set_guess(roll=lambda t: ROLL[case] * sin(pi * t))
 
     def pose(b, t):
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))

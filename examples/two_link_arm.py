@@ -1,8 +1,9 @@
-"""A two-link arm in a horizontal plane reaches around a box.
+"""A two-link arm in a horizontal plane reaches around a box, between two posts.
 
 Each link is a capsule; the second is hinged to the end of the first, so that this pair is left out: two links that
 share a joint touch by design. The pose of the forearm is that of the upper arm, followed by its own turn. The arm
-starts below the box, ends above it, and has to fold on the way. Least torque, squared and integrated.
+starts below the box, ends above it, and has to fold on the way; the posts are where the forearm would like to swing.
+Least torque, squared and integrated.
 
 Rigid links with torques in both joints: Spong, Hutchinson & Vidyasagar, Robot Modeling and Control (2006), ch. 7
 """
@@ -17,9 +18,13 @@ LENGTH, MASS, RADIUS = (0.5, 0.4), (1.0, 0.8), (0.04, 0.03)  # metres, kilograms
 UPPER_ARM, FOREARM = (
     rcp.Polytope.capsule((0, 0), (length, 0), radius) for length, radius in zip(LENGTH, RADIUS, strict=True)
 )
-BOX = rcp.Polytope.box(0.3, 0.24, center=(0.72, 0.0), name="box")
+OBSTACLES = {
+    "box": rcp.Polytope.box(0.3, 0.5, center=(0.72, 0.0)),
+    "lower post": rcp.Polytope.ball(0.06, (0.3, -0.7)),
+    "upper post": rcp.Polytope.ball(0.06, (0.3, 0.7)),
+}
 CLEARANCE = 0.02
-START, GOAL = (-0.9, 0.3), (0.9, -0.3)
+START, GOAL = (-0.9, 0.1), (0.9, -0.1)
 
 
 def build(elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
@@ -48,7 +53,7 @@ def build(elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
     m.reach.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"upper arm": rcp.Body(UPPER_ARM, pose=upper_arm), "forearm": rcp.Body(FOREARM, pose=forearm)},
-        obstacles={"box": BOX},
+        obstacles=OBSTACLES,
         exclude=[("upper arm", "forearm")],
         clearance=CLEARANCE,
     )

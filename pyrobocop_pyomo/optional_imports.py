@@ -32,5 +32,6 @@ xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarra
 # Required, but deferred all the same: with Pyomo loaded, the first import of SciPy takes half a second.
 networkx, _ = attempt_import("networkx")
 scipy, _ = attempt_import(
-    "scipy", deferred_submodules=["integrate", "optimize", "sparse", "sparse.linalg", "spatial", "special"]
+    "scipy",
+    deferred_submodules=["integrate", "optimize", "sparse", "sparse.csgraph", "sparse.linalg", "spatial", "special"],
 )

@@ -55,10 +55,11 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
 
 
 def _tell_redundant_rows(rows: np.ndarray, sides: np.ndarray, corners: np.ndarray, rays: np.ndarray, name: str) -> None:
-    extent = max(float(np.ptp(corners, axis=0).max()), float(np.abs(sides).max()), 1e-300)
+    # Between the extent of the set and what rounding leaves of it, far from the origin.
+    tolerance = ON_PLANE * float(np.ptp(corners, axis=0).max()) + 1e-14 * float(np.abs(sides).max())
     facets: list[int] = []
     for i, (row, side) in enumerate(zip(rows, sides, strict=True)):
-        touching = corners[side - corners @ row <= ON_PLANE * extent]
+        touching = corners[side - corners @ row <= tolerance]
         along = rays[np.abs(rays @ row) <= ON_PLANE]
         is_facet = len(touching) > 0 and affine_rank(touching, along) == rows.shape[1] - 1
         repeated = any(np.abs(rows[i] - rows[j]).max() <= ON_PLANE for j in facets)

@@ -35,13 +35,13 @@ def convex_cells(vertices: np.ndarray, faces: np.ndarray, name: str) -> list[np.
         count += 1
         if count > LARGEST_NUMBER:
             raise GeometryError(
-                f"'{name}': the mesh of {len(faces)} triangles needs more than {LARGEST_NUMBER // 2} convex parts. Simplify "
-                "it, or cut it approximately with trimesh.decomposition.convex_decomposition, and give the parts."
+                f"'{name}': the mesh of {len(faces)} triangles needs more than {LARGEST_NUMBER // 2} convex "
+                "cells. Simplify it, or cut it approximately with trimesh.decomposition.convex_decomposition, "
+                "and give the parts."
             )
         hull = convex_hull(corners)
         corners = corners[hull.corners]
-        inside = [_clipped(triangle, hull.normals, hull.offsets, ON_PLANE * extent) for triangle in near]
-        near = near[[piece is not None for piece in inside]]
+        near = near[_reach_inside(near, hull.normals, hull.offsets, ON_PLANE * extent)]
         if len(near) == 0:
             if abs(_winding(triangles, corners.mean(axis=0))) > 0.5:
                 cells.append(corners)
@@ -64,16 +64,24 @@ def _refuse_open_meshes(faces: np.ndarray, name: str) -> None:
     unmatched = [side for side, balance in sides.items() if balance != 0]
     if unmatched or not len(faces):
         raise GeometryError(
-            f"'{name}': the mesh is not closed: {len(unmatched)} of the sides of its {len(faces)} triangles have no partner "
-            f"that runs the other way, such as the one between vertices {unmatched[:1]}. Merge vertices that are repeated, "
-            "and fill its holes."
+            f"'{name}': the mesh is not closed: {len(unmatched)} of the sides of its {len(faces)} triangles have "
+            f"no partner that runs the other way, such as the one between vertices {unmatched[:1]}. Merge vertices "
+            "that are repeated, and fill its holes."
         )
 
 
-def _clipped(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> np.ndarray | None:
-    """What of a triangle is in the inside of a cell, not only on its boundary; None for nothing."""
-    if (triangle @ normals.T - offsets).min(axis=0).max() >= -tolerance:
-        return None  # behind one of the planes, or in it
+def _reach_inside(triangles: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> np.ndarray:
+    """Which triangles have more than their boundary in the inside of a cell."""
+    heights = triangles @ normals.T - offsets
+    certain = (heights.max(axis=2) < -tolerance).any(axis=1)  # a corner is inside
+    possible = ~(heights.min(axis=1) >= -tolerance).any(axis=1)  # else all of it is behind one of the planes, or in it
+    for k in np.flatnonzero(possible & ~certain):
+        certain[k] = _is_cut_by_all(triangles[k], normals, offsets, tolerance)
+    return certain
+
+
+def _is_cut_by_all(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> bool:
+    """Whether something is left of a triangle that each plane in turn cuts off."""
     piece = triangle
     for normal, offset in zip(normals, offsets, strict=True):
         heights = piece @ normal - (offset - tolerance)
@@ -84,10 +92,10 @@ def _clipped(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tol
             if (low < 0.0 < high) or (high < 0.0 < low):
                 kept.append(a + low / (low - high) * (b - a))
         if len(kept) < 3:
-            return None
+            return False
         piece = np.array(kept)
     area = np.linalg.norm(np.cross(piece[1:-1] - piece[0], piece[2:] - piece[0]).sum(axis=0))
-    return piece if area > tolerance * tolerance else None
+    return bool(area > tolerance * tolerance)
 
 
 def _pairs(rows: np.ndarray) -> zip:

@@ -235,7 +235,7 @@ def _checked_radius(radius: float, name: str) -> float:
 
 
 def _checked_position(position: Sequence[float], name: str, dimension: int | None = None) -> np.ndarray:
-    place = read_points([position], name, "the position")[0]
+    place = read_points([position], name, "positions")[0]
     if dimension is not None and len(place) != dimension:
         raise GeometryError(f"'{name}': the position has {len(place)} coordinates; expected {dimension}.")
     return place

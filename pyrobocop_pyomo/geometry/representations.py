@@ -12,6 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .hulls import affine_basis, convex_hull
+from .minimum_norm import nearest_difference
 
 # Relative to unit rows and a scene of extent one.
 ZERO = 1e-9
@@ -77,17 +78,17 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
     points = rows * (radius / (offsets - rows @ center))[:, None]
     hull = convex_hull(np.vstack([points, np.zeros(points.shape[1])]))
     finite = hull.offsets > ZERO
-    corners = center + hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
+    corners = hull.normals[finite] * (radius / hull.offsets[finite])[:, None]
     if len(corners) > 1 and radius < THINNEST * float(np.ptp(corners, axis=0).max()):
         raise EmptyInterior(0.0)
-    corners = _met_by_planes(corners, rows, offsets)
+    corners = center + _met_by_planes(corners, rows, offsets - rows @ center)
     # Adding zero makes minus zeros plain ones.
     return corners @ basis + 0.0, np.vstack([hull.normals[~finite] @ basis, lines, -lines]) + 0.0
 
 
 def _met_by_planes(corners: np.ndarray, normals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """The corners moved to where the planes through them meet: in thin sets, the hull's rounding shows."""
-    extent = max(float(np.abs(corners).max()), float(np.ptp(corners, axis=0).max()))
+    """The corners, seen from inside, moved to where the planes through them meet: in thin sets, rounding shows."""
+    extent = float(np.abs(corners).max())
     met = corners.copy()
     for k, corner in enumerate(corners):
         misses = offsets - normals @ corner
@@ -137,10 +138,10 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
 
 def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = ZERO) -> bool:
     """Whether a vector is a sum of generators (rows) with weights that are not negative."""
-    if len(generators) == 0:
-        return bool(np.linalg.norm(target) <= tolerance)
-    _, distance = scipy.optimize.nnls(generators.T, target)
-    return bool(distance <= tolerance)
+    # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
+    lengths = np.linalg.norm(generators, axis=1)
+    apart = nearest_difference(-target[None, :], np.zeros((1, len(target))), 1.0, generators / lengths[:, None])
+    return apart.norm <= tolerance
 
 
 def _lines(rays: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@ from .bodies import Body
 from .car_moves import CarSearch
 from .car_path import CarPath
 from .car_timing import CarTiming
+from .containment import Containment
+from .containment_data import ContainmentData
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .hybrid_a_star import hybrid_a_star
 from .motion import Motion, motion_of
@@ -19,6 +21,8 @@ __all__ = [
     "CarPath",
     "CarSearch",
     "CarTiming",
+    "Containment",
+    "ContainmentData",
     "Dual",
     "Formulation",
     "Mixed",

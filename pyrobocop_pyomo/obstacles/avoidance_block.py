@@ -2,47 +2,16 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Hashable
 from typing import Any
 
 from pyomo.core.base.block import Block
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.global_set import UnindexedComponent_index
 
-from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.phases.all_or_nothing import AllOrNothingBlock
-from pyrobocop_pyomo.phases.pickling import picklable_or_none
 
 from .avoidance_data import ObstacleAvoidanceBlockData
-
-Rule = Callable[..., Any]
-
-
-class _BuildAvoidance:
-    """The block rule: our build, or the user's rule, which asks for it. A class, because it must survive pickling."""
-
-    def __init__(self, points: Any, options: dict[str, Any], rule: Rule | None) -> None:
-        self.points = points
-        self.options = options
-        self.rule = rule
-
-    def __call__(self, block: ObstacleAvoidanceBlockData, *index: Hashable) -> None:
-        if self.rule is None:
-            block.build(self.points, **self.options)
-            return
-        # Pyomo passes the index None to a rule of a scalar block that takes any number of arguments.
-        self.rule(block, *(index if block.parent_component().is_indexed() else ()))
-        assert block.record is not None  # Says what is missing where the rule built nothing.
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> _BuildAvoidance:
-        # Points are components of the model; the rest is the user's own and stays what it is.
-        return _BuildAvoidance(copy.deepcopy(self.points, memo), self.options, self.rule)
-
-    def __getstate__(self) -> dict[str, Any]:
-        # A block that is built needs none of this again; one that is not needs rules that a pickle can hold.
-        options = {name: each for name, each in self.options.items() if picklable_or_none(each) is not None}
-        return {"points": self.points, "options": options, "rule": picklable_or_none(self.rule)}
+from .building import Rule, sort_arguments
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")
@@ -150,20 +119,8 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
             "between": between,
             "broad_phase": broad_phase,
         }
-        if rule is not None:
-            if any(given is not None for given in (bodies, obstacles, clearance, body, pose)):
-                raise ObstacleError(
-                    "an ObstacleAvoidanceBlock with rule= takes index sets only; the rule says the rest: "
-                    "block.build(points, bodies=..., obstacles=..., clearance=...)."
-                )
-            super().__init__(*points, rule=_BuildAvoidance(None, {}, rule), **kwds)
-            return
-        if len(points) != 1:
-            raise ObstacleError(
-                f"an ObstacleAvoidanceBlock takes one set of points, not {len(points)}: "
-                "ObstacleAvoidanceBlock(phase.time, bodies=..., ...). An indexed one takes index sets and rule=."
-            )
-        super().__init__(rule=_BuildAvoidance(points[0], options, None), **kwds)
+        sets, build = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
+        super().__init__(*sets, rule=build, **kwds)
 
 
 class ScalarObstacleAvoidanceBlock(ObstacleAvoidanceBlockData, ObstacleAvoidanceBlock):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from pyomo.common.gc_manager import PauseGC
-from pyomo.core.base.block import BlockData
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import Any as AnyIndex
@@ -15,23 +13,20 @@ from pyomo.core.base.set import Set
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import ObstacleError
-
 from .avoidance_options import AvoidanceOptions
-from .avoidance_record import AvoidanceRecord
-from .certificate_rows import add_certificate, add_poses, harden, remove_certificate, soften, update_softness
+from .certificate_rows import add_certificate, add_poses, update_softness
 from .certificates import proven_gap
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
-from .motion import Motion, motion_of
-from .pieces import Piece, PlaneIndex, halves, pieces_of_motion
+from .pieces import PlaneIndex, pieces_of_motion
+from .refining import RefinedBetweenSolves
 from .safety_report import SafetyReport
 from .scene import Pair
 from .snapshot import Snapshot
-from .starting import apply_broad_phase, is_far, start_all, start_one
+from .starting import apply_broad_phase, is_far, start_all
 from .verification import verify_clearance
 
 
-class ObstacleAvoidanceBlockData(BlockData):
+class ObstacleAvoidanceBlockData(RefinedBetweenSolves):
     """One avoidance block; see `ObstacleAvoidanceBlock` for how to make one.
 
     Attributes
@@ -54,60 +49,8 @@ class ObstacleAvoidanceBlockData(BlockData):
         Cost of the slack, for the objective; 0 unless softened.
     """
 
-    def __init__(self, component: Any) -> None:
-        super().__init__(component)
-        self._record: AvoidanceRecord | None = None
-
-    # ---------------------------------------------------------------- what it is made of
-
-    @property
-    def record(self) -> AvoidanceRecord:
-        """Scene, pieces of motion and poses behind this block."""
-        if self._record is None:
-            raise ObstacleError(
-                f"{self._what} is not built yet: add it to a ConcreteModel; a rule= has to call block.build(...)."
-            )
-        return self._record
-
-    @property
-    def motion(self) -> Motion:
-        """What happens at the points and between them."""
-        return motion_of(self.record.points, self.parent_block())
-
-    @property
-    def axes(self) -> range:
-        """0, 1 in the plane and 0, 1, 2 in space."""
-        return range(self.record.dimension)
-
-    @property
-    def _what(self) -> str:
-        return f"obstacle avoidance '{self.name}'"
-
-    def build(self, points: Any, **options: Any) -> None:
-        """State everything; for rules of indexed blocks, with the arguments of `ObstacleAvoidanceBlock`.
-
-        Raises
-        ------
-        ObstacleError
-            When the scene or the options contradict themselves; nothing is then left on the block.
-        """
-        if self._record is not None:
-            raise ObstacleError(f"{self._what} is built already.")
-        before = set(self.component_map())
-        try:
-            with PauseGC():
-                self._build(points, AvoidanceOptions(**options))
-        except BaseException:
-            for name in [name for name in self.component_map() if name not in before]:
-                self.del_component(name)
-            self._record = None
-            raise
-
-    def _build(self, points: Any, options: AvoidanceOptions) -> None:
-        if not hasattr(points, "ctype"):
-            self.points = Set(initialize=list(points), ordered=True, doc="times at which shapes are kept apart")
-            points = self.points
-        self._record = record = options.record(self._what, points)
+    def _build(self, points: Any, options: dict[str, Any]) -> None:
+        self._record = record = AvoidanceOptions(**options).record(self._what, points)
         scene = record.scene
         self.clearance_scale = Param(initialize=1.0, mutable=True, doc="factor of all clearances")
         self.clearance = Param(scene.pairs, initialize=scene.clearances, mutable=True, doc="clearance of each pair")
@@ -158,111 +101,8 @@ class ObstacleAvoidanceBlockData(BlockData):
             update_softness(self, record)
             overlapping = start_all(self, snapshot, directions, seed)
             if record.formulation.norms:
-                self.set_norm(("ball" if overlapping else "sphere") if record.norm == "auto" else record.norm)
-
-    # ---------------------------------------------------------------- refinement
-
-    def split(self, first: str, second: str, start: Hashable) -> tuple[PlaneIndex, PlaneIndex]:
-        """Replace a certificate by two, for the halves of its piece of motion, and start them.
-
-        Returns
-        -------
-        tuple of indices
-            Of the two new certificates. They inherit the margin.
-
-        Raises
-        ------
-        ObstacleError
-            When there is no such certificate, or it is for one time only.
-        """
-        piece = self._piece(first, second, start)
-        if piece.interval is None:
-            raise ObstacleError(
-                f"{self._what}: the certificate {piece.index} is for one time only; there is nothing to split. "
-                'Use between="plane".'
-            )
-        record, motion = self.record, self.motion
-        left, right = halves(motion, piece)
-        with PauseGC():
-            add_poses(record, motion, (left, right))
-            margin, normal = value(self.margin[piece.index]), self._normal(piece.index)
-            remove_certificate(self, record, piece)
-            for half in (left, right):
-                add_certificate(self, record, half)
-                self.margin[half.index] = margin
-                start_one(self, Snapshot(record, self._what), half, normal)
-            update_softness(self, record)
-        return left.index, right.index
-
-    def restore(self, first: str, second: str, interval: Hashable) -> list[PlaneIndex]:
-        """Bring back what the broad phase left out, and start it.
-
-        Parameters
-        ----------
-        first, second : str
-            Names of bodies, in either order.
-        interval : int or time
-            Position of the interval; with ``between=None`` the time.
-
-        Returns
-        -------
-        list of indices
-            Of the certificates added; empty where none were left out.
-        """
-        record, snapshot = self.record, Snapshot(self.record, self._what)
-        pair = record.scene.pair(self._what, first, second)
-        found = [piece for piece in record.pruned.values() if record.concerns(piece, pair, interval)]
-        with PauseGC():
-            for piece in found:
-                del record.pruned[piece.index]
-                add_certificate(self, record, piece)
-                start_one(self, snapshot, piece)
-            update_softness(self, record)
-        return [piece.index for piece in found]
-
-    def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
-        """Ask more than the clearance of one certificate, for what the motion does between its poses."""
-        if not (np.isfinite(margin) and margin >= 0):
-            raise ObstacleError(f"{self._what}: the margin of {(first, second, start)} is {margin!r}; it must be >= 0.")
-        self.margin[self._piece(first, second, start).index] = float(margin)
-
-    def set_norm(self, norm: str) -> None:
-        """Bound the lengths of all normals by 1 ("ball"), or fix them at 1 ("sphere")."""
-        record = self.record
-        if norm not in record.formulation.norms:
-            raise ObstacleError(
-                f"{self._what}: norm is {norm!r}; the formulation '{record.formulation.name}' has "
-                f"{' and '.join(map(repr, record.formulation.norms)) or 'a norm of its own'}."
-            )
-        if norm != record.norm_now:
-            for index in record.pieces:
-                record.formulation.set_norm(self, index, norm)
-        record.norm_now = norm
-
-    def scale_clearance(self, factor: float) -> None:
-        """Ask for a fraction of the clearances only, on the way to all of them."""
-        if not (np.isfinite(factor) and factor > 0):
-            raise ObstacleError(f"{self._what}: the clearances are scaled by {factor!r}; the factor must be > 0.")
-        self.clearance_scale.set_value(float(factor))
-
-    def soften(self, weight: float = 1.0) -> None:
-        """Let every certificate miss its separation by a slack; add ``softness`` to the objective.
-
-        Parameters
-        ----------
-        weight : float
-            Cost of a unit of slack.
-        """
-        if not (np.isfinite(weight) and weight > 0):
-            raise ObstacleError(f"{self._what}: the weight of the slack is {weight!r}; it must be > 0.")
-        self.softness_weight.set_value(float(weight))
-        if not self.record.soft:
-            soften(self, self.record)
-
-    def harden(self) -> None:
-        """Take the slack away again."""
-        if self.record.soft:
-            harden(self, self.record)
+                chosen = ("ball" if overlapping else "sphere") if record.norm == "auto" else record.norm
+                self.set_norm("sphere" if record.soft else chosen)
 
     # ---------------------------------------------------------------- judgement
 
@@ -289,15 +129,3 @@ class ObstacleAvoidanceBlockData(BlockData):
         """
         clearances = {pair: value(self.clearance[pair]) for pair in self.record.scene.pairs}
         return verify_clearance(self.motion, self.record.scene.bodies, clearances, tolerance=tolerance)
-
-    def _normal(self, index: PlaneIndex) -> np.ndarray:
-        entries = [value(self.normal[(*index, axis)], exception=False) for axis in self.axes]
-        return np.array([np.nan if entry is None else entry for entry in entries], dtype=float)
-
-    def _piece(self, first: str, second: str, start: Hashable) -> Piece:
-        index = (first, second, start)
-        if index not in self.record.pieces:
-            raise ObstacleError(
-                f"{self._what}: there is no certificate {index}. Its certificates are in '{self.name}.planes'."
-            )
-        return self.record.pieces[index]

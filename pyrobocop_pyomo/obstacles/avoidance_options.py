@@ -13,7 +13,8 @@ from pyrobocop_pyomo.errors import ObstacleError
 from .avoidance_record import AvoidanceRecord
 from .bodies import Body
 from .formulations import FORMULATIONS, Formulation
-from .scene import Scene, make_scene
+from .scene import Scene
+from .scene_reading import make_scene
 
 
 @dataclass(frozen=True, kw_only=True)

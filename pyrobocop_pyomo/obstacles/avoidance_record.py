@@ -31,6 +31,8 @@ class AvoidanceRecord:
     pieces : dict of index to Piece
     pruned : dict of index to Piece
         What the broad phase left out.
+    pinned : set of index
+        What was brought back or refined, and is not left out again.
     poses : dict of (body, time) to Pose
         Expressions of the poses, made once for all pairs; with the time None for what stands still.
     norm_now : str
@@ -47,6 +49,7 @@ class AvoidanceRecord:
     broad_phase: float | None
     pieces: dict[PlaneIndex, Piece] = field(default_factory=dict)
     pruned: dict[PlaneIndex, Piece] = field(default_factory=dict)
+    pinned: set[PlaneIndex] = field(default_factory=set)
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
     soft: bool = False

@@ -66,9 +66,9 @@ class Enclosure:
 
     def reciprocal(self) -> Enclosure:
         """One over it; unbounded where it may be zero."""
-        unbounded = (self.low <= 0.0) & (self.high >= 0.0)
+        bounded = (self.low > 0.0) | (self.high < 0.0)  # false for NaN
         found = _outward(1.0 / self.high, 1.0 / self.low)
-        return Enclosure(np.where(unbounded, -np.inf, found.low), np.where(unbounded, np.inf, found.high))
+        return Enclosure(np.where(bounded, found.low, -np.inf), np.where(bounded, found.high, np.inf))
 
     def intersect(self, other: Enclosure) -> Enclosure:
         """What two enclosures of the same numbers leave; NaN counts as nothing known."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,12 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "exp": _function("exp"),
     "log": _function("log"),
     "sqrt": _function("sqrt"),
+}
+
+OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
+    numeric_expr.SumExpression: operator.add,
+    numeric_expr.ProductExpression: operator.mul,
+    numeric_expr.DivisionExpression: operator.truediv,
 }
 
 
@@ -85,19 +93,12 @@ class ExpressionValues:
             if name not in FUNCTIONS:
                 raise _unknown(node, f"holds the function '{name}'")
             return self._plain(FUNCTIONS[name](self.of(node.arg(0))))
-        arguments = [self.of(each) for each in node.args]
-        if isinstance(node, numeric_expr.SumExpression):
-            total = arguments[0]
-            for each in arguments[1:]:
-                total = total + each
-            return total
-        if isinstance(node, numeric_expr.ProductExpression):
-            return arguments[0] * arguments[1]
-        if isinstance(node, numeric_expr.DivisionExpression):
-            return arguments[0] / arguments[1]
         if isinstance(node, numeric_expr.NegationExpression):
-            return -arguments[0]
-        raise _unknown(node, f"is a {type(node).__name__}")
+            return -self.of(node.arg(0))
+        operation = next((made for base, made in OPERATIONS.items() if isinstance(node, base)), None)
+        if operation is None:
+            raise _unknown(node, f"is a {type(node).__name__}")
+        return reduce(operation, [self.of(each) for each in node.args])
 
     @staticmethod
     def _plain(number: Any) -> Any:

@@ -63,10 +63,13 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
             near = distance_of_points(p, q, q_rays=rays[1], p_rays=rays[0])
             available = near.distance - first.shape.radius - second.shape.radius
             if available < asked - NEARLY * max(1.0, float(np.abs(p).max())):
-                remedy = f"Ask for less than {available:.6g}, or move" if available > 0 else "They overlap there: move"
+                if available > 0:
+                    found, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
+                else:
+                    found, remedy = f"{-available:.6g} into each other", "Move"
                 raise ObstacleError(
-                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {available:.6g} apart at {time}, where "
-                    f"both poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {found} at {time}, where both poses are "
+                    f"fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
                 )
 
 

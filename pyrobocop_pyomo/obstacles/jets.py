@@ -70,9 +70,10 @@ class Jet:
         u, p = self.value, float(exponent)
         if p == 1.0:
             return self
+        if p == 0.0:
+            return Jet.constant(1.0, len(u.low))
         slope = u.power(p - 1.0).times(p)
-        curvature = Enclosure.of(np.zeros_like(u.low)) if p == 0.0 else u.power(p - 2.0).times(p * (p - 1.0))
-        return self._through(u.power(p), slope, curvature)
+        return self._through(u.power(p), slope, u.power(p - 2.0).times(p * (p - 1.0)))
 
     def sqrt(self) -> Jet:
         """Square root."""

@@ -122,7 +122,8 @@ class _PointReader:
         self.index = index
 
     def is_index(self, key: Any) -> bool:
-        return isinstance(key, Real) and key == self.index
+        # By identity: another label, such as the number of a joint, may be the same number.
+        return key is self.index
 
     def read(self, series: Series) -> Any:
         self._interpolation.check(series)
@@ -174,7 +175,7 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     if len(points) < 2:
         return Motion(parent_block, points, None)
     intervals = tuple(itertools.pairwise(points))
-    return Motion(parent_block, points, NodalInterpolation(intervals, intervals, _refuse_states_of_phases))
+    return Motion(parent_block, points, NodalInterpolation(intervals, intervals, _refuse_states_of_phases(points[0])))
 
 
 def _continuous_interpolation(domain: Any) -> Interpolation:
@@ -192,11 +193,14 @@ def _is_number(point: Any) -> bool:
     return isinstance(point, Real) and not isinstance(point, bool)
 
 
-def _refuse_states_of_phases(series: Series) -> None:
-    owner = parent_of(series.at(next(iter(series.component.index_set()))))
-    home = owner.parent_block() if owner is not None else None
-    if isinstance(home, PhaseBlockData):
-        raise ObstacleError(
-            f"'{series.name}' belongs to phase '{home.name}', whose states do not change linearly between points. "
-            f"Give '{home.name}.time' as the set of points."
-        )
+def _refuse_states_of_phases(point: float) -> Callable[[Series], None]:
+    def check(series: Series) -> None:
+        owner = parent_of(series.at(point))
+        home = owner.parent_block() if owner is not None else None
+        if isinstance(home, PhaseBlockData):
+            raise ObstacleError(
+                f"'{series.name}' belongs to phase '{home.name}', whose states do not change linearly between points. "
+                f"Give '{home.name}.time' as the set of points."
+            )
+
+    return check

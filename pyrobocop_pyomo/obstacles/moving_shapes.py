@@ -13,7 +13,7 @@ from pyrobocop_pyomo.geometry import Polytope
 from .bodies import Body
 from .enclosures import Enclosure
 from .motion import Motion
-from .pose_templates import PoseTemplate, template_of
+from .pose_templates import PoseTemplate, clocks_of, template_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,7 +42,8 @@ class MovingShape:
         """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
         count, d = len(interval), self.shape.dimension
         if self.template is None:
-            return tuple(np.broadcast_to(each, (count, *each.shape)) for each in (self.shape.vertices, self.shape.rays))
+            vertices, rays = self.shape.vertices, self.shape.rays
+            return np.broadcast_to(vertices, (count, *vertices.shape)), np.broadcast_to(rays, (count, *rays.shape))
         entries = self.template.values(interval, fraction)
         rotation, translation = entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
         turned = [np.einsum("mrc,ic->mir", rotation, each) for each in (self.shape.vertices, self.shape.rays)]
@@ -140,8 +141,9 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
         Naming the body whose pose cannot be followed between the nodes.
     """
     found = {}
+    clocks = clocks_of(motion)
     for name, body in bodies.items():
-        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension)
+        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, clocks)
         found[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
     return found
 

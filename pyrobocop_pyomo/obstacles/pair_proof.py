@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.geometry import distance_of_points
+from pyrobocop_pyomo.geometry import distances_of_points
 
 from .moving_shapes import MovingShape, Stretches
 from .safety_report import PairSafety
@@ -97,6 +97,10 @@ class _Proof:
         is_open = ~(bound >= self.clearance)
         chosen = np.flatnonzero(is_open)
         if len(chosen):
+            if self.pieces == len(interval):
+                # The ends of whole intervals; those of halves have been looked at as middles.
+                self._look(interval[chosen], start[chosen])
+                self._look(interval[chosen], end[chosen])
             middle = 0.5 * (start[chosen] + end[chosen])
             distances, normals = self._look(interval[chosen], middle)
             p, q = p.part(chosen), q.part(chosen)
@@ -189,7 +193,6 @@ def _exact(p: Array, q: Array, p_rays: Array, q_rays: Array) -> tuple[Array, Arr
     """Signed distances and normals of ``m`` pairs of point sets; NaN where a set is not finite."""
     distances, normals = np.full(len(p), np.nan), np.full((len(p), p.shape[2]), np.nan)
     finite = np.isfinite(p).all(axis=(1, 2)) & np.isfinite(q).all(axis=(1, 2))
-    for k in np.flatnonzero(finite).tolist():
-        found = distance_of_points(p[k], q[k], p_rays[k], q_rays[k])
-        distances[k], normals[k] = found.distance, found.normal
+    chosen = np.flatnonzero(finite)
+    distances[chosen], normals[chosen] = distances_of_points(p[chosen], q[chosen], p_rays[chosen], q_rays[chosen])
     return distances, normals

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -135,6 +136,14 @@ class SafetyReport:
         found = sum(1 for pair in self.pairs if pair.violated)
         open_ones = sum(1 for pair in self.pairs if not pair.safe and not pair.violated)
         return f"NOT SAFE: {found} of {len(self.pairs)} pairs too close, {open_ones} undecided\n{self.table()}"
+
+
+def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
+    """One report on the pairs of several."""
+    found = tuple(reports)
+    return SafetyReport(
+        tuple(pair for report in found for pair in report.pairs), between=all(report.between for report in found)
+    )
 
 
 def _time_text(time: Any) -> str:

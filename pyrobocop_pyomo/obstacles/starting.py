@@ -79,7 +79,7 @@ def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
     """Leave out what is far apart at the current poses, and bring back what is not any more."""
     record = snapshot.record
     for piece in list(record.pieces.values()):
-        if is_far(snapshot, piece):
+        if piece.index not in record.pinned and is_far(snapshot, piece):
             remove_certificate(block, record, piece)
             record.pruned[piece.index] = piece
     for piece in list(record.pruned.values()):

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .car_moves import CarMoves
 from .free_space import FreeSpace
@@ -97,7 +96,9 @@ def _ways_of_disc(free: NDArray[np.bool_], there: tuple[int, int], cell: float) 
         rows.append(a[both])
         columns.append(b[both])
         lengths.append(np.full(int(both.sum()), np.hypot(dx, dy) * cell))
-    graph = coo_array(
+    graph = scipy.sparse.coo_array(
         (np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), shape=(free.size, free.size)
     )
-    return np.asarray(dijkstra(graph.tocsr(), directed=False, indices=numbers[there])).reshape(free.shape)
+    return np.asarray(scipy.sparse.csgraph.dijkstra(graph.tocsr(), directed=False, indices=numbers[there])).reshape(
+        free.shape
+    )

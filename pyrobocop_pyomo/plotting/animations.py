@@ -13,7 +13,7 @@ from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.optional_imports import animation, matplotlib
 
 from .body_path import BodyPath
-from .scenes import add_polygon, check_scene, draw_path, local_polygons, scene_axis
+from .scenes import add_polygon, check_scene, draw_path, local_polygons, scene_axis, show_window
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,7 @@ def animate_scene(
     axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
     for body in bodies:
         draw_path(axis, body, named=len(bodies) > 1)
+    show_window(axis, bodies, obstacles, view)
     polygons = [local_polygons(body) for body in bodies]
     clock = axis.text2D if bodies[0].dimension == 3 else axis.text
     label = clock(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")

@@ -45,7 +45,7 @@ def draw_scene(
     snapshots : int
         How many times are drawn, with about equal motion between them.
     view : (lower, upper), optional
-        Corners of what is shown, shape (2, d); all bodies over all times, and bounded obstacles, by default.
+        Corners of what is shown, shape (2, d). By default all motion is seen, and what is near it.
     title : str
     unit : str
         Of lengths, written on the axes.
@@ -69,17 +69,15 @@ def draw_scene(
     colours = time_colours(time)
     chosen = evenly_moved(np.concatenate([body.places() for body in bodies], axis=1), snapshots)
     for body in bodies:
+        draw_path(axis, body, named=len(bodies) > 1)
         local = local_polygons(body)
         for layer, i in enumerate(chosen.tolist()):
             colour = colours.to_rgba(time[i])
             for polygon in body.at(i, local):
                 # Each snapshot covers the earlier ones a little: where they overlap, the eye can tell which came later.
                 add_polygon(axis, polygon, (*colour[:3], 0.13), colour, 2 + 0.01 * layer)
-        draw_path(axis, body, named=len(bodies) > 1)
-    if dimension == 3:
-        figure.colorbar(colours, ax=axis, label="time [s]", shrink=0.6, pad=0.12)
-    else:
-        figure.colorbar(colours, ax=axis, label="time [s]")
+    show_window(axis, bodies, obstacles, view)
+    figure.colorbar(colours, ax=axis, label="time [s]", **({"shrink": 0.6, "pad": 0.12} if dimension == 3 else {}))
     return figure
 
 
@@ -103,7 +101,7 @@ def check_scene(time: Array, bodies: Sequence[BodyPath], obstacles: Sequence[Any
 def scene_axis(
     figure: Any, bodies: Sequence[BodyPath], obstacles: Sequence[Any], *, view: Any, title: str, unit: str
 ) -> Any:
-    """Axes with the obstacles drawn, and limits that show everything."""
+    """Axes with the obstacles drawn; `show_window` then sets their limits."""
     dimension = bodies[0].dimension
     window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
     if dimension == 3:
@@ -112,24 +110,34 @@ def scene_axis(
             edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)  # the facets of what is round are not meant
             for polygon in faces(obstacle, window):
                 add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
-        axis.set_zlim(*window[:, 2])
         axis.set_zlabel(f"z [{unit}]")
         axis.set_box_aspect(window[1] - window[0])
     else:
         axis = figure.subplots()
+        # Axes that fill their place, whatever the shape of the motion, may show more than the window.
+        shown = window if view is not None else window + (window[1] - window[0]).max() * np.array([[-3.0], [3.0]])
         for obstacle in obstacles:
-            corners = outline(obstacle, window)
+            corners = outline(obstacle, shown)
             if len(corners):
                 add_polygon(axis, corners, (0.72, 0.72, 0.72, 1.0), (0.45, 0.45, 0.45, 1.0), 1)
-        axis.set_aspect("equal")
+        axis.set_aspect("equal", adjustable="datalim" if view is None else "box")
         axis.grid(alpha=0.25)
         axis.set_axisbelow(True)
-    axis.set_xlim(*window[:, 0])
-    axis.set_ylim(*window[:, 1])
     axis.set_xlabel(f"x [{unit}]")
     axis.set_ylabel(f"y [{unit}]")
     axis.set_title(title)
     return axis
+
+
+def show_window(axis: Any, bodies: Sequence[BodyPath], obstacles: Sequence[Any], view: Any) -> None:
+    """Set the limits, once everything is drawn."""
+    window = _window(bodies, obstacles) if view is None else np.asarray(view, dtype=float)
+    # Where Matplotlib may fit the limits to the shape of the axes, it complains about limits that are fixed.
+    free = view is None and bodies[0].dimension == 2
+    axis.set_xlim(*window[:, 0], auto=free)
+    axis.set_ylim(*window[:, 1], auto=free)
+    if bodies[0].dimension == 3:
+        axis.set_zlim(*window[:, 2])
 
 
 def local_polygons(body: BodyPath) -> list[Array]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, TextIO
 
@@ -22,6 +23,7 @@ from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
 from .attempt import StepRecorder
+from .avoidance import SafePlanning, avoidance_blocks
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
 from .ladder import Ladder
@@ -128,8 +130,8 @@ def solve(
     """
     started = time.perf_counter()
     chosen_route = _find_route(route)
+    chosen_rungs = _chosen_rungs(schedule, rungs)
     _check_phases(model)
-    judge = PointJudge(model)
     bar = Progress(progress)
     tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
     has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
@@ -140,10 +142,35 @@ def solve(
     def left() -> float | None:
         return None if time_limit is None else time_limit - (time.perf_counter() - started)
 
+    blocks = avoidance_blocks(model)
+    if blocks:
+        result = SafePlanning(model, blocks, partial(climb, model), settings, chosen_rungs, bar, left).plan()
+    else:
+        result = climb(model, settings, chosen_rungs, bar, left)
+    return replace(result, seconds=time.perf_counter() - started)
+
+
+def climb(
+    model: Any, settings: Settings, rungs: Sequence[Rung] | None, bar: Progress, left: Callable[[], float | None]
+) -> SolveResult:
+    """Climb the ladder on a model as it stands, and judge the best point of it.
+
+    Parameters
+    ----------
+    model : Block
+    settings : Settings
+    rungs : sequence of Rung, optional
+        By default the whole ladder.
+    bar : Progress
+    left : callable
+        Seconds that are left, or None.
+    """
+    started = time.perf_counter()
+    judge = PointJudge(model)
     recorder = StepRecorder(judge, bar)
     ladder = Ladder(model, judge, settings, recorder, partial(_open_session, settings, bar), left)
-    best = ladder.climb(_chosen_rungs(schedule, rungs))
-    quality, multipliers = best.quality(tolerances), best.explain()
+    best = ladder.climb(rungs)
+    quality, multipliers = best.quality(settings.tolerances), best.explain()
     if multipliers is not None and multipliers.kind is Stationarity.S:
         best.certificate = Certificate.PROVEN
     return SolveResult(

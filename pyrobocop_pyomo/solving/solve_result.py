@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,9 +12,12 @@ from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.obstacles import SafetyReport
 from pyrobocop_pyomo.optional_imports import pandas
 
 from .pair_report import ActiveSide, PairReport, pair_reports
+from .planning_round import ROUND_HEADER, PlanningRound
+from .quality import Quality
 from .result_pictures import draw_history, draw_pairs, draw_products
 from .result_text import long_report, pair_sentence, pair_table
 from .step import STEP_HEADER, Step
@@ -28,14 +32,6 @@ class StopReason(enum.Enum):
     INTERRUPTED = "Ctrl-C interrupted the procedure."
     INFEASIBLE = "Ipopt converged to a point of local infeasibility. Try another guess, or relax constraints."
     FAILED = "Ipopt failed. Try another guess, another schedule or tee=True to see its log."
-
-
-class Quality(enum.Enum):
-    """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
-
-    OPTIMAL = "Feasible and stationary, and every pair is complementary, within the tolerances."
-    FEASIBLE = "Feasible, and every pair is complementary, but the point is not shown to be stationary."
-    INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
 
 
 @dataclass(frozen=True)
@@ -78,6 +74,10 @@ class SolveResult:
         Elapsed in recomputing residuals after each step.
     seconds : float
         Elapsed time in all, writing included.
+    safety : SafetyReport or None
+        How clear of obstacles the continuous motion is; None for a model without `ObstacleAvoidanceBlock`.
+    rounds : sequence of PlanningRound
+        What was done until the motion was safe.
     """
 
     name: str
@@ -97,6 +97,13 @@ class SolveResult:
     derivatives: str
     judging_seconds: float
     seconds: float
+    safety: SafetyReport | None = None
+    rounds: Sequence[PlanningRound] = ()
+
+    @property
+    def safe(self) -> bool | None:
+        """Whether all clearances are proven for the whole motion; None for a model without obstacle avoidance."""
+        return None if self.safety is None else self.safety.safe and self.quality is not Quality.INFEASIBLE
 
     @property
     def largest_product(self) -> float:
@@ -115,8 +122,8 @@ class SolveResult:
 
     @property
     def solved(self) -> bool:
-        """True when the point is `Quality.OPTIMAL`."""
-        return self.quality is Quality.OPTIMAL
+        """True when the point is `Quality.OPTIMAL` and, where there are obstacles, the motion is proven to be safe."""
+        return self.quality is Quality.OPTIMAL and self.safe is not False
 
     @cached_property
     def pairs(self) -> list[PairReport]:
@@ -155,6 +162,10 @@ class SolveResult:
     def steps_table(self) -> str:
         """The runs as a table in text."""
         return "\n".join([STEP_HEADER, *map(str, self.steps)])
+
+    def rounds_table(self) -> str:
+        """The rounds of planning around obstacles as a table in text."""
+        return "\n".join([ROUND_HEADER, *map(str, self.rounds)])
 
     def steps_to_pandas(self) -> Any:
         """The runs as a data frame, numbered from 1."""
@@ -223,6 +234,9 @@ class SolveResult:
         """
         if self.solved:
             return
+        if self.quality is Quality.OPTIMAL:
+            assert self.safety is not None
+            raise SolveFailed(f"'{self.name}': {self.quality.value} But the motion is not safe. {self.safety}", self)
         worst = max(self.residuals, key=lambda each: abs(each.product), default=None)
         pair = "" if worst is None else f", complementarity {abs(worst.product):.1e} at '{worst.name}'"
         raise SolveFailed(
@@ -241,6 +255,7 @@ class SolveResult:
                 f"max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}{stationarity}; "
                 f"{self.iterations} iterations in {self.seconds:.2f} s",
                 *([pair_sentence(self.pairs, self.multipliers, self.certificate)] if self.residuals else []),
+                *([f"{self.safety}\n{self.rounds_table()}"] if self.safety is not None else []),
                 self.steps_table(),
             ]
         )

@@ -49,7 +49,9 @@ def test_bodies_at_one_time_share_a_colour_and_later_is_darker() -> None:
 
 
 def test_all_motion_is_in_the_picture_and_endless_walls_do_not_shrink_it() -> None:
-    axis = rcp.draw_scene(TIME, [car()], [WALL, rcp.Polytope.box(1e4, 1, center=(0, -3))]).axes[0]
+    figure = rcp.draw_scene(TIME, [car()], [WALL, rcp.Polytope.box(1e4, 1, center=(0, -3))])
+    figure.draw_without_rendering()  # fits the limits to the shape of the axes
+    axis = figure.axes[0]
     places = car().places().reshape(-1, 2)
     for (low, high), values in ((axis.get_xlim(), places[:, 0]), (axis.get_ylim(), places[:, 1])):
         assert low < values.min()

@@ -29,6 +29,7 @@ class Dual:
 
     name: str = "dual"
     covers_intervals: bool = False
+    signed: bool = True
     norms: tuple[str, ...] = ("ball", "sphere")
     halfspaces: tuple[bool, bool] = (True, True)
     rays: tuple[bool, bool] = (True, True)

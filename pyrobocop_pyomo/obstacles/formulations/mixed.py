@@ -26,6 +26,7 @@ class Mixed:
 
     name: str = "mixed"
     covers_intervals: bool = False
+    signed: bool = True
     norms: tuple[str, ...] = ("ball", "sphere")
     halfspaces: tuple[bool, bool] = (False, True)
     rays: tuple[bool, bool] = (True, True)

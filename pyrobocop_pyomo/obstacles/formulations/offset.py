@@ -27,6 +27,7 @@ class Offset:
 
     name: str = "offset"
     covers_intervals: bool = False
+    signed: bool = True
     norms: tuple[str, ...] = ()
     halfspaces: tuple[bool, bool] = (True, True)
     rays: tuple[bool, bool] = (True, True)

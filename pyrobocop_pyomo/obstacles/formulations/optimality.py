@@ -47,6 +47,7 @@ class Optimality:
     cold: bool = False
     name: str = "optimality"
     covers_intervals: bool = False
+    signed: bool = False
     norms: tuple[str, ...] = ()
     halfspaces: tuple[bool, bool] = (False, False)
     rays: tuple[bool, bool] = (False, False)

@@ -44,6 +44,7 @@ class Plane:
 
     name: str = "plane"
     covers_intervals: bool = True
+    signed: bool = True
     norms: tuple[str, ...] = ("ball", "sphere")
     halfspaces: tuple[bool, bool] = (False, False)
     rays: tuple[bool, bool] = (True, True)

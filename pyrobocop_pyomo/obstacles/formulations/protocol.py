@@ -68,6 +68,10 @@ class Formulation(Protocol):
         """Whether one certificate may cover several poses."""
 
     @property
+    def signed(self) -> bool:
+        """Whether it also measures how deep shapes overlap, where norms can be chosen with "sphere"."""
+
+    @property
     def norms(self) -> tuple[str, ...]:
         """The norms that may be chosen; empty where the formulation has one of its own."""
 

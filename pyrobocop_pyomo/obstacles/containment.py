@@ -1,0 +1,98 @@
+"""`Containment`: a body that stays inside a convex region, as an ordinary Pyomo block."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.block import Block
+from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.global_set import UnindexedComponent_index
+
+from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.phases.all_or_nothing import AllOrNothingBlock
+
+from .building import Rule, sort_arguments
+from .containment_data import ContainmentData
+
+
+@ModelComponentFactory.register("A body that stays inside a convex region.")
+class Containment(AllOrNothingBlock):
+    """A body that stays inside a convex region, over a set of times.
+
+    Parameters
+    ----------
+    points : Set, ContinuousSet or sequence of numbers
+        As for `ObstacleAvoidanceBlock`. With `rule`, index sets take its place.
+    body : Polytope, list of Polytope or Body
+    pose : callable
+        ``pose(block, t)``, unless `body` is a `Body`, which has it.
+    region : Polytope
+        Bounded or not, given by what is inside.
+    clearance : float
+        Distance kept from the sides; 0 by default.
+    rule : callable, optional
+        ``rule(block, *index)`` calls ``block.build(points, body=..., ...)``; for indexed blocks.
+
+    Raises
+    ------
+    ObstacleError
+        When body and region do not fit; the block is then not added to the model.
+
+    Notes
+    -----
+    One row ``C_k.(R V_i + t) <= e_k - clearance - radius`` per time, corner and side; no other variables. Between the
+    times, straight motion of the corners stays inside by itself; `verify` judges what is not straight.
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.move = rcp.PhaseBlock(duration=1.0, elements=10)
+    >>> m.move.x, m.move.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
+    >>> m.move.inside = rcp.Containment(
+    ...     m.move.time,
+    ...     body=rcp.Polytope.box(0.5, 0.5),
+    ...     pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+    ...     region=rcp.Polytope.box(6, 1, center=(2, 0)),
+    ... )
+    >>> m.move.inside.verify().safe
+    """
+
+    _ComponentDataClass = ContainmentData
+
+    def __new__(cls, *args: Any, **kwds: Any) -> Containment:
+        """Choose the scalar or the indexed class."""
+        if cls is Containment:
+            cls = IndexedContainment if kwds.get("rule") is not None and args else ScalarContainment
+        return super().__new__(cls, *args, **kwds)
+
+    def __init__(
+        self,
+        *points: Any,
+        body: Any = None,
+        pose: Rule | None = None,
+        region: Polytope | None = None,
+        clearance: float = 0.0,
+        rule: Rule | None = None,
+        **kwds: Any,
+    ) -> None:
+        options = {"body": body, "pose": pose, "region": region, "clearance": clearance}
+        sets, build = sort_arguments("a Containment", points, options, rule)
+        super().__init__(*sets, rule=build, **kwds)
+
+
+class ScalarContainment(ContainmentData, Containment):
+    """A single containment."""
+
+    def __init__(self, *args: Any, **kwds: Any) -> None:
+        ContainmentData.__init__(self, component=self)
+        Containment.__init__(self, *args, **kwds)
+        self._data[None] = self
+        self._index = UnindexedComponent_index
+
+    display = Block.display
+
+
+class IndexedContainment(Containment):
+    """Containments over an index set."""

@@ -1,0 +1,187 @@
+"""`ContainmentData`: the rows of one containment, and its judgement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.param import Param
+from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.base.set import Set
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope, Pose
+
+from .bodies import Body
+from .building import BuiltWhole
+from .formulations.rows import dot
+from .motion import Motion, motion_of
+from .safety_report import PairSafety, SafetyReport
+from .verification import verify_clearance
+
+
+@dataclass
+class ContainmentRecord:
+    """The facts behind a `Containment`."""
+
+    body: Body
+    region: Polytope
+    points: Any
+    times: tuple[Any, ...]
+    poses: dict[Any, Pose]
+
+
+class ContainmentData(BuiltWhole):
+    """One containment; see `Containment` for how to make one.
+
+    Attributes
+    ----------
+    inside : Constraint
+        ``inside[t, corner, side]``: every corner on the inner side of every side of the region.
+    clearance : Param
+        Distance kept from the sides; mutable.
+    margin : Param
+        By time: added to the clearance, for what the motion does between the times.
+    """
+
+    def __init__(self, component: Any) -> None:
+        super().__init__(component)
+        self._record: ContainmentRecord | None = None
+
+    @property
+    def record(self) -> ContainmentRecord:
+        """Body, region and poses behind this block."""
+        if self._record is None:
+            raise ObstacleError(f"{self._what} is not built yet: add it to a ConcreteModel.")
+        return self._record
+
+    @property
+    def is_built(self) -> bool:
+        """True once the rows are there."""
+        return self._record is not None
+
+    @property
+    def motion(self) -> Motion:
+        """What happens at the points and between them."""
+        return motion_of(self.record.points, self.parent_block())
+
+    @property
+    def _what(self) -> str:
+        return f"containment '{self.name}'"
+
+    def _forget(self) -> None:
+        self._record = None
+
+    def _build(self, points: Any, options: dict[str, Any]) -> None:
+        self._state(points, **options)
+
+    def _state(
+        self, points: Any, *, body: Any = None, pose: Any = None, region: Any = None, clearance: float = 0.0
+    ) -> None:
+        moving = _checked_body(self._what, body, pose)
+        sides, offsets = _checked_region(self._what, region, moving)
+        if not (isinstance(clearance, (int, float)) and math.isfinite(clearance) and clearance >= 0):
+            raise ObstacleError(f"{self._what}: the clearance is {clearance!r}; it must be a length >= 0.")
+        motion = motion_of(points, self.parent_block())
+        times = tuple(dict.fromkeys(t for nodes in motion.intervals for t in nodes)) or motion.points
+        poses = {time: motion.pose_at_node(moving.pose, time) for time in times} if moving.pose is not None else {}
+        self._record = ContainmentRecord(moving, region, points, times, poses)
+        self.clearance = Param(initialize=float(clearance), mutable=True, doc="distance kept from the sides")
+        self.times = Set(initialize=list(times), ordered=True, doc="where corners are looked at")
+        self.margin = Param(self.times, mutable=True, initialize=0.0, doc="added to the clearance")
+        self.inside = Constraint(AnyIndex, doc="corners on the inner side of the sides of the region")
+        corners = [(corner, part.radius) for part in moving.parts for corner in part.vertices.tolist()]
+        for time, placed in poses.items():
+            room = self.clearance + self.margin[time]
+            for number, (corner, radius) in enumerate(corners):
+                point = placed.apply(corner)
+                for side, (outwards, offset) in enumerate(zip(sides.tolist(), offsets.tolist(), strict=True)):
+                    self.inside.add((time, number, side), (None, dot(outwards, point) + room, offset - radius))
+
+    def set_margin(self, interval: int, margin: float) -> None:
+        """Ask more than the clearance, at least this margin, at all times of an interval.
+
+        Parameters
+        ----------
+        interval : int
+            Position of the interval.
+        margin : float
+        """
+        if not (math.isfinite(margin) and margin >= 0):
+            raise ObstacleError(f"{self._what}: the margin of interval {interval} is {margin!r}; it must be >= 0.")
+        for time in self.motion.intervals[interval]:
+            self.margin[time] = max(float(margin), value(self.margin[time]))
+
+    def verify(self, tolerance: float | None = None) -> SafetyReport:
+        """Judge the motion that the current values describe, all times between the points included.
+
+        Each side of the region bounds a half-space that the body keeps clear of.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            What may be missing of the clearance; by default 1 % of it, or where there is none a millionth of the
+            body's size.
+        """
+        record = self.record
+        asked = float(value(self.clearance))
+        size = max(float(np.ptp(part.vertices, axis=0).max()) + part.radius for part in record.body.parts) or 1.0
+        # A proof needs a clearance to give up a little of: where none is asked for, sides are moved outwards first.
+        moved = 0.0 if asked > 0 else size
+        if tolerance is None:
+            tolerance = 0.01 * asked if asked > 0 else 1e-6 * size
+        scene = {"body": record.body}
+        for number, (outwards, offset) in enumerate(zip(*record.region.halfspaces, strict=True), start=1):
+            beyond = Polytope.from_halfspaces([-outwards], [-offset - moved], bounded=False, name=f"side {number}")
+            scene[beyond.name] = Body(beyond)
+        pairs = {("body", name): asked + moved for name in scene if name != "body"}
+        report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance)
+        return replace(report, pairs=tuple(_brought_back(pair, moved) for pair in report.pairs)) if moved else report
+
+
+def _brought_back(pair: PairSafety, moved: float) -> PairSafety:
+    """What was found about a side, before it was moved outwards."""
+    return replace(
+        pair,
+        clearance=pair.clearance - moved,
+        distance=pair.distance - moved,
+        proven=pair.proven - moved,
+        interval_distance=pair.interval_distance - moved,
+        interval_proven=pair.interval_proven - moved,
+    )
+
+
+def _checked_body(what: str, body: Any, pose: Any) -> Body:
+    if isinstance(body, Body) and pose is None:
+        moving = body
+    elif body is None or isinstance(body, Body):
+        raise ObstacleError(f"{what}: give body=Polytope and pose=rule, or body=Body(shape, pose=rule).")
+    else:
+        moving = Body(body, pose=pose)
+    if not moving.moves:
+        raise ObstacleError(f"{what}: the body has no pose=rule, which says where it is: rule(block, t) -> Pose.")
+    for name, part in moving.named_parts("body"):
+        if not part.is_bounded:
+            raise ObstacleError(f"{what}: '{name}' is unbounded; no region that matters can hold it.")
+    return moving
+
+
+def _checked_region(what: str, region: Any, body: Body) -> tuple[np.ndarray, np.ndarray]:
+    if not isinstance(region, Polytope):
+        raise ObstacleError(f"{what}: region is {region!r}; expected a Polytope, bounded or not.")
+    if region.dimension != body.dimension:
+        raise ObstacleError(
+            f"{what}: the region '{region.name}' has dimension {region.dimension}, the body {body.dimension}."
+        )
+    if region.is_flat:
+        raise ObstacleError(f"{what}: the region '{region.name}' is flat; nothing fits into it.")
+    if region.radius > 0:
+        raise ObstacleError(
+            f"{what}: the region '{region.name}' has a radius of {region.radius:g}. Rounded corners have no "
+            "half-spaces: give the region without it."
+        )
+    return region.halfspaces

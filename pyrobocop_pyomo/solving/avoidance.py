@@ -1,0 +1,181 @@
+"""Plans that keep clear of obstacles all along: solve, verify the continuous motion, tighten where it fails.
+
+The rows of an `ObstacleAvoidanceBlock` say something about single times. What counts is what `verify` proves of the
+motion in between, so a solved model is only the first round: planes that the motion bulges beyond get a margin, those
+where a margin does not help are split in two, and pairs that were left out come back. Where Ipopt finds no feasible
+point at all, see `recovery`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pyomo.core.base.block import Block
+
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData, SafetyReport
+from pyrobocop_pyomo.obstacles.safety_report import joined_report
+from pyrobocop_pyomo.obstacles.tightening import tighten
+
+from .attempt import FINAL_REASONS
+from .planning_round import ROUND_HEADER, PlanningRound
+from .point import Point
+from .progress import Progress
+from .quality import Quality
+from .recovery import Recovery
+from .rungs import Rung
+from .settings import Settings
+from .solve_result import SolveResult
+
+logger = logging.getLogger(__name__)
+
+Climb = Callable[[Settings, Sequence[Rung] | None, Progress, Callable[[], float | None]], SolveResult]
+
+# From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
+MOST_ROUNDS = 7
+# From this round on, planes of which margins alone did not make a safe plan are split.
+FIRST_SPLIT = 3
+# The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
+AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
+
+
+def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
+    """The active `ObstacleAvoidanceBlock` of a model, wherever they are."""
+    return [
+        block
+        for block in model.block_data_objects(active=True, descend_into=Block)
+        if isinstance(block, ObstacleAvoidanceBlockData)
+    ]
+
+
+class SafePlanning:
+    """Rounds of solving and verifying on one model.
+
+    Parameters
+    ----------
+    model : Block
+    blocks : list of ObstacleAvoidanceBlockData
+        Its active ones.
+    climb : callable
+        Solves the model as it stands.
+    settings : Settings
+    rungs : sequence of Rung or None
+        What the caller asked for.
+    bar : Progress
+    left : callable
+        Seconds that are left, or None.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        blocks: list[ObstacleAvoidanceBlockData],
+        climb: Climb,
+        settings: Settings,
+        rungs: Sequence[Rung] | None,
+        bar: Progress,
+        left: Callable[[], float | None],
+    ) -> None:
+        self._model, self._blocks = model, blocks
+        self._climb, self._settings, self._rungs = climb, settings, rungs
+        self._bar, self._left = bar, left
+        self.rounds: list[PlanningRound] = []
+        self._results: list[SolveResult] = []
+        self._safety: SafetyReport
+        self._best: tuple[SolveResult, SafetyReport, Point] | None = None
+
+    def plan(self) -> SolveResult:
+        """Solve from one start after the other until the motion is proven to be safe; the best point is kept."""
+        recovery = Recovery(self._model, self._blocks, self)
+        for step in recovery.steps():
+            result = step()
+            if result.quality is not Quality.INFEASIBLE:
+                result = self._made_safe(result)
+            if self._is_safe or not self.may_go_on(result):
+                break
+        return self._best_of_all()
+
+    # ---------------------------------------------------------------- one round
+
+    def solve(self, purpose: str, *, again: bool = False) -> SolveResult:
+        """Solve the model as it stands, verify what comes out, and remember both.
+
+        Parameters
+        ----------
+        purpose : str
+            For the log.
+        again : bool
+            Whether the point on the model is nearly a solution already.
+        """
+        settings = replace(self._settings, options={**AGAIN, **self._settings.options}) if again else self._settings
+        result = self._climb(settings, self._rungs, self._bar, self._left)
+        self._results.append(result)
+        report = joined_report([block.verify() for block in self._blocks])
+        self.rounds.append(PlanningRound.of(purpose, result, report))
+        if len(self.rounds) == 1:
+            self._bar.line(ROUND_HEADER)
+        self._bar.line(str(self.rounds[-1]))
+        logger.info("'%s': %s", self._model.name, self.rounds[-1])
+        self._safety = report
+        if self._best is None or _rank(result, report) > _rank(*self._best[:2]):
+            self._best = (result, report, Point(self._model))
+        return result
+
+    def may_go_on(self, result: SolveResult) -> bool:
+        """Whether there is time, and nobody interrupted."""
+        left = self._left()
+        return result.stop_reason not in FINAL_REASONS and (left is None or left > 0.0)
+
+    # ---------------------------------------------------------------- from feasible to safe
+
+    def _made_safe(self, result: SolveResult) -> SolveResult:
+        """Tighten and solve again until the motion is safe, or it does not seem to become so."""
+        point = Point(self._model)
+        report = self._safety
+        for number in range(1, MOST_ROUNDS):
+            if report.safe or not self.may_go_on(result):
+                break
+            purpose = self._tightened(report, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
+            if not purpose:
+                break
+            result = self.solve(purpose, again=True)
+            if result.quality is Quality.INFEASIBLE:
+                # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
+                point.restore()
+            else:
+                point, report = Point(self._model), self._safety
+        return result
+
+    @property
+    def _is_safe(self) -> bool:
+        assert self._best is not None
+        best, report, _ = self._best
+        return report.safe and best.quality is not Quality.INFEASIBLE
+
+    def _tightened(self, report: SafetyReport, *, split: bool) -> str:
+        """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
+        done = [what for block in self._blocks for what in tighten(block, report, split=split)]
+        return ", ".join(dict.fromkeys(done))
+
+    def _best_of_all(self) -> SolveResult:
+        """The best round, its point on the model, with the steps of all."""
+        assert self._best is not None
+        best, report, point = self._best
+        point.restore()
+        before = self._results[: self._results.index(best)]
+        return replace(
+            best,
+            steps=[step for result in self._results for step in result.steps],
+            best_step=best.best_step + sum(len(result.steps) for result in before),
+            judging_seconds=sum(result.judging_seconds for result in self._results),
+            safety=report,
+            rounds=tuple(self.rounds),
+        )
+
+
+def _rank(result: SolveResult, report: SafetyReport) -> tuple[bool, bool, float]:
+    """Larger is better: feasible, then safe, then as near to it as can be."""
+    missing = 0.0 if report.safe or report.worst is None else report.worst.clearance - report.worst.distance
+    return (result.quality is not Quality.INFEASIBLE, report.safe, -missing)

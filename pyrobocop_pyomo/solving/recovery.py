@@ -1,0 +1,168 @@
+"""What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
+
+A wrong side, a plane that has to see too long a step, or a guess deep inside an obstacle end in a point of local
+infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pyomo.core.base.objective import Objective
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.tightening import split_violated
+
+from .point import Point
+from .quality import Quality
+from .solve_result import SolveResult
+
+logger = logging.getLogger(__name__)
+
+CLEARANCE_FACTORS = (0.2, 0.5, 1.0)
+# In units of the objective, per length that a plane gives way.
+SOFTNESS_WEIGHT = 100.0
+# Degrees by which the way past an obstacle is turned: to its other side, then across.
+TURNS = (180.0, 90.0, -90.0)
+
+Array = NDArray[np.float64]
+
+
+class Solves(Protocol):
+    """What a recovery needs of the planning that it is part of."""
+
+    def solve(self, purpose: str, *, again: bool = False) -> SolveResult:
+        """Solve the model as it stands."""
+
+    def may_go_on(self, result: SolveResult) -> bool:
+        """Whether there is time, and nobody interrupted."""
+
+
+class Recovery:
+    """Starts to plan from, one after the other.
+
+    Parameters
+    ----------
+    model : Block
+        Its values are the user's guess.
+    blocks : list of ObstacleAvoidanceBlockData
+    planning : Solves
+    """
+
+    def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves) -> None:
+        self._model, self._blocks, self._planning = model, blocks, planning
+        self._guess = Point(model)
+
+    def steps(self) -> Iterator[Callable[[], SolveResult]]:
+        """What solves from each start; the caller stops asking when a plan is good enough."""
+        yield self._from_guess
+        yield self._planes_anew
+        yield self._other_norm
+        yield self._growing_clearance
+        yield self._giving_way
+        for turn in TURNS:
+            yield partial(self._other_side, turn)
+
+    def _start(self, sides: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
+        """Back to the user's guess, with certificates of its own."""
+        self._guess.restore()
+        for block in self._blocks:
+            for index in block.planes:
+                block.margin[index] = 0.0
+            block.initialize(sides=None if sides is None else sides.get(block))
+
+    def _from_guess(self) -> SolveResult:
+        self._start()
+        return self._planning.solve("from the guess")
+
+    def _planes_anew(self) -> SolveResult:
+        for block in self._blocks:
+            split_violated(block)
+            block.initialize()
+        return self._planning.solve("planes anew, at the last point")
+
+    def _other_norm(self) -> SolveResult:
+        self._start()
+        for block in self._blocks:
+            if block.record.formulation.norms:
+                block.set_norm("ball" if block.record.norm_now == "sphere" else "sphere")
+        return self._planning.solve("other norm of the normals")
+
+    def _growing_clearance(self) -> SolveResult:
+        self._start()
+        try:
+            for factor in CLEARANCE_FACTORS:
+                for block in self._blocks:
+                    block.scale_clearance(factor)
+                result = self._planning.solve(f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0])
+                if result.quality is Quality.INFEASIBLE or not self._planning.may_go_on(result):
+                    break
+        finally:
+            for block in self._blocks:
+                block.scale_clearance(1.0)
+        return result
+
+    def _giving_way(self) -> SolveResult:
+        with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
+            self._start()
+            self._planning.solve("planes that give way")
+        for block in self._blocks:
+            block.initialize()
+        return self._planning.solve("hard planes again")
+
+    def _other_side(self, turn: float) -> SolveResult:
+        """Have the two that are in each other's way most pass on another side than they do now."""
+        block, pair, direction = self._most_in_the_way()
+        self._start({block: {pair: _turned(direction, turn)}})
+        return self._planning.solve(f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round")
+
+    def _most_in_the_way(self) -> tuple[ObstacleAvoidanceBlockData, tuple[str, str], Array]:
+        """The block and the bodies of the certificate that misses most, and where its normal points at the guess."""
+        gaps = {
+            (block, index): gap - value(block.required[index])
+            for block in self._blocks
+            for index, gap in block.certificate_gaps().items()
+        }
+        block, (first, second, start) = min(gaps, key=gaps.__getitem__)
+        self._start()
+        normal = [value(block.normal[first, second, start, axis]) for axis in block.axes]
+        parts = block.record.scene.parts
+        return block, (parts[first].body, parts[second].body), np.array(normal)
+
+
+def _turned(direction: Array, degrees: float) -> Array:
+    """A direction turned in the plane of its two largest components."""
+    i, j = np.sort(np.argsort(-np.abs(direction), kind="stable")[:2])
+    angle = np.deg2rad(degrees)
+    turned = direction.copy()
+    turned[i] = np.cos(angle) * direction[i] - np.sin(angle) * direction[j]
+    turned[j] = np.sin(angle) * direction[i] + np.cos(angle) * direction[j]
+    return turned
+
+
+@contextmanager
+def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float) -> Iterator[None]:
+    """Let planes give way at a price, in an objective that takes the place of the user's for a while."""
+    users = list(model.component_data_objects(Objective, active=True))
+    home = blocks[0]
+    own = sum(each.expr if each.is_minimizing() else -each.expr for each in users)
+    try:
+        for block in blocks:
+            block.soften(weight)
+        home.softened_objective = Objective(expr=own + sum(block.softness for block in blocks))
+        for each in users:
+            each.deactivate()
+        yield
+    finally:
+        for each in users:
+            each.activate()
+        home.del_component("softened_objective")
+        for block in blocks:
+            block.harden()

@@ -1,0 +1,305 @@
+"""What is called safe is safe, what is clear is called so, and what hides between the nodes is found."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.moving import by_states, distances_by_shapely, judge, on_a_phase, on_points, placed, sampled
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.geometry import Polytope, Pose, distances_of_points, planar_pose, spatial_pose
+from pyrobocop_pyomo.obstacles import Body, motion_of, verify_clearance
+
+CAR = Polytope.box(1.0, 0.5)
+DENSE = 400
+seeds = st.integers(0, 10**6)
+
+
+def check_against_samples(report: Any, distances: np.ndarray, clearance: float) -> None:
+    """Distances found by sampling never contradict a report; ``distances`` is zero in overlap."""
+    pair = report.pairs[0]
+    closest = float(distances.min())
+    assert max(pair.proven, 0.0) <= closest + 1e-9
+    assert pair.proven <= pair.distance + 1e-12
+    if closest < pair.clearance - pair.tolerance - 1e-9:
+        assert not report.safe
+    if closest > clearance * 1.01:  # sampling this densely misses far less
+        assert report.safe
+        assert not report.undecided
+    assert report.safe == (pair.verdict == "clear")
+    if pair.violated:
+        assert closest <= clearance * 1.01
+
+
+@settings(max_examples=40)
+@given(seed=seeds, clearance=st.floats(0.02, 0.4), offset=st.floats(0.0, 2.5), turn=st.floats(0, 3))
+def test_random_planar_motions(seed: int, clearance: float, offset: float, turn: float) -> None:
+    """Linear in position and angle between the points; distances by shapely at 400 instants per interval."""
+    random = np.random.default_rng(seed)
+    poses = np.cumsum(random.normal(size=(4, 3)) * [0.8, 0.8, turn], axis=0)
+    corners = random.normal(size=(8, 2)) * 0.4
+    obstacle = Polytope.hull(corners + poses.mean(axis=0)[:2] + offset * np.array([1.0, 0.5]))
+    report = judge(on_points(poses), CAR, [obstacle], clearance)
+    dense = placed(CAR.vertices, sampled(poses, DENSE))
+    still = np.broadcast_to(obstacle.vertices, (len(dense), *obstacle.vertices.shape))
+    check_against_samples(report, distances_by_shapely(dense, still), clearance)
+
+
+@settings(max_examples=25)
+@given(
+    seed=seeds, clearance=st.floats(0.02, 0.4), offset=st.floats(0.0, 2.0), scheme=st.sampled_from(["radau", "gauss"])
+)
+def test_random_polynomials_against_a_body_that_moves_by_formula(
+    seed: int, clearance: float, offset: float, scheme: str
+) -> None:
+    random = np.random.default_rng(seed)
+    factors = random.normal(size=(3, 3)) * [[0.7], [0.7], [1.5]]
+
+    def path(t: float) -> Any:
+        return factors @ [math.sin(3 * t), math.cos(2 * t), t]
+
+    m = on_a_phase(path, scheme, 3, elements=3, duration=2.0)
+
+    def truck(b: Any, t: Any) -> Any:
+        return planar_pose(offset + pyo.cos(b.clock(t)), 0.3 * t**2, 0.8 * pyo.sin(2 * t))
+
+    box = Polytope.box(0.6, 0.4)
+    report = judge(m.move, CAR, [Body(box, truck)], clearance, points=m.move.time)
+    times = np.linspace(0, 2, 3 * DENSE + 1)
+    at = m.move.trajectory()(times)
+    first = placed(CAR.vertices, np.stack([at["x"], at["y"], at["theta"]], axis=1))
+    poses = np.stack([offset + np.cos(times), 0.3 * times**2, 0.8 * np.sin(2 * times)], axis=1)
+    check_against_samples(report, distances_by_shapely(first, placed(box.vertices, poses)), clearance)
+
+
+@settings(max_examples=12)
+@given(seed=seeds, clearance=st.floats(0.05, 0.4), offset=st.floats(0.0, 2.0))
+def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> None:
+    random = np.random.default_rng(seed)
+    nodes = np.cumsum(random.normal(size=(3, 6)) * 0.7, axis=0)
+    m = pyo.ConcreteModel()
+    m.t = pyo.RangeSet(0, 2)
+    m.q = pyo.Var(m.t, pyo.RangeSet(0, 5), initialize=lambda m, t, k: float(nodes[t, k]))
+
+    def pose(b: Any, t: Any) -> Any:
+        return spatial_pose([b.q[t, k] for k in range(3)], euler=[b.q[t, k] for k in range(3, 6)])
+
+    shape = Polytope.box(0.8, 0.5, 0.3)
+    wall = Polytope.box(0.6, 0.6, 0.6, center=(*(nodes.mean(axis=0)[:2] + offset), 0.0))
+    report = judge(m, shape, [wall], clearance, pose=pose)
+    at = np.linspace(0, 2, 301)
+    q = np.stack([np.interp(at, [0, 1, 2], column) for column in nodes.T], axis=1)
+    moved = np.array([shape.placed(spatial_pose(row[:3], euler=row[3:])).vertices for row in q])
+    found, _ = distances_of_points(moved, np.broadcast_to(wall.vertices, (len(at), *wall.vertices.shape)))
+    check_against_samples(report, np.maximum(found, 0.0), clearance)
+
+
+def test_a_thin_wall_between_two_nodes_is_found() -> None:
+    """Both nodes are four metres from the wall, which the body passes through in between."""
+    m = on_points([(-5, 0, 0), (5, 0, 0)])
+    report = judge(m, CAR, [Polytope.box(0.01, 3)], 0.1)
+    pair = report.pairs[0]
+    assert not report.safe
+    assert pair.verdict == "overlap"
+    assert pair.distance == pytest.approx(-0.505)
+    assert pair.time == pytest.approx(0.5)
+    assert pair.violated == (0,)
+
+
+@settings(max_examples=20)
+@given(at=st.floats(-4, 4).filter(lambda x: abs(x) > 0.01), thickness=st.floats(1e-4, 0.2), size=st.floats(0.01, 0.5))
+def test_thin_walls_anywhere_are_found(at: float, thickness: float, size: float) -> None:
+    m = on_points([(-5, 0, 0), (5, 0, 0)])
+    report = judge(m, Polytope.box(size, size), [Polytope.box(thickness, 3, center=(at, 0))], 0.005)
+    assert report.pairs[0].violated == (0,)
+    reached = report.pairs[0].time * 10 - 5
+    assert abs(reached - at) <= (thickness + size) / 2 + 0.005
+
+
+def test_sliding_along_a_wall_at_the_clearance_takes_one_plane_per_interval() -> None:
+    m = on_points([(float(i), 0, 0) for i in range(11)])
+    report = judge(m, CAR, [Polytope.box(30, 1, center=(5, -0.85))], 0.1)
+    assert report.safe
+    assert report.pairs[0].pieces == 10
+    assert report.pairs[0].proven == pytest.approx(0.1)
+
+
+def test_passing_a_corner_at_the_clearance_takes_few_pieces() -> None:
+    """The chord of the swept body is exactly as far as asked, from a corner that no middle normal separates best."""
+    angle = math.radians(35)
+    normal = np.array([math.cos(angle), math.sin(angle)])
+    along = np.array([-normal[1], normal[0]])
+    poses = [(*(0.1 * normal + s * along), 0.0) for s in (-2.0, 0.0, 2.0)]
+    report = judge(on_points(poses), Polytope.point((0, 0)), [Polytope.box(1, 1, center=(-0.5, -0.5))], 0.1)
+    assert report.safe
+    assert report.pairs[0].pieces <= 6
+
+
+def test_rolling_along_a_wall_at_the_clearance_takes_few_pieces() -> None:
+    """A square that turns while its lowest corner keeps the distance: the sag is what the tolerance has to cover."""
+
+    def pose(b: Any, t: Any) -> Any:
+        # The lowest corner is always that at (1/2, -1/2): it lies 0.3 above the wall.
+        return planar_pose(t, 0.3 - (0.5 * pyo.sin(t) - 0.5 * pyo.cos(t)), t)
+
+    m = on_points([(0, 0, 0)] * 2, [-1.4, 0.0])
+    report = judge(m, Polytope.box(1, 1), [Polytope.box(20, 1, center=(0, -0.5))], 0.3, pose=pose)
+    assert report.safe
+    assert report.pairs[0].pieces <= 31
+    assert report.pairs[0].distance == pytest.approx(0.3)
+
+
+def test_bodies_that_move_together_keep_their_distance() -> None:
+    """Neither of them rests, and the boxes they sweep meet: the second's motion is seen from the first."""
+    m = on_points([(0, 0, 0), (6, 1, 0), (9, -2, 0)])
+    trailer = Body(Polytope.box(1, 0.5, center=(0, 0.6)), by_states)
+    report = judge(m, CAR, [trailer], 0.1)
+    assert report.safe
+    assert report.pairs[0].pieces == 2
+    assert report.pairs[0].proven == pytest.approx(0.1)
+
+
+@settings(max_examples=20)
+@given(seed=seeds, factor=st.floats(0.1, 10), shift=st.floats(-5, 5))
+def test_time_is_a_label(seed: int, factor: float, shift: float) -> None:
+    """Stretching and shifting time changes when, not how far."""
+    random = np.random.default_rng(seed)
+    poses = np.cumsum(random.normal(size=(4, 3)) * 0.6, axis=0)
+    obstacle = Polytope.box(0.5, 0.5, center=(1.2, 0.4))
+    plain = judge(on_points(poses, [0.0, 1.0, 2.0, 3.0]), CAR, [obstacle], 0.1).pairs[0]
+    times = [shift + factor * each for each in (0.0, 1.0, 2.0, 3.0)]
+    other = judge(on_points(poses, times), CAR, [obstacle], 0.1).pairs[0]
+    assert (other.safe, other.violated, other.interval) == (plain.safe, plain.violated, plain.interval)
+    assert other.distance == pytest.approx(plain.distance, abs=1e-9)
+    assert other.time == pytest.approx(shift + factor * plain.time, abs=1e-6 * factor)
+
+
+@settings(max_examples=20)
+@given(seed=seeds, share=st.floats(0.1, 0.9))
+def test_cutting_intervals_changes_nothing_about_safety(seed: int, share: float) -> None:
+    random = np.random.default_rng(seed)
+    poses = np.cumsum(random.normal(size=(4, 3)) * 0.6, axis=0)
+    obstacle = Polytope.box(0.5, 0.5, center=(1.5, 0.8))
+    coarse = judge(on_points(poses), CAR, [obstacle], 0.1).pairs[0]
+    cut = [[a, a + share * (b - a)] for a, b in pairwise(poses)]
+    fine = judge(on_points([*(pose for pair in cut for pose in pair), poses[-1]]), CAR, [obstacle], 0.1).pairs[0]
+    if abs(coarse.distance - coarse.clearance) > 2 * coarse.tolerance:
+        assert fine.safe == coarse.safe
+    assert max(coarse.proven, fine.proven) <= min(coarse.distance, fine.distance) + 1e-12
+
+
+def test_a_free_duration_counts_in_the_users_time() -> None:
+    m = on_a_phase(
+        lambda t: (10 * t - 5, 0, 0),
+        elements=2,
+        duration=rcp.Duration(bounds=(1, 9), guess=4.0),
+        start=rcp.Start(guess=3.0),
+    )
+    pair = judge(m.move, CAR, [Polytope.box(0.01, 3, center=(-2.5, 0))], 0.1, points=m.move.time).pairs[0]
+    assert pair.time == pytest.approx(3.0 + 4.0 * 0.25, abs=1e-6)
+    assert pair.interval == 0
+
+
+def test_padding_counts() -> None:
+    m = on_points([(0, 0, 0), (4, 0, 0)])
+    wall = Polytope.box(20, 1, center=(0, -1.5))
+    assert judge(m, Polytope.ball(0.75, (0, 0)), [wall], 0.2).safe
+    assert not judge(m, Polytope.ball(0.75, (0, 0)), [wall.padded(0.1)], 0.2).safe
+
+
+def test_shapes_without_end() -> None:
+    m = on_points([(0, 0, 0), (4, 0, 1.0), (50, 3, -2.0)])
+    below = Polytope.from_halfspaces([[0, 1]], [-0.75], bounded=False)
+    assert judge(m, CAR, [below], 0.1).safe
+    assert not judge(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
+
+
+def test_unions_are_judged_part_by_part() -> None:
+    m = on_points([(0, 0, 0), (4, 0, 0)])
+    fence = Body([Polytope.box(0.2, 1, center=(2, 1.5)), Polytope.box(0.2, 1, center=(2, 0.6))])
+    report = judge(m, CAR, [fence], 0.1)
+    assert [(pair.second, pair.safe) for pair in report.pairs] == [("obstacle 1[1]", True), ("obstacle 1[2]", False)]
+    assert report.worst is report.pairs[1]
+
+
+def test_points_without_order_are_judged_alone() -> None:
+    m = pyo.ConcreteModel()
+    m.places = pyo.Set(initialize=["here", "there"])
+    m.x = pyo.Var(m.places, initialize={"here": 0.0, "there": 3.0})
+    body = Body(CAR, lambda b, p: planar_pose(b.x[p], 0))
+    wall = Body(Polytope.box(1, 1, center=(5, 0)))
+    report = verify_clearance(motion_of(m.places, m), {"body": body, "wall": wall}, {("body", "wall"): 0.5})
+    assert report.safe
+    assert (report.pairs[0].time, report.pairs[0].interval) == ("there", None)
+    assert report.pairs[0].distance == pytest.approx(1.0)
+    assert "at the points" in str(report)
+
+
+def test_infinite_speed_is_no_proof_but_values_still_are() -> None:
+    """The square root has no bounded slope at its start; the interval is halved until its values decide."""
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    clear = judge(m, CAR, [Polytope.box(1, 1, center=(3, 0))], 0.1, pose=lambda b, t: planar_pose(pyo.sqrt(b.x[t]), 0))
+    assert clear.safe
+    through = judge(
+        m, CAR, [Polytope.box(0.01, 1, center=(1.2, 0))], 0.1, pose=lambda b, t: planar_pose(2 * pyo.sqrt(b.x[t]), 0)
+    )
+    assert not through.safe
+
+
+def test_what_is_not_decided_is_not_safe() -> None:
+    """Closer to the clearance than the tolerance allows to tell with few pieces."""
+    m = on_points([(0, 0, 0), (0, 0, 3.0)])
+    corner = math.hypot(0.5, 0.25)
+    wall = Polytope.box(1, 4, center=(0.5 + corner + 0.1, 0))
+    report = judge(m, CAR, [wall], 0.1, tolerance=1e-7, depth=3)
+    assert not report.safe
+    assert report.undecided == report.pairs
+    assert report.pairs[0].verdict == "undecided"
+    assert judge(m, CAR, [wall], 0.1, tolerance=1e-7, pieces=3).undecided
+    assert judge(m, CAR, [wall], 0.1, tolerance=1e-7).safe
+    assert "NOT SAFE: 0 of 1 pairs too close, 1 undecided" in str(report)
+
+
+def test_the_deepest_instant_of_a_violation_is_reported() -> None:
+    """The midpoint is too close already; the search goes on for what a margin has to cover."""
+    m = on_points([(-2, 0.9, 0), (2, 0.5, 0)])
+    pair = judge(m, CAR, [Polytope.box(4, 1, center=(0, 0))], 0.2).pairs[0]
+    assert pair.distance == pytest.approx(0.5 - 0.75, abs=1e-6)
+    assert pair.time == pytest.approx(1.0)
+    assert pair.interval_distance.shape == pair.interval_proven.shape == (1,)
+
+
+def test_reports_are_plain_and_picklable() -> None:
+    m = on_points([(0, 0, 0), (4, 0, 0)])
+    report = judge(m, CAR, [Polytope.box(1, 1, center=(0, 3)), Polytope.box(0.1, 1, center=(2, 0))], 0.1)
+    again = pickle.loads(pickle.dumps(report))
+    assert str(again) == str(report)
+    lines = report.table().splitlines()
+    assert lines[0].split() == ["pair", "asked", "closest", "found", "at", "t", "=", "proven", "verdict"]
+    assert lines[1].startswith("body - obstacle 2")
+    assert lines[1].endswith("overlap")
+    assert lines[2].endswith("clear")
+    assert "'body' and 'obstacle 2': overlap" in str(report.worst)
+
+
+def test_many_pairs_and_intervals_cost_little() -> None:
+    """100 intervals and 20 near obstacles stay within a count of pieces: the cost is linear in them."""
+    poses = [(s * 0.1, 0.1 * math.sin(9 * s / 100), 0.3 * math.sin(7 * s / 100)) for s in range(101)]
+    obstacles = [Polytope.box(0.4, 0.4, center=(k * 0.5, (-1) ** k * 0.78)) for k in range(20)]
+    report = judge(on_points(poses), CAR, obstacles, 0.02)
+    assert report.safe
+    assert sum(pair.pieces for pair in report.pairs) <= 1.1 * 20 * 100
+
+
+def test_a_pose_of_numbers_is_a_body_that_rests() -> None:
+    m = on_points([(0, 0, 0), (4, 0, 0)])
+    report = judge(m, CAR, [Body(Polytope.box(1, 1), lambda b, t: Pose.identity(2))], 0.1, pose=by_states)
+    assert report.pairs[0].verdict == "overlap"

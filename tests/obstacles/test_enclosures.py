@@ -1,0 +1,190 @@
+"""Enclosures of formulas over stretches of time hold all values, slopes and curvatures that sampling finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
+from pyrobocop_pyomo.obstacles.enclosures import Enclosure
+from pyrobocop_pyomo.obstacles.expression_values import ExpressionValues
+from pyrobocop_pyomo.obstacles.jets import Jet, polynomial_jet
+
+SAMPLES = 1000
+
+ONE_ARGUMENT = [
+    lambda a: pyo.sin(a),
+    lambda a: pyo.cos(a),
+    lambda a: pyo.exp(pyo.sin(a)),
+    lambda a: pyo.atan(a),
+    lambda a: pyo.sqrt(1.0 + a**2),
+    lambda a: pyo.log(2.0 + pyo.cos(a)),
+    lambda a: pyo.tan(0.5 * pyo.sin(a)),
+    lambda a: a**3,
+    lambda a: a**2,
+    lambda a: (1.5 + a**2) ** -1.25,
+    lambda a: -a,
+    lambda a: 3.0 * a - 2.0,
+    lambda a: 1.0 / (3.0 + pyo.sin(a)),
+    lambda a: a * a,
+]
+TWO_ARGUMENTS = [
+    lambda a, b: a + b,
+    lambda a, b: a - b,
+    lambda a, b: a * b,
+    lambda a, b: a / (2.5 + pyo.cos(b)),
+    lambda a, b: a * pyo.cos(b) - b * pyo.sin(a),
+]
+
+
+def model() -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.a, m.b = pyo.Var(initialize=0.0), pyo.Var(initialize=0.0)
+    return m
+
+
+def formula(m: pyo.ConcreteModel, choices: list[int]) -> object:
+    """A formula in two variables, built up by the choices."""
+    made = [m.a, m.b]
+    for choice in choices:
+        if choice % 3:
+            made.append(ONE_ARGUMENT[choice % len(ONE_ARGUMENT)](made[-1]))
+        else:
+            made.append(TWO_ARGUMENTS[choice % len(TWO_ARGUMENTS)](made[-1], made[choice % len(made)]))
+    return made[-1]
+
+
+@settings(max_examples=200)
+@given(
+    choices=st.lists(st.integers(0, 2 * 3 * 5 * 7 * 9), min_size=1, max_size=4),
+    degree=st.integers(1, 5),
+    seed=st.integers(0, 10**6),
+    start=st.floats(0, 0.9),
+    width=st.floats(0.02, 1.0),
+)
+def test_enclosures_hold_what_sampling_finds(
+    choices: list[int], degree: int, seed: int, start: float, width: float
+) -> None:
+    end = min(start + width, 1.0)
+    m = model()
+    expression = formula(m, choices)
+    random = np.random.default_rng(seed)
+    signals = {id(v): random.normal(size=(1, degree + 1)) for v in (m.a, m.b)}
+    jets = {}
+    for key, coefficients in signals.items():
+        slopes = derivative_coefficients(coefficients)
+        triple = (coefficients, slopes, derivative_coefficients(slopes))
+        jets[key] = polynomial_jet(tuple(restrict(each, [start], [end]) for each in triple))
+    jet = ExpressionValues(jets).of(expression)
+
+    at = np.linspace(start, end, SAMPLES)
+    step = at[1] - at[0]
+    basis = bernstein_matrix(degree, at)
+    found = ExpressionValues({key: basis @ each[0] for key, each in signals.items()}).of(expression)
+    # By the mean value theorem divided differences are values of the derivatives; rounding is divided with them.
+    rounding = 1e-12 * (1.0 + np.abs(found).max())
+    slopes, curvatures = np.diff(found) / step, np.diff(found, 2) / step**2
+    for values, enclosure, slack in (
+        (found, jet.value, rounding),
+        (slopes, jet.first, rounding / step),
+        (curvatures, jet.second, rounding / step**2),
+    ):
+        assert enclosure.low[0] - slack <= values.min()
+        assert values.max() <= enclosure.high[0] + slack
+
+
+@settings(max_examples=200)
+@given(
+    choices=st.lists(st.integers(0, 2 * 3 * 5 * 7 * 9), min_size=1, max_size=3),
+    seed=st.integers(0, 10**6),
+    at=st.floats(0, 1),
+)
+def test_enclosures_of_an_instant_are_points(choices: list[int], seed: int, at: float) -> None:
+    """Nothing is lost on a stretch of length zero, so that halving stretches converges."""
+    m = model()
+    expression = formula(m, choices)
+    random = np.random.default_rng(seed)
+    jets, values = {}, {}
+    for variable in (m.a, m.b):
+        coefficients = random.normal(size=(1, 4))
+        slopes = derivative_coefficients(coefficients)
+        triple = (coefficients, slopes, derivative_coefficients(slopes))
+        jets[id(variable)] = polynomial_jet(tuple(restrict(each, [at], [at]) for each in triple))
+        values[id(variable)] = bernstein_matrix(3, at) @ coefficients[0]
+    jet = ExpressionValues(jets).of(expression)
+    found = ExpressionValues(values).of(expression)
+    assert jet.value.low[0] == pytest.approx(found[0], rel=1e-8, abs=1e-8)
+    for enclosure in (jet.value, jet.first, jet.second):
+        assert enclosure.high[0] - enclosure.low[0] <= 1e-9 * (1.0 + enclosure.magnitude[0])
+
+
+bounds = st.tuples(st.floats(-30, 30), st.floats(0, 8)).map(lambda pair: (pair[0], pair[0] + pair[1]))
+
+
+@pytest.mark.parametrize("name", ["sin", "cos", "tan", "exp", "arctan"])
+@given(bounds=bounds)
+def test_functions_enclose_their_values(name: str, bounds: tuple[float, float]) -> None:
+    low, high = bounds
+    found = getattr(Enclosure(np.array([low]), np.array([high])), name)()
+    values = getattr(np, name)(np.linspace(low, high, SAMPLES))
+    assert found.low[0] <= values.min()
+    assert values.max() <= found.high[0]
+
+
+@pytest.mark.parametrize("exponent", [2.0, 3.0, -1.0, -2.0, 0.5, 1.5, -0.5, 0.0, 1.0])
+@given(bounds=bounds)
+def test_powers_enclose_their_values(exponent: float, bounds: tuple[float, float]) -> None:
+    low, high = bounds
+    with np.errstate(all="ignore"):
+        found = Enclosure(np.array([low]), np.array([high])).power(exponent)
+        values = np.linspace(low, high, SAMPLES) ** exponent
+    if low < 0.0 and exponent != round(exponent):
+        # Not a number anywhere: no comparison with it is true, so that it proves nothing.
+        assert not found.low[0] > -np.inf
+        return
+    assert not found.low[0] > values.min()
+    assert not found.high[0] < values.max()
+    crosses_a_pole = exponent < 0.0 and low <= 0.0 <= high
+    assert crosses_a_pole or not np.abs(values).max() < 1e100 or np.isfinite(found.low[0])
+
+
+@given(first=bounds, second=bounds)
+def test_products_enclose_the_products_of_their_corners(
+    first: tuple[float, float], second: tuple[float, float]
+) -> None:
+    found = Enclosure(*np.array(first)[:, None]) * Enclosure(*np.array(second)[:, None])
+    products = np.multiply.outer(np.linspace(*first, 33), np.linspace(*second, 33))
+    assert found.low[0] <= products.min()
+    assert products.max() <= found.high[0]
+
+
+def test_a_stretch_over_a_pole_is_unbounded() -> None:
+    across = Enclosure(np.array([1.0]), np.array([2.0])).tan()
+    assert (across.low[0], across.high[0]) == (-np.inf, np.inf)
+    over_zero = Enclosure(np.array([-1.0]), np.array([1.0])).reciprocal()
+    assert (over_zero.low[0], over_zero.high[0]) == (-np.inf, np.inf)
+
+
+def test_constants_have_no_slope() -> None:
+    jet = Jet.constant(2.5, 3)
+    assert jet.value.low.tolist() == [2.5] * 3
+    assert jet.first.magnitude.max() == jet.second.magnitude.max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda m: abs(m.a), "'abs'"),
+        (lambda m: pyo.asin(m.a), "'asin'"),
+        (lambda m: 2.0**m.a, "exponent"),
+        (lambda m: pyo.Expr_if(m.a >= 0, m.a, 0.0), "Expr_if"),
+    ],
+)
+def test_what_cannot_be_enclosed_is_refused(make: object, word: str) -> None:
+    m = model()
+    with pytest.raises(ObstacleError, match=word):
+        ExpressionValues({id(m.a): np.zeros(3)}).of(make(m))

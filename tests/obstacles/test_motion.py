@@ -1,0 +1,272 @@
+"""What happens between the nodes: poses follow the polynomials that trajectories evaluate."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.moving import by_states, judge, on_a_phase, on_points
+from pyomo.dae import ContinuousSet, DerivativeVar
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope, planar_pose
+from pyrobocop_pyomo.obstacles import Body, motion_of
+from pyrobocop_pyomo.obstacles.pose_templates import template_of
+
+SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]
+FREE = {"duration": rcp.Duration(bounds=(0.5, 3), guess=2.0), "moving": (0.2, 4.0)}
+
+
+def path(t: float) -> tuple[float, float, float]:
+    return math.sin(3 * t), t * math.cos(2 * t), 1.5 * t**2
+
+
+def by_clock(m: Any, t: Any) -> Any:
+    b = m.move
+    return planar_pose(b.x[t] + 0.1 * b.clock(t), b.y[t] * pyo.cos(b.clock(t)), b.theta[t] - b.duration)
+
+
+@pytest.mark.parametrize("horizon", [{"duration": 2.0}, FREE], ids=["fixed", "free"])
+@pytest.mark.parametrize(("scheme", "stages"), SCHEMES, ids=str)
+def test_poses_follow_the_trajectory(scheme: str, stages: int | None, horizon: dict[str, Any]) -> None:
+    """In expressions, in the template's values and in its enclosures alike, whatever the scheme and the horizon."""
+    m = on_a_phase(path, scheme, stages, elements=4, **horizon)
+    if "moving" in horizon:
+        for i, boundary in enumerate([0.0, 0.15, 0.55, 0.7, 1.0]):
+            m.move.boundary[i] = boundary
+    motion = motion_of(m.move.time, m)
+    trajectory = m.move.trajectory()
+    template = template_of(motion, by_clock, "body", 2)
+    fractions = np.array([0.13, 0.47, 0.86])
+    for interval in range(4):
+        ends = [pyo.value(motion.clock(motion.intervals[interval][k])) for k in (0, -1)]
+        clocks = ends[0] + fractions * (ends[1] - ends[0])
+        at = trajectory(clocks)
+        expected = np.stack([at["x"] + 0.1 * clocks, at["y"] * np.cos(clocks), np.cos(at["theta"] - 2.0)], axis=1)
+        poses = [motion.pose_at(by_clock, interval, fraction).numbers() for fraction in fractions]
+        found = np.array([[*translation, rotation[0, 0]] for rotation, translation in poses])
+        assert found == pytest.approx(expected, abs=1e-12)
+        where = np.full(3, interval)
+        entries = template.values(where, fractions)
+        assert entries[:, [4, 5, 0]] == pytest.approx(expected, abs=1e-12)
+        for column, jet in zip(entries.T, template.jets(where, fractions - 0.1, fractions + 0.1), strict=True):
+            assert (jet.value.low <= column).all()
+            assert (column <= jet.value.high).all()
+
+
+@pytest.mark.parametrize("points", ["time", "points"])
+def test_intervals_are_the_elements_of_a_phase(points: str) -> None:
+    m = on_a_phase(path, "gauss", 2, elements=3, duration=2.0)
+    motion = motion_of(m.move.component(points), m.move)
+    assert motion.points == tuple(m.move.component(points))
+    boundaries = m.move.grid.mesh.boundaries
+    assert [(nodes[0], nodes[-1]) for nodes in motion.intervals] == list(pairwise(boundaries))
+    assert sorted({node for nodes in motion.intervals for node in nodes}) == list(m.move.time)
+
+
+def test_at_a_node_the_rule_itself_is_asked() -> None:
+    m = on_a_phase(path, elements=2, duration=2.0)
+    motion = motion_of(m.move.time, m.move)
+    for interval, nodes in enumerate(motion.intervals):
+        for fraction, node in zip(motion.local_fractions(interval), nodes, strict=True):
+            assert motion.index_at(interval, fraction) == node
+            assert motion.pose_at(by_states, interval, fraction).translation[0] is m.move.x[node]
+
+
+def test_plain_points_are_joined_by_lines() -> None:
+    m = on_points([(0, 1, 0), (2, 5, 0.5), (2, 0, 1)], times=[0.0, 1.0, 4.0])
+    motion = motion_of(m.t, m)
+    assert motion.intervals == ((0.0, 1.0), (1.0, 4.0))
+    _, translation = motion.pose_at(lambda b, t: planar_pose(b.x[t] + t, b.y[t]), 1, 0.25).numbers()
+    assert translation == pytest.approx([2 + 1.75, 3.75])
+
+
+@pytest.mark.parametrize("given", [["a", "b"], {1, 2}, [3.0]], ids=str)
+def test_points_that_are_no_times_have_no_intervals(given: Any) -> None:
+    m = pyo.ConcreteModel()
+    motion = motion_of(given, m)
+    assert motion.intervals == ()
+    assert set(motion.points) == set(given)
+
+
+def test_indices_beside_time_and_references_are_followed() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    m.q = pyo.Var(["arm", "leg"], m.t, initialize=lambda m, part, t: t * (3 if part == "arm" else 5))
+    m.leg = pyo.Reference(m.q["leg", :])
+    m.length = pyo.Param(["arm"], initialize=0.5, mutable=True)
+    motion = motion_of(m.t, m)
+
+    def pose(b: Any, t: Any) -> Any:
+        return planar_pose(b.q["arm", t] * b.length["arm"], b.leg[t] + b.component("x")[t] + b.x[0])
+
+    _, translation = motion.pose_at(pose, 0, 0.5).numbers()
+    assert translation == pytest.approx([0.75, 3.0])
+    values = template_of(motion, pose, "arm", 2).values(np.array([0]), np.array([0.5]))
+    assert values[0, 4:] == pytest.approx([0.75, 3.0])
+
+
+def test_named_expressions_are_followed_through_their_rules() -> None:
+    m = on_a_phase(path, elements=2, duration=2.0)
+    b = m.move
+    b.elbow = pyo.Expression(["x", "y"], b.time, rule=lambda b, axis, t: 2 * b.component(axis)[t] + b.clock(t))
+    b.tip = pyo.Expression(b.time, rule=lambda b, t: b.elbow["x", t] ** 2)
+    motion = motion_of(b.time, m)
+
+    def pose(m: Any, t: Any) -> Any:
+        return planar_pose(m.move.tip[t], m.move.elbow["y", t])
+
+    at = b.trajectory()(0.3)
+    expected = [(2 * at["x"] + 0.3) ** 2, 2 * at["y"] + 0.3]
+    assert motion.pose_at(pose, 0, 0.3).numbers()[1] == pytest.approx(expected)
+    values = template_of(motion, pose, "arm", 2).values(np.array([0]), np.array([0.3]))
+    assert values[0, 4:] == pytest.approx(expected)
+    b.tip[b.time.first()].set_value(7.0)
+    with pytest.raises(ObstacleError, match="t = 0 the rule differs"):
+        template_of(motion, pose, "arm", 2)
+
+
+def test_parameters_over_plain_points_are_joined_by_lines() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    m.known = pyo.Param(m.t, initialize={0: 1.0, 1: 3.0})
+    m.loose = pyo.Param(m.t, initialize={0: 5.0, 1: 4.0}, mutable=True)
+    motion = motion_of(m.t, m)
+
+    def pose(b: Any, t: Any) -> Any:
+        return planar_pose(b.known[t], b.loose[t])
+
+    assert motion.pose_at(pose, 0, 0.5).numbers()[1] == pytest.approx([2.0, 4.5])
+    values = template_of(motion, pose, "truck", 2).values(np.array([0]), np.array([0.5]))
+    assert values[0, 4:] == pytest.approx([2.0, 4.5])
+
+
+def test_the_parent_may_be_below_or_above() -> None:
+    m = pyo.ConcreteModel()
+    m.shift = pyo.Var(initialize=4.0)
+    m.robot = pyo.Block(["left"])
+    inner = on_points([(0, 0, 0), (1, 2, 0)])
+    m.robot["left"].inner = inner
+    motion = motion_of(inner.t, m.robot["left"])
+    below = motion.pose_at(lambda b, t: planar_pose(b.inner.x[t], b.parent_block().shift), 0, 0.5).numbers()[1]
+    assert below == pytest.approx([0.5, 4.0])
+    motion = motion_of(inner.t, m)
+    above = motion.pose_at(lambda b, t: planar_pose(b.robot["left"].inner.y[t], b.model().shift), 0, 0.5).numbers()[1]
+    assert above == pytest.approx([1.0, 4.0])
+
+
+def free_fall(**options: Any) -> pyo.ConcreteModel:
+    """``x = t^2`` on a continuous set."""
+    m = pyo.ConcreteModel()
+    m.t = ContinuousSet(bounds=(0, 2))
+    m.x, m.v = pyo.Var(m.t, initialize=1.0), pyo.Var(m.t, initialize=1.0)
+    m.dx = DerivativeVar(m.x)
+    m.slope = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.v[t])
+    transformation = options.pop("transformation")
+    pyo.TransformationFactory(transformation).apply_to(m, **options)
+    for t in m.t:
+        m.x[t], m.v[t] = t**2, 2 * t
+    return m
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"transformation": "pyrobocop.collocation", "nfe": 3, "ncp": 2},
+        {"transformation": "pyrobocop.collocation", "nfe": 3, "ncp": 3, "scheme": "lobatto"},
+        {"transformation": "dae.collocation", "nfe": 3, "ncp": 2, "scheme": "LAGRANGE-RADAU"},
+        {"transformation": "dae.collocation", "nfe": 3, "ncp": 2, "scheme": "LAGRANGE-LEGENDRE"},
+    ],
+    ids=lambda options: f"{options['transformation']}-{options.get('scheme')}",
+)
+def test_continuous_sets_follow_their_polynomials(options: dict[str, Any]) -> None:
+    m = free_fall(**options)
+    motion = motion_of(m.t, m)
+    assert len(motion.intervals) == 3
+
+    def pose(b: Any, t: Any) -> Any:
+        return planar_pose(b.x[t], t)
+
+    template = template_of(motion, pose, "stone", 2)
+    for interval in range(3):
+        for fraction in (0.2, 0.7):
+            _, (x, index) = motion.pose_at(pose, interval, fraction).numbers()
+            assert x == pytest.approx(index**2, abs=1e-5)  # pyomo.dae rounds its points to six digits
+            entries = template.values(np.array([interval]), np.array([fraction]))[0]
+            assert entries[4:] == pytest.approx([x, index], abs=1e-12)
+    with pytest.raises(ObstacleError, match=r"'v\[t\]'.*derivative"):
+        motion.pose_at(lambda b, t: planar_pose(b.v[t], 0), 0, 0.3)
+
+
+def test_finite_differences_are_joined_by_lines() -> None:
+    m = free_fall(transformation="dae.finite_difference", nfe=4, scheme="BACKWARD")
+    motion = motion_of(m.t, m)
+    assert len(motion.intervals) == 4
+    assert motion.pose_at(lambda b, t: planar_pose(b.x[t], t), 1, 0.5).numbers()[1] == pytest.approx([0.625, 0.75])
+
+
+def top_level_pose(b: Any, t: Any) -> Any:
+    return planar_pose(b.x[t], 0)
+
+
+def test_bodies_survive_pickling() -> None:
+    """A lost rule is missed when it is asked; a body never comes to rest by being stored."""
+    kept = pickle.loads(pickle.dumps(Body(Polytope.box(1, 1), top_level_pose)))
+    assert kept.pose is top_level_pose
+    lost = pickle.loads(pickle.dumps(Body(Polytope.box(1, 1), lambda b, t: top_level_pose(b, t))))
+    assert lost.moves
+    with pytest.raises(ObstacleError, match="survive pickling"):
+        lost.pose(None, 0)
+
+
+def test_parts_are_numbered_within_their_body() -> None:
+    both = Body([Polytope.box(1, 1), Polytope.box(2, 1)])
+    assert [name for name, _ in both.named_parts("car")] == ["car[1]", "car[2]"]
+    assert [name for name, _ in Body(Polytope.box(1, 1)).named_parts("car")] == ["car"]
+    assert not both.moves
+
+
+def test_a_clone_is_judged_by_its_own_values() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    other = m.clone()
+    other.x[1] = 5.0
+    wall = Polytope.box(1, 1, center=(4.0, 0))
+    assert judge(m, Polytope.box(1, 1), [wall], 0.1).safe
+    assert not judge(other, Polytope.box(1, 1), [wall], 0.1).safe
+
+
+def test_phases_over_an_index_set_are_told_apart() -> None:
+    m = pyo.ConcreteModel()
+
+    def declare(b: Any, leg: str) -> None:
+        b.x = rcp.State(guess=3.0 if leg == "left" else 8.0)
+
+    m.legs = rcp.PhaseBlock(["left", "right"], duration=2.0, elements=2, rule=declare)
+    motion = motion_of(m.legs["right"].time, m)
+
+    def pose(m: Any, t: Any) -> Any:
+        return planar_pose(m.legs["right"].x[t], m.legs["left"].x[0])
+
+    assert motion.pose_at(pose, 0, 0.2).numbers()[1] == pytest.approx([8.0, 3.0])
+    values = template_of(motion, pose, "foot", 2).values(np.array([1]), np.array([0.2]))
+    assert values[0, 4:] == pytest.approx([8.0, 3.0])
+    with pytest.raises(ObstacleError, match="'legs.left..x.t.' is no state of phase 'legs.right.'"):
+        motion.pose_at(lambda m, t: planar_pose(m.legs["left"].x[t], 0), 0, 0.2)
+
+
+def test_labels_that_print_alike_are_told_apart() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    m.q = pyo.Var([0, "0"], m.t, initialize=lambda m, part, t: 2.0 if part == 0 else 7.0)
+    template = template_of(motion_of(m.t, m), lambda b, t: planar_pose(b.q[0, t], b.q["0", t]), "arm", 2)
+    assert template.values(np.array([0]), np.array([0.4]))[0, 4:] == pytest.approx([2.0, 7.0])
+
+
+def test_labels_that_are_equal_to_a_time_are_no_time() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)], times=[0.0, 2.0])
+    m.q = pyo.Var([1, 2], m.t, initialize=lambda m, joint, t: joint * t)
+    pose = motion_of(m.t, m).pose_at(lambda b, t: planar_pose(b.q[1, t], b.q[2, t]), 0, 0.5)
+    assert pose.numbers()[1] == pytest.approx([1.0, 2.0])

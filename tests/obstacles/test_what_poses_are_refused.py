@@ -1,0 +1,168 @@
+"""Poses that cannot be followed between the nodes are refused, with the body's name and a remedy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from harness.moving import by_states, judge, on_a_phase, on_points
+from pyomo.dae import ContinuousSet
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
+from pyrobocop_pyomo.obstacles import Body, motion_of, verify_clearance
+
+FAR = Polytope.box(1, 1, center=(90, 90))
+BOX = Polytope.box(1, 1)
+
+
+def line() -> pyo.ConcreteModel:
+    return on_points([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+
+
+def refused(m: Any, pose: Any, match: str, points: Any = None) -> None:
+    with pytest.raises(ObstacleError, match=match) as caught:
+        judge(m, BOX, [FAR], 0.1, points=points, pose=pose)
+    assert "'body'" in str(caught.value)
+
+
+def test_rules_that_read_the_model_itself() -> None:
+    m = line()
+    refused(m, lambda b, t: planar_pose(m.x[t], 0), "first argument")
+    motion = motion_of(m.t, m)
+    with pytest.raises(ObstacleError, match="'cart'.*first argument"):
+        motion.pose_at(lambda b, t: planar_pose(m.x[t], 0), 0, 0.5, name="cart")
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        lambda b, t: planar_pose(math.cos(t), 0),
+        lambda b, t: planar_pose(b.x[t] if t < 0.5 else 0.0, 0),
+        lambda b, t: planar_pose({0: 1.0, 1: 2.0, 2: 3.0}[t], 0),
+        lambda b, t: planar_pose(b.nothing[t], 0),
+    ],
+    ids=["math.cos", "if", "dict", "no such component"],
+)
+def test_rules_that_need_a_number_for_t(pose: Any) -> None:
+    refused(line(), pose, "cannot be asked between the nodes.*Pyomo's functions")
+
+
+def test_rules_that_look_back() -> None:
+    refused(line(), lambda b, t: planar_pose(b.x[t - 1], 0), "computed from t")
+
+
+@pytest.mark.parametrize(
+    ("entry", "match"),
+    [
+        (abs, "'abs'"),
+        (pyo.asin, "'asin'"),
+        (lambda x: 2**x, "exponent"),
+        (lambda x: pyo.Expr_if(x >= 1, x, 1), "Expr_if"),
+    ],
+)
+def test_functions_without_bounds_on_their_curvature(entry: Any, match: str) -> None:
+    refused(line(), lambda b, t: planar_pose(entry(0.5 * b.x[t]), 0), match)
+
+
+def test_rules_that_are_no_formula_in_t() -> None:
+    """A rule that answers differently at one node than its formula says there."""
+
+    def pose(b: Any, t: Any) -> Any:
+        return planar_pose(b.x[t] + (0.5 if isinstance(t, int) and t == 1 else 0.0), 0)
+
+    refused(line(), pose, "t = 1 the rule differs by 0.5")
+
+
+def test_what_is_no_pose_of_the_bodys_dimension() -> None:
+    refused(line(), lambda b, t: (b.x[t], 0.0), "expected a Pose in 2")
+    refused(line(), lambda b, t: spatial_pose((b.x[t], 0, 0)), "expected a Pose in 2")
+
+
+def test_controls_and_algebraics() -> None:
+    m = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
+    refused(
+        m, lambda m, t: planar_pose(m.move.v_x[t], 0), r"'move.v_x\[t\]' is no state of phase 'move'", m.move.points
+    )
+
+
+def test_variables_of_the_users_own_on_the_times_of_a_phase() -> None:
+    m = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
+    m.extra = pyo.Var(m.move.time, initialize=0.0)
+    refused(m, lambda m, t: planar_pose(m.extra[t], 0), "'extra.t.' is no state", m.move.time)
+
+
+def test_states_over_other_points() -> None:
+    m = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
+    m.t = pyo.Set(initialize=m.move.grid.mesh.boundaries, ordered=True)
+    refused(m, lambda m, t: planar_pose(m.move.x[t], 0), "Give 'move.time'")
+
+
+def test_the_clock_of_another_phase() -> None:
+    m = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
+    m.other = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
+    refused(m, lambda m, t: planar_pose(m.other.move.clock(t), 0), "not that of the set", m.move.time)
+
+
+def test_variables_without_value() -> None:
+    m = line()
+    m.x[1] = None
+    refused(m, by_states, "no value")
+
+
+def test_points_that_do_not_increase() -> None:
+    with pytest.raises(ObstacleError, match="2 is followed by 1"):
+        motion_of([0, 2, 1], pyo.ConcreteModel())
+
+
+def test_a_continuous_set_before_its_discretisation() -> None:
+    m = pyo.ConcreteModel()
+    m.t = ContinuousSet(bounds=(0, 1))
+    with pytest.raises(ObstacleError, match="not discretised"):
+        motion_of(m.t, m)
+
+
+@pytest.mark.parametrize(("fraction", "match"), [(1.5, "expected 0 to 1"), (-0.1, "expected 0 to 1")])
+def test_fractions_outside_the_interval(fraction: float, match: str) -> None:
+    m = line()
+    with pytest.raises(ObstacleError, match=match):
+        motion_of(m.t, m).pose_at(by_states, 0, fraction)
+
+
+def test_points_without_order_have_nothing_between() -> None:
+    with pytest.raises(ObstacleError, match="not ordered"):
+        motion_of(["a", "b"], line()).pose_at(by_states, 0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: Body([]), "expected a Polytope"),
+        (lambda: Body("car"), "expected a Polytope"),
+        (lambda: Body([BOX, Polytope.box(1, 1, 1)]), "dimensions"),
+        (lambda: Body(BOX, planar_pose(0, 0)), "shape.placed"),
+    ],
+)
+def test_bodies_that_are_none(make: Any, match: str) -> None:
+    with pytest.raises(ObstacleError, match=match):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("clearances", "options", "match"),
+    [
+        ({("body", "tree"): 0.1}, {}, "'tree'; the bodies are body, wall"),
+        ({("body", "wall"): 0.1}, {"tolerance": 0.1}, "between 0 and the clearance"),
+        ({("body", "wall"): 0.1}, {"tolerance": 0.0}, "between 0 and the clearance"),
+        ({("body", "cube"): 0.1}, {}, "dimensions"),
+    ],
+)
+def test_pairs_and_tolerances_that_make_no_sense(clearances: Any, options: Any, match: str) -> None:
+    m = line()
+    bodies = {"body": Body(BOX, by_states), "wall": Body(FAR)}
+    if match == "dimensions":
+        bodies["cube"] = Body(Polytope.box(1, 1, 1))
+    with pytest.raises(ObstacleError, match=match):
+        verify_clearance(motion_of(m.t, m), bodies, clearances, **options)
