@@ -135,10 +135,12 @@ def _point_of_contact(
     top = float(along_q.max())
     p_face = p[along_p <= along_p.min() + LEVEL * scale]
     q_face = q[along_q >= top - LEVEL * scale]
+    is_level = np.zeros(0, dtype=bool) if rays is None else np.abs(rays @ normal) <= LEVEL
+    if len(q_face) == 1 and not is_level[of_first:].any():
+        return q_face[0]
+    if len(p_face) == 1 and not is_level[:of_first].any():
+        return p_face[0] + (top - float(p_face[0] @ normal)) * normal
     flat = np.eye(len(normal)) - np.outer(normal, normal)
-    level = None
-    if rays is not None:
-        is_level = np.abs(rays @ normal) <= LEVEL
-        of_first = int(is_level[:of_first].sum())
-        level = rays[is_level] @ flat if is_level.any() else None
+    level = None if rays is None else rays[is_level] @ flat
+    of_first = int(is_level[:of_first].sum())
     return nearest_difference(p_face @ flat, q_face @ flat, scale, level, of_first).second + top * normal

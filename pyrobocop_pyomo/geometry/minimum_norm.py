@@ -78,6 +78,7 @@ def nearest_difference(
     square = _dot(point, point)
     short_by = norm = square**0.5
     idle = 0
+    idle_rays: list[int] = []
     for _ in range(LARGEST_COUNT):
         if norm <= EXACT * scale:
             short_by = norm
@@ -85,8 +86,10 @@ def nearest_difference(
         direction = np.array(point)
         found = _lowest(first, second, direction)
         short_by = norm - _dot(found.at, point) / norm
-        if rays is not None:
+        if rays is not None and len(rays):
             slopes = rays @ direction
+            # Rays that are kept are level but for rounding, as is one that has just been found to gain nothing.
+            slopes[[j for i, j in (one.rows for one in kept) if i < 0] + idle_rays] = 0.0
             steepest = int(slopes.argmin())
             if slopes[steepest] < -LEVEL * norm:
                 found, short_by = _Kept((-1, steepest), (rays[steepest] * scale).tolist()), norm
@@ -98,6 +101,10 @@ def nearest_difference(
             idle += 1
             if idle > LARGEST_IDLE_COUNT:
                 break
+            if not found.is_point:
+                idle_rays.append(found.rows[1])
+        else:
+            idle_rays.clear()
         point, norm = nearer, square**0.5
     on_first, on_second = np.zeros(first.shape[1]), np.zeros(first.shape[1])
     for one, weight in zip(kept, weights, strict=True):

@@ -12,6 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .hulls import affine_basis, convex_hull
+from .minimum_norm import nearest_difference
 
 # Relative to unit rows and a scene of extent one.
 ZERO = 1e-9
@@ -137,10 +138,10 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
 
 def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = ZERO) -> bool:
     """Whether a vector is a sum of generators (rows) with weights that are not negative."""
-    if len(generators) == 0:
-        return bool(np.linalg.norm(target) <= tolerance)
-    _, distance = scipy.optimize.nnls(generators.T, target)
-    return bool(distance <= tolerance)
+    # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
+    lengths = np.linalg.norm(generators, axis=1)
+    apart = nearest_difference(-target[None, :], np.zeros((1, len(target))), 1.0, generators / lengths[:, None])
+    return apart.norm <= tolerance
 
 
 def _lines(rays: np.ndarray) -> np.ndarray:

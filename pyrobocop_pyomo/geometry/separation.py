@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from .minimum_norm import difference_rays
 from .representations import complement, halfspaces_of
 
 # Rays are unit vectors: one that points this little across a gap is along it.
-LEVEL = 1e-9
+LEVEL = 1e-8
 PARALLEL = 1e-9
 
 
@@ -89,7 +90,7 @@ def candidate_normals(p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndar
 
 def _edges(points: np.ndarray) -> np.ndarray:
     """Unit vectors between all pairs of points: few of them are edges, and all edges are among them."""
-    i, j = np.triu_indices(len(points), 1)
+    i, j = _pairs(len(points))
     vectors = points[i] - points[j]
     lengths = np.linalg.norm(vectors, axis=1)
     kept = lengths > PARALLEL * (lengths.max() if len(lengths) else 0.0)
@@ -100,8 +101,13 @@ def _spanned(vectors: np.ndarray) -> np.ndarray:
     """Unit normals, one of each two opposite ones, of all planes (lines in 2-D) that the unit vectors span."""
     if vectors.shape[1] == 2:
         return np.column_stack([-vectors[:, 1], vectors[:, 0]])
-    i, j = np.triu_indices(len(vectors), 1)
+    i, j = _pairs(len(vectors))
     normals = np.cross(vectors[i], vectors[j])
     lengths = np.linalg.norm(normals, axis=1)
     kept = lengths > PARALLEL
     return normals[kept] / lengths[kept, None]
+
+
+@lru_cache(maxsize=64)
+def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.triu_indices(count, 1)

@@ -122,7 +122,8 @@ class _PointReader:
         self.index = index
 
     def is_index(self, key: Any) -> bool:
-        return isinstance(key, Real) and key == self.index
+        # By identity: another label, such as the number of a joint, may be the same number.
+        return key is self.index
 
     def read(self, series: Series) -> Any:
         self._interpolation.check(series)

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.geometry import Polytope
 from .bodies import Body
 from .enclosures import Enclosure
 from .motion import Motion
-from .pose_templates import PoseTemplate, template_of
+from .pose_templates import PoseTemplate, clocks_of, template_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -141,8 +141,9 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
         Naming the body whose pose cannot be followed between the nodes.
     """
     found = {}
+    clocks = clocks_of(motion)
     for name, body in bodies.items():
-        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension)
+        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, clocks)
         found[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
     return found
 

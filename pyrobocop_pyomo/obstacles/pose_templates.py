@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
@@ -85,7 +86,7 @@ class PoseTemplate:
     @property
     def entries(self) -> list[Any]:
         """The rotation row by row, then the translation: ``d * d + d`` expressions or numbers."""
-        return [*(entry for row in self.pose.rotation for entry in row), *self.pose.translation]
+        return _entries(self.pose)
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Entries at local fractions of intervals, shape ``(m, d * d + d)``."""
@@ -126,8 +127,21 @@ class PoseTemplate:
             )
 
 
-def template_of(motion: Motion, rule: Callable[..., Any], name: str, dimension: int) -> PoseTemplate:
+def template_of(
+    motion: Motion, rule: Callable[..., Any], name: str, dimension: int, clocks: Mapping[float, float] | None = None
+) -> PoseTemplate:
     """Ask a rule for the pose at all instants at once, and check the answer at the nodes.
+
+    Parameters
+    ----------
+    motion : Motion
+    rule : callable
+        ``rule(block, t)``, as for a `Body`.
+    name : str
+        What messages call the body.
+    dimension : int
+    clocks : mapping of node to float, optional
+        `clocks_of` the motion, for those who ask for many bodies.
 
     Raises
     ------
@@ -136,7 +150,7 @@ def template_of(motion: Motion, rule: Callable[..., Any], name: str, dimension: 
         answer is no pose of the body's dimension.
     """
     assert motion.interpolation is not None
-    reader = _TemplateReader(motion, motion.interpolation)
+    reader = _TemplateReader(motion, motion.interpolation, clocks)
     pose = ask(rule, motion.block, reader, name)
     if not isinstance(pose, Pose) or pose.dimension != dimension:
         raise ObstacleError(
@@ -155,18 +169,20 @@ def template_of(motion: Motion, rule: Callable[..., Any], name: str, dimension: 
 class _TemplateReader:
     """Answers with placeholders, and remembers what each stands for."""
 
-    def __init__(self, motion: Motion, interpolation: Interpolation) -> None:
+    def __init__(self, motion: Motion, interpolation: Interpolation, clocks: Mapping[float, float] | None) -> None:
         self.owner = ConcreteModel()
         self.signals: dict[Any, Signal] = {}
         self._motion = motion
         self._interpolation = interpolation
+        self._clocks = clocks
         ends = np.array([[nodes[0], nodes[-1]] for nodes in motion.intervals], dtype=float)
         self._add("index", "t", float, ends)
         self.index = self.signals["index"].placeholder
 
     def _add(self, key: Any, name: str, at_node: Callable[[Any], float], coefficients: Array) -> None:
         placeholder = Var(initialize=0.0)  # Pyomo evaluates what it is indexed with
-        self.owner.add_component(name, placeholder)  # messages quote formulas: the name is the user's word
+        # Messages quote formulas: the name is the user's word.
+        self.owner.add_component(unique_component_name(self.owner, name), placeholder)
         slope = derivative_coefficients(coefficients)
         self.signals[key] = Signal(placeholder, at_node, (coefficients, slope, derivative_coefficients(slope)))
 
@@ -184,10 +200,21 @@ class _TemplateReader:
         if not self._interpolation.is_clock_of(block):
             raise ObstacleError(f"clock(t) is asked of '{block.name}', whose time is not that of the set of points.")
         if "clock" not in self.signals:
-            ends = [(nodes[0], nodes[-1]) for nodes in self._motion.intervals]
-            clocks = np.array([[float(value(block.clock(each))) for each in pair] for pair in ends])
-            self._add("clock", "clock(t)", lambda node: float(value(block.clock(node))), clocks)
+            clocks = clocks_of(self._motion) if self._clocks is None else self._clocks
+            ends = np.array([[clocks[nodes[0]], clocks[nodes[-1]]] for nodes in self._motion.intervals])
+            self._add("clock", "clock(t)", clocks.__getitem__, ends)
         return self.signals["clock"].placeholder
+
+
+def clocks_of(motion: Motion) -> dict[float, float]:
+    """The time of every node, in the user's time."""
+    # Between the boundaries of an element the clock is linear.
+    times: dict[float, float] = {}
+    for interval, nodes in enumerate(motion.intervals):
+        start, end = (float(value(motion.clock(each))) for each in (nodes[0], nodes[-1]))
+        for node, fraction in zip(nodes, motion.local_fractions(interval), strict=True):
+            times[node] = start + fraction * (end - start)
+    return times
 
 
 def _coefficients(interpolation: Interpolation, series: Series) -> Array:
@@ -207,6 +234,10 @@ def _number(leaf: Any, series: Series) -> float:
     return float(number)
 
 
-def _numbers(pose: Any) -> list[float]:
-    rotation, translation = pose.numbers()
-    return [*rotation.ravel().tolist(), *translation.tolist()]
+def _numbers(pose: Pose) -> list[float]:
+    known = ExpressionValues({})  # sines and cosines are in several entries: evaluated once
+    return [known.of(entry) for entry in _entries(pose)]
+
+
+def _entries(pose: Pose) -> list[Any]:
+    return [*(entry for row in pose.rotation for entry in row), *pose.translation]

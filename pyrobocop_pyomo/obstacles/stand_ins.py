@@ -2,7 +2,8 @@
 
 A rule was written for nodes: ``rule(block, t)`` reads ``block.x[t]``. Given a `StandIn` for the block, what it reads at
 ``t`` is whatever a `Reader` answers: the interpolated expression at a point between nodes, or a placeholder.
-Everything else of the model is itself.
+An indexed `Expression` is followed
+through its own rule. Everything else of the model is itself.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pyomo.core.base.block import BlockData
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
+from pyomo.core.base.initializer import IndexedCallInitializer
 
-from pyrobocop_pyomo.errors import ObstacleError, PyRobocopError
+from pyrobocop_pyomo.errors import ModelError, ObstacleError
 
 
 class _Index:
@@ -130,13 +133,22 @@ class IndexedStandIn:
         keys = key if isinstance(key, tuple) else (key,)
         marked = tuple(INDEX if self._reader.is_index(each) else each for each in keys)
         if any(each is INDEX for each in marked):
-            return self._reader.read(Series(self._component, marked))
+            return self._formula(key) if self._has_formula else self._reader.read(Series(self._component, marked))
         if any(getattr(each, "is_potentially_variable", bool)() for each in keys):
             raise ObstacleError(
                 f"'{self._component.name}' is read at an index that is computed from t ({', '.join(map(str, keys))}). "
                 "A pose may read variables at t itself only."
             )
         return _stand_in_for(self._component[key], self._reader)
+
+    @property
+    def _has_formula(self) -> bool:
+        # Pyomo has no public question for the rule that an Expression was made by.
+        return self._component.ctype is Expression and isinstance(self._component._rule, IndexedCallInitializer)
+
+    def _formula(self, key: Any) -> Any:
+        """A named expression at ``t``: its own rule, asked as the rule of the pose is."""
+        return self._component._rule(StandIn(self._component.parent_block(), self._reader), key)
 
     def __len__(self) -> int:
         return len(self._component)
@@ -163,7 +175,7 @@ def ask(rule: Any, block: Any, reader: Reader, name: str) -> Any:
     """
     try:
         return rule(StandIn(block, reader), reader.index)
-    except PyRobocopError as error:
+    except ModelError as error:
         raise type(error)(f"the pose of '{name}': {error}") from error
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")  # Pyomo adds paragraphs of advice

@@ -11,15 +11,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import signed_distance
+from pyrobocop_pyomo.geometry import check_pose, signed_distance
 
 from .bodies import Body
 from .motion import Motion
 from .moving_shapes import moving_shapes
 from .pair_proof import Effort, prove_pair
+from .pose_templates import clocks_of
 from .safety_report import PairSafety, SafetyReport
 
 _SHARE_OF_CLEARANCE = 0.01
@@ -40,7 +40,7 @@ def verify_clearance(
     ----------
     motion : Motion
     bodies : mapping of name to Body
-    clearances : mapping of (first, second) to float
+    clearances : mapping of pairs of names to float
         Which pairs are judged, and the distance that each has to keep.
     tolerance : float, optional
         Distances down to ``clearance - tolerance`` count as kept; 1 % of each clearance by default.
@@ -75,9 +75,8 @@ def verify_clearance(
         return _at_points(motion, bodies, clearances, tolerance)
     watched = {name: bodies[name] for name in dict.fromkeys(name for pair in clearances for name in pair)}
     shapes = moving_shapes(motion, watched)
-    ends = np.array(
-        [[float(value(motion.clock(nodes[k]))) for k in (0, -1)] for nodes in motion.intervals], dtype=float
-    )
+    clocks = clocks_of(motion)
+    ends = np.array([[clocks[nodes[0]], clocks[nodes[-1]]] for nodes in motion.intervals])
     found = []
     for (first, second), clearance in clearances.items():
         effort = Effort(_tolerance(tolerance, clearance), depth, pieces)
@@ -96,7 +95,10 @@ def _at_points(
     poses: dict[tuple[str, Any], Any] = {}
     for name, body in bodies.items():
         for point in motion.points:
-            poses[name, point] = None if body.pose is None else motion.pose_at_node(body.pose, point, name=name)
+            pose = None if body.pose is None else motion.pose_at_node(body.pose, point, name=name)
+            if pose is not None:
+                check_pose(pose, name)
+            poses[name, point] = pose
     found = []
     for (first, second), clearance in clearances.items():
         for a, p in bodies[first].named_parts(first):

@@ -52,3 +52,9 @@ def set_poses(block: Any, poses: np.ndarray) -> None:
 def exact(block: Any, body: rcp.Polytope, obstacle: rcp.Polytope, times: Any) -> list[float]:
     """Signed distances at times, by the judge."""
     return [rcp.signed_distance(body, obstacle, placed(block, t)).distance for t in times]
+
+
+def solve_once(m: pyo.ConcreteModel) -> None:
+    """One run of Ipopt on the rows as they stand, without the rounds that `rcp.solve` adds."""
+    result = pyo.SolverFactory("ipopt").solve(m, options={"bound_relax_factor": 0})
+    pyo.assert_optimal_termination(result)

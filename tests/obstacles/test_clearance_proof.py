@@ -39,7 +39,7 @@ def check_against_samples(report: Any, distances: np.ndarray, clearance: float) 
         assert closest <= clearance * 1.01
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(seed=seeds, clearance=st.floats(0.02, 0.4), offset=st.floats(0.0, 2.5), turn=st.floats(0, 3))
 def test_random_planar_motions(seed: int, clearance: float, offset: float, turn: float) -> None:
     """Linear in position and angle between the points; distances by shapely at 400 instants per interval."""
@@ -80,7 +80,7 @@ def test_random_polynomials_against_a_body_that_moves_by_formula(
     check_against_samples(report, distances_by_shapely(first, placed(box.vertices, poses)), clearance)
 
 
-@settings(max_examples=15)
+@settings(max_examples=12)
 @given(seed=seeds, clearance=st.floats(0.05, 0.4), offset=st.floats(0.0, 2.0))
 def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> None:
     random = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, WALL
+from harness.scenes import ARROW, WALL, solve_once
 
 import pyrobocop_pyomo as rcp
 
@@ -41,7 +41,7 @@ def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0, formulation="plane"):
         formulation=formulation,
     )
     b.avoid.initialize()
-    rcp.solve(m).raise_for_status()
+    solve_once(m)
     return pyo.value(m.effort), min(b.avoid.certificate_gaps().values()) / unit
 
 
@@ -79,7 +79,7 @@ def two_bodies(order, formulation, between):
     )
     m.avoid.initialize()
     m.near = pyo.Objective(expr=sum((m.x["a", t] - m.x["b", t]) ** 2 + 0.1 * m.x["a", t] ** 2 for t in range(3)))
-    rcp.solve(m).raise_for_status()
+    solve_once(m)
     return m
 
 

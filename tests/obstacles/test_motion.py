@@ -111,6 +111,40 @@ def test_indices_beside_time_and_references_are_followed() -> None:
     assert values[0, 4:] == pytest.approx([0.75, 3.0])
 
 
+def test_named_expressions_are_followed_through_their_rules() -> None:
+    m = on_a_phase(path, elements=2, duration=2.0)
+    b = m.move
+    b.elbow = pyo.Expression(["x", "y"], b.time, rule=lambda b, axis, t: 2 * b.component(axis)[t] + b.clock(t))
+    b.tip = pyo.Expression(b.time, rule=lambda b, t: b.elbow["x", t] ** 2)
+    motion = motion_of(b.time, m)
+
+    def pose(m: Any, t: Any) -> Any:
+        return planar_pose(m.move.tip[t], m.move.elbow["y", t])
+
+    at = b.trajectory()(0.3)
+    expected = [(2 * at["x"] + 0.3) ** 2, 2 * at["y"] + 0.3]
+    assert motion.pose_at(pose, 0, 0.3).numbers()[1] == pytest.approx(expected)
+    values = template_of(motion, pose, "arm", 2).values(np.array([0]), np.array([0.3]))
+    assert values[0, 4:] == pytest.approx(expected)
+    b.tip[b.time.first()].set_value(7.0)
+    with pytest.raises(ObstacleError, match="t = 0 the rule differs"):
+        template_of(motion, pose, "arm", 2)
+
+
+def test_parameters_over_plain_points_are_joined_by_lines() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    m.known = pyo.Param(m.t, initialize={0: 1.0, 1: 3.0})
+    m.loose = pyo.Param(m.t, initialize={0: 5.0, 1: 4.0}, mutable=True)
+    motion = motion_of(m.t, m)
+
+    def pose(b: Any, t: Any) -> Any:
+        return planar_pose(b.known[t], b.loose[t])
+
+    assert motion.pose_at(pose, 0, 0.5).numbers()[1] == pytest.approx([2.0, 4.5])
+    values = template_of(motion, pose, "truck", 2).values(np.array([0]), np.array([0.5]))
+    assert values[0, 4:] == pytest.approx([2.0, 4.5])
+
+
 def test_the_parent_may_be_below_or_above() -> None:
     m = pyo.ConcreteModel()
     m.shift = pyo.Var(initialize=4.0)
@@ -203,3 +237,36 @@ def test_a_clone_is_judged_by_its_own_values() -> None:
     wall = Polytope.box(1, 1, center=(4.0, 0))
     assert judge(m, Polytope.box(1, 1), [wall], 0.1).safe
     assert not judge(other, Polytope.box(1, 1), [wall], 0.1).safe
+
+
+def test_phases_over_an_index_set_are_told_apart() -> None:
+    m = pyo.ConcreteModel()
+
+    def declare(b: Any, leg: str) -> None:
+        b.x = rcp.State(guess=3.0 if leg == "left" else 8.0)
+
+    m.legs = rcp.PhaseBlock(["left", "right"], duration=2.0, elements=2, rule=declare)
+    motion = motion_of(m.legs["right"].time, m)
+
+    def pose(m: Any, t: Any) -> Any:
+        return planar_pose(m.legs["right"].x[t], m.legs["left"].x[0])
+
+    assert motion.pose_at(pose, 0, 0.2).numbers()[1] == pytest.approx([8.0, 3.0])
+    values = template_of(motion, pose, "foot", 2).values(np.array([1]), np.array([0.2]))
+    assert values[0, 4:] == pytest.approx([8.0, 3.0])
+    with pytest.raises(ObstacleError, match="'legs.left..x.t.' is no state of phase 'legs.right.'"):
+        motion.pose_at(lambda m, t: planar_pose(m.legs["left"].x[t], 0), 0, 0.2)
+
+
+def test_labels_that_print_alike_are_told_apart() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)])
+    m.q = pyo.Var([0, "0"], m.t, initialize=lambda m, part, t: 2.0 if part == 0 else 7.0)
+    template = template_of(motion_of(m.t, m), lambda b, t: planar_pose(b.q[0, t], b.q["0", t]), "arm", 2)
+    assert template.values(np.array([0]), np.array([0.4]))[0, 4:] == pytest.approx([2.0, 7.0])
+
+
+def test_labels_that_are_equal_to_a_time_are_no_time() -> None:
+    m = on_points([(0, 0, 0), (1, 0, 0)], times=[0.0, 2.0])
+    m.q = pyo.Var([1, 2], m.t, initialize=lambda m, joint, t: joint * t)
+    pose = motion_of(m.t, m).pose_at(lambda b, t: planar_pose(b.q[1, t], b.q[2, t]), 0, 0.5)
+    assert pose.numbers()[1] == pytest.approx([1.0, 2.0])

@@ -8,7 +8,7 @@ import logging
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, WALL, avoiding, exact, placed, turning_move
+from harness.scenes import ARROW, WALL, avoiding, exact, placed, solve_once, turning_move
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -54,11 +54,11 @@ def test_splitting_never_raises_the_cost_nor_costs_safety():
     m = turning_move(elements=4)
     avoid = avoiding(m)
     avoid.initialize()
-    rcp.solve(m).raise_for_status()
+    solve_once(m)
     before = pyo.value(m.effort)
     for index in list(avoid.planes):
         avoid.split(*index)
-    rcp.solve(m).raise_for_status()
+    solve_once(m)
     assert pyo.value(m.effort) <= before * (1 + 1e-7)
     assert min(avoid.certificate_gaps().values()) >= 0.05 - 1e-6
 
@@ -114,7 +114,7 @@ def test_margins_and_scaled_clearances_are_kept_as_asked(formulation):
     avoid.scale_clearance(0.5)
     for index in avoid.planes:
         avoid.set_margin(*index, 0.1)
-    rcp.solve(m).raise_for_status()
+    solve_once(m)
     gaps = avoid.certificate_gaps()
     assert min(gaps.values()) >= 0.125 - 1e-6
     assert formulation == "offset" or min(gaps.values()) == pytest.approx(0.125, abs=1e-5)
@@ -242,7 +242,7 @@ def test_the_user_says_where_to_pass(side, named):
     avoid = avoiding(m, obstacles={"wall": box}, between=None)
     toward = side if named == ("arrow", "wall") else (-side[0], -side[1])
     avoid.initialize(sides={named: toward})
-    rcp.solve(m).raise_for_status()
+    solve_once(m)
     middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
     assert m.move.y[middle].value * side[1] > 0.5
     assert placed(m.move, middle).numbers()[1][1] * side[1] > 0.5
