@@ -3,8 +3,9 @@
     python benchmarks/obstacle_formulations.py [--quick] [--scenes WORD ...]
 
 The scene is solved once as by default. Its motion, bent by seeded waves of two thousandths of each state's range, is
-the guess of all formulations; Ipopt starts with a barrier parameter of 1e-3, so that it stays near. All but "plane per interval" look at the nodes only. "closest" is the smallest
-distance among 20 instants per interval, and may be less than what was asked for; the verdict is that of `verify`.
+the guess of all formulations; Ipopt starts with a barrier parameter of 1e-3, so that it stays near. All but "plane per
+interval" look at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less
+than what was asked for; the verdict is that of `verify`.
 
 "gap" is the objective, relative to the best of the exact formulations that look at nodes. These are all but "offset",
 which asks for more than the clearance near corners, and "optimality", whose error is on the unsafe side.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def test_a_way_passes_a_thin_wall_through_its_opening(gap: float, width: float, 
     way = way_around(np.array([-2.0, 0.0]), np.array([2.0, goal]), core, walls, CLEARANCE, *region(-3, -3, 3, 3))
     assert way is not None
     np.testing.assert_array_equal(way[[0, -1]], [[-2.0, 0.0], [2.0, goal]])
-    dense = np.concatenate([np.linspace(a, b, 50) for a, b in zip(way[:-1], way[1:], strict=True)])
+    dense = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(way)])
     clear = [rcp.signed_distance(rcp.Polytope.point(point), each).distance for point in dense for each in walls]
     assert min(clear) > 0.0
 
