@@ -93,13 +93,13 @@ class SafePlanning:
             result = step()
             if result.quality is not Quality.INFEASIBLE:
                 result = self._made_safe(result)
-            if self._is_safe or not self.may_go_on(result):
+            if self._is_good_enough or not self.may_go_on(result):
                 break
         return self._best_of_all()
 
     # ---------------------------------------------------------------- one round
 
-    def solve(self, purpose: str, *, again: bool = False) -> SolveResult:
+    def solve(self, purpose: str, *, again: bool = False, on_the_way: bool = False) -> SolveResult:
         """Solve the model as it stands, verify what comes out, and remember both.
 
         Parameters
@@ -108,6 +108,8 @@ class SafePlanning:
             For the log.
         again : bool
             Whether the point on the model is nearly a solution already.
+        on_the_way : bool
+            Whether the model asks for less than the user does, so that what comes out is no answer.
         """
         settings = replace(self._settings, options={**AGAIN, **self._settings.options}) if again else self._settings
         result = self._climb(settings, self._rungs, self._bar, self._left)
@@ -119,6 +121,8 @@ class SafePlanning:
         self._bar.line(str(self.rounds[-1]))
         logger.info("'%s': %s", self._model.name, self.rounds[-1])
         self._safety = report
+        if on_the_way:
+            return result
         if self._best is None or _rank(result, report) > _rank(*self._best[:2]):
             self._best = (result, report, Point(self._model))
         return result
@@ -149,10 +153,12 @@ class SafePlanning:
         return result
 
     @property
-    def _is_safe(self) -> bool:
+    def _is_good_enough(self) -> bool:
+        """Safe; or feasible, where nobody asked for more than the points."""
         assert self._best is not None
         best, report, _ = self._best
-        return report.safe and best.quality is not Quality.INFEASIBLE
+        asked = any(block.record.per_interval for block in self._blocks)
+        return best.quality is not Quality.INFEASIBLE and (report.safe or not asked)
 
     def _tightened(self, report: SafetyReport, *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""

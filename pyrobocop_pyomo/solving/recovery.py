@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 class Solves(Protocol):
     """What a recovery needs of the planning that it is part of."""
 
-    def solve(self, purpose: str, *, again: bool = False) -> SolveResult:
+    def solve(self, purpose: str, *, again: bool = False, on_the_way: bool = False) -> SolveResult:
         """Solve the model as it stands."""
 
     def may_go_on(self, result: SolveResult) -> bool:
@@ -101,7 +101,9 @@ class Recovery:
             for factor in CLEARANCE_FACTORS:
                 for block in self._blocks:
                     block.scale_clearance(factor)
-                result = self._planning.solve(f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0])
+                result = self._planning.solve(
+                    f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0], on_the_way=factor < 1.0
+                )
                 if result.quality is Quality.INFEASIBLE or not self._planning.may_go_on(result):
                     break
         finally:
@@ -112,7 +114,7 @@ class Recovery:
     def _giving_way(self) -> SolveResult:
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
             self._start()
-            self._planning.solve("planes that give way")
+            self._planning.solve("planes that give way", on_the_way=True)
         for block in self._blocks:
             block.initialize()
         return self._planning.solve("hard planes again")
