@@ -88,8 +88,8 @@ def check_clearances(block: Any, tolerance: float) -> None:
             raise ObstacleError(
                 f"obstacle avoidance '{block.name}': the clearance between '{first}' and '{second}' is "
                 f"{value(clearance):g}, less than {TOLERANCES_PER_CLEARANCE:g} times the {tolerance:g} that "
-                "constraints may be violated by. Choose a unit of length in which the clearance is a larger number, or lower "
-                "feasibility_tolerance."
+                "constraints may be violated by. Choose a unit of length in which the clearance is a larger number, or "
+                "lower feasibility_tolerance."
             )
 
 
