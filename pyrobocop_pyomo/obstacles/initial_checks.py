@@ -20,6 +20,8 @@ from .snapshot import Snapshot, variables_of
 LOGGER = logging.getLogger(__name__)
 
 NEARLY = 1e-9
+# A clearance has to be this many times what a row may be violated by, or nothing tells clear from touching.
+TOLERANCES_PER_CLEARANCE = 100.0
 
 
 def check_poses(snapshot: Snapshot) -> None:
@@ -71,6 +73,24 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
                     f"{snapshot.what}: '{first.name}' and '{second.name}' are {found} at {time}, where both poses are "
                     f"fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
                 )
+
+
+def check_clearances(block: Any, tolerance: float) -> None:
+    """The clearances of a block are well above what a solver may violate a row by.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the block and the pair.
+    """
+    for (first, second), clearance in block.clearance.items():
+        if value(clearance) < TOLERANCES_PER_CLEARANCE * tolerance:
+            raise ObstacleError(
+                f"obstacle avoidance '{block.name}': the clearance between '{first}' and '{second}' is "
+                f"{value(clearance):g}, less than {TOLERANCES_PER_CLEARANCE:g} times the {tolerance:g} that "
+                "constraints may be violated by. Choose a unit of length in which the clearance is a larger number, or "
+                "lower feasibility_tolerance."
+            )
 
 
 def has_values(record: AvoidanceRecord) -> bool:

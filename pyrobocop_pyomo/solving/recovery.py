@@ -1,7 +1,7 @@
 """What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
 
-A wrong side, a plane that has to see too long a step, or a guess deep inside an obstacle end in a point of local
-infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
+A wrong side, sides that contradict each other, a plane that has to see too long a step, or a guess deep inside an
+obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.rerouting import reroute
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 
 from .point import Point
@@ -38,7 +40,7 @@ Array = NDArray[np.float64]
 class Solves(Protocol):
     """What a recovery needs of the planning that it is part of."""
 
-    def solve(self, purpose: str, *, again: bool = False) -> SolveResult:
+    def solve(self, purpose: str, *, again: bool = False, relaxed: bool = False) -> SolveResult:
         """Solve the model as it stands."""
 
     def may_go_on(self, result: SolveResult) -> bool:
@@ -59,14 +61,23 @@ class Recovery:
     def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves) -> None:
         self._model, self._blocks, self._planning = model, blocks, planning
         self._guess = Point(model)
+        self._sides = {block: dict(block.record.sides) for block in blocks}
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start; the caller stops asking when a plan is good enough."""
         yield self._from_guess
+        # Where no certificate takes part, obstacles are not what makes the rest infeasible.
+        if not any(block.planes for block in self._blocks):
+            return
+        formulations = [block.record.formulation for block in self._blocks]
+        if self._has_a_way_around():
+            yield self._around_all
         yield self._planes_anew
-        yield self._other_norm
+        if any(formulation.norms for formulation in formulations):
+            yield self._other_norm
         yield self._growing_clearance
-        yield self._giving_way
+        if all(formulation.signed for formulation in formulations):
+            yield self._giving_way
         for turn in TURNS:
             yield partial(self._other_side, turn)
 
@@ -74,13 +85,23 @@ class Recovery:
         """Back to the user's guess, with certificates of its own."""
         self._guess.restore()
         for block in self._blocks:
-            for index in block.planes:
-                block.margin[index] = 0.0
-            block.initialize(sides=None if sides is None else sides.get(block))
+            clear_margins(block)
+            block.initialize(sides={**self._sides[block], **(sides or {}).get(block, {})})
 
     def _from_guess(self) -> SolveResult:
         self._start()
         return self._planning.solve("from the guess")
+
+    def _has_a_way_around(self) -> bool:
+        """Whether the guess can be led around all obstacles at once; it is on the model then."""
+        self._guess.restore()
+        return any([bool(reroute(block)) for block in self._blocks])
+
+    def _around_all(self) -> SolveResult:
+        for block in self._blocks:
+            clear_margins(block)
+            block.initialize()
+        return self._planning.solve("led around all obstacles")
 
     def _planes_anew(self) -> SolveResult:
         for block in self._blocks:
@@ -101,7 +122,9 @@ class Recovery:
             for factor in CLEARANCE_FACTORS:
                 for block in self._blocks:
                     block.scale_clearance(factor)
-                result = self._planning.solve(f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0])
+                result = self._planning.solve(
+                    f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0], relaxed=factor < 1.0
+                )
                 if result.quality is Quality.INFEASIBLE or not self._planning.may_go_on(result):
                     break
         finally:
@@ -112,7 +135,7 @@ class Recovery:
     def _giving_way(self) -> SolveResult:
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
             self._start()
-            self._planning.solve("planes that give way")
+            self._planning.solve("planes that give way", relaxed=True)
         for block in self._blocks:
             block.initialize()
         return self._planning.solve("hard planes again")
@@ -131,10 +154,22 @@ class Recovery:
             for index, gap in block.certificate_gaps().items()
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
+        at_last_point = _normal(block, first, second, start)
         self._start()
-        normal = [value(block.normal[first, second, start, axis]) for axis in block.axes]
+        # The broad phase may leave out at the guess what is in the way now.
+        normal = _normal(block, first, second, start) if (first, second, start) in block.planes else at_last_point
         parts = block.record.scene.parts
-        return block, (parts[first].body, parts[second].body), np.array(normal)
+        return block, (parts[first].body, parts[second].body), normal
+
+
+def _normal(block: ObstacleAvoidanceBlockData, first: str, second: str, start: Any) -> Array:
+    return np.array([value(block.normal[first, second, start, axis]) for axis in block.axes])
+
+
+def clear_margins(block: ObstacleAvoidanceBlockData) -> None:
+    """Forget what another motion asked for."""
+    for index in block.planes:
+        block.margin[index] = 0.0
 
 
 def _turned(direction: Array, degrees: float) -> Array:
@@ -152,17 +187,18 @@ def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float
     """Let planes give way at a price, in an objective that takes the place of the user's for a while."""
     users = list(model.component_data_objects(Objective, active=True))
     home = blocks[0]
+    name = unique_component_name(home, "softened_objective")
     own = sum(each.expr if each.is_minimizing() else -each.expr for each in users)
     try:
         for block in blocks:
             block.soften(weight)
-        home.softened_objective = Objective(expr=own + sum(block.softness for block in blocks))
+        home.add_component(name, Objective(expr=own + sum(block.softness for block in blocks)))
         for each in users:
             each.deactivate()
         yield
     finally:
         for each in users:
             each.activate()
-        home.del_component("softened_objective")
+        home.del_component(name)
         for block in blocks:
             block.harden()
