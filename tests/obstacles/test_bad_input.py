@@ -64,15 +64,10 @@ def spatial(b: Any, t: Any) -> rcp.Pose:
     return rcp.spatial_pose((b.x[t], b.y[t], 0))
 
 
-def start_is_nan() -> None:
-    avoid = moving(placed)
-    avoid.parent_block().y[0.5].set_value(float("nan"), skip_validation=True)
-    avoid.initialize()
-
-
-def start_is_missing() -> None:
-    avoid = moving(placed)
-    avoid.parent_block().y[0.5].set_value(None)
+def start_is(number: Any) -> None:
+    m = turning_move(elements=2, height=3)
+    avoid = avoiding(m)
+    m.move.y[0.5].set_value(number, skip_validation=True)
     avoid.initialize()
 
 
@@ -198,8 +193,8 @@ REFUSED = [
         "pose that mirrors, in a solve", lambda: solved(bodies={"arrow": rcp.Body(ARROW, pose=mirrored)}), ["mirrors"]
     ),
     Entry("pose that shears", lambda: guessed(sheared), ["'arrow'", "differs from the identity by", "signs"]),
-    Entry("guess that is not a number", start_is_nan, ["'arrow' at 0.5", "not finite"]),
-    Entry("guess that is missing", start_is_missing, ["'arrow' at 0.5", "'move.y[0.5]'", "no value", "guess"]),
+    Entry("guess that is not a number", lambda: start_is(np.nan), ["'arrow' at 0.5", "not finite"]),
+    Entry("guess that is missing", lambda: start_is(None), ["'arrow' at 0.5", "'move.y[0.5]'", "no value", "guess"]),
     Entry(
         "pose that reads a control",
         lambda: moving(lambda b, t: rcp.planar_pose(b.x[t], b.u[t])),
