@@ -11,7 +11,7 @@ Collision Avoidance, arXiv:2106.03220, sec. V
 
 from __future__ import annotations
 
-from math import pi
+from math import cos, pi, sin
 
 import pyomo.environ as pyo
 
@@ -56,6 +56,12 @@ def build(case: str = "one", elements: int | None = None) -> pyo.ConcreteModel:
         }
 
     b.guess_straight_lines()
+    # A straight line runs through the middle of an obstacle; a quarter of an ellipse has the headings of both ends.
+    quarter = pi / 2 / duration
+    b.set_guess(
+        x=lambda t: start[0] + (goal[0] - start[0]) * (1 - cos(quarter * t)),
+        y=lambda t: start[1] + (goal[1] - start[1]) * sin(quarter * t),
+    )
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], -b.theta[t]))},

@@ -102,4 +102,4 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
 if __name__ == "__main__":
     from run_example import run_example
 
-    run_example(build, draw, cases={"crossing": {}}, default="crossing", coarse={"elements": 20}, size=(11, 6))
+    run_example(build, draw, cases={"meet": {}}, default="meet", coarse={"elements": 20}, size=(11, 6))

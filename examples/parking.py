@@ -57,11 +57,13 @@ CASES = {
 }
 
 
-def build(case: str = "reverse", elements: int = 50, stages: int = 2) -> pyo.ConcreteModel:
+def build(
+    case: str = "reverse", elements: int = 50, stages: int = 2, start: tuple[float, float, float] = START
+) -> pyo.ConcreteModel:
     """From the street into the slot in little time."""
     goal, obstacles = CASES[case]["goal"], CASES[case]["obstacles"]
     path = rcp.hybrid_a_star(
-        START,
+        start,
         goal,
         body=CAR,
         obstacles=obstacles,
@@ -72,9 +74,9 @@ def build(case: str = "reverse", elements: int = 50, stages: int = 2) -> pyo.Con
     )
     m = pyo.ConcreteModel(name="parking")
     m.drive = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(5, 120)), elements=elements, stages=stages)
-    b.x = rcp.State(initial=START[0], final=goal[0], bounds=BOX[0])
-    b.y = rcp.State(initial=START[1], final=goal[1], bounds=BOX[1])
-    b.theta = rcp.State(initial=START[2], final=goal[2], bounds=(-pi, pi))
+    b.x = rcp.State(initial=start[0], final=goal[0], bounds=BOX[0])
+    b.y = rcp.State(initial=start[1], final=goal[1], bounds=BOX[1])
+    b.theta = rcp.State(initial=start[2], final=goal[2], bounds=(-pi, pi))
     b.v = rcp.State(initial=0, final=0, bounds=SPEED)
     b.steering = rcp.State(initial=0, bounds=(-STEERING, STEERING))
     b.acceleration = rcp.Control(bounds=(-ACCELERATION, ACCELERATION), parametrization="piecewise_constant")

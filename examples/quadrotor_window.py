@@ -39,7 +39,7 @@ def wall(width: float, height: float) -> dict[str, rcp.Polytope]:
     }
 
 
-def build(case: str = "narrow", elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
+def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.ConcreteModel:
     """From hovering to hovering on the other side, in little time and with little effort."""
     m = pyo.ConcreteModel(name="quadrotor")
     m.flight = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 6), guess=2.5), elements=elements, stages=stages)
@@ -121,6 +121,6 @@ if __name__ == "__main__":
         draw,
         cases={name: {"case": name} for name in WINDOWS},
         default="all",
-        coarse={"elements": 20},
+        coarse={"elements": 16},
         size=(12, 8),
     )

@@ -27,7 +27,7 @@ CLEARANCE = 0.02
 START, GOAL = (-0.9, 0.1), (0.9, -0.1)
 
 
-def build(elements: int = 30, stages: int = 2) -> pyo.ConcreteModel:
+def build(elements: int = 40, stages: int = 3) -> pyo.ConcreteModel:
     """Rest to rest in 2 seconds."""
     m = pyo.ConcreteModel(name="two-link arm")
     m.reach = b = rcp.PhaseBlock(duration=2.0, elements=elements, stages=stages)

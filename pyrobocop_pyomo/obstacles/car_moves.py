@@ -48,7 +48,7 @@ class CarSearch:
     move: float | None = None
     cusp_cost: float | None = None
     steering_cost: float | None = None
-    eagerness: float = 2.5
+    eagerness: float = 1.5
     refinements: int = 3
     most_nodes: int = 500_000
 

@@ -34,7 +34,8 @@ Array = NDArray[np.float64]
 
 # Poses that a search may keep in its first turn, and how many times more in each later one.
 FIRST_BUDGET = 6_000
-GROWTH = 3
+GROWTH = 2
+EAGERNESS_FROM_START = 2.0
 
 
 def hybrid_a_star(
@@ -99,9 +100,11 @@ def hybrid_a_star(
     space = FreeSpace.around(body, shapes, clearance, scene)
     coarse = CarMoves.of(wheelbase, steering_limit, options)
 
-    def begun(root: Array, estimates: WayEstimates, level: int) -> OutwardSearch:
+    def begun(which: str, estimates: WayEstimates, level: int) -> OutwardSearch:
         moves = CarMoves.of(wheelbase, steering_limit, options, level)
-        return OutwardSearch(root, limits, moves, options.eagerness, space, estimates)
+        # The second search is for hard cases, where any path will do.
+        eagerness = options.eagerness * (1.0 if which == "goal" else EAGERNESS_FROM_START)
+        return OutwardSearch(ends[which], limits, moves, eagerness, space, estimates)
 
     turns: list[_Turns] = []
     budget = FIRST_BUDGET
@@ -110,12 +113,12 @@ def hybrid_a_star(
             if k == len(turns):
                 estimates = WayEstimates.to(ends[other], limits, body, shapes, clearance, coarse, scene)
                 _check_disc(ends[which], estimates)
-                turns.append(_Turns(which, begun(ends[which], estimates, 0)))
+                turns.append(_Turns(which, begun(which, estimates, 0)))
             each = turns[k]
             end = each.search.run(min(budget, options.most_nodes), began + time_limit)
             while end is SearchEnd.USED_UP and each.level < options.refinements:
                 each.level += 1
-                each.search = begun(ends[which], each.search.estimates, each.level)
+                each.search = begun(which, each.search.estimates, each.level)
                 end = each.search.run(min(budget, options.most_nodes), began + time_limit)
             if end is SearchEnd.FOUND:
                 return _path(ends["start"], ends["goal"], *each.search.steps(), wheelbase, outwards=which == "goal")

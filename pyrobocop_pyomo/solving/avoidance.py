@@ -114,7 +114,7 @@ class SafePlanning:
             result = step()
             if result.quality is not Quality.INFEASIBLE:
                 result = self._made_safe(result)
-            if self._is_safe or not self.may_go_on(result):
+            if self._is_good_enough or not self.may_go_on(result):
                 break
 
     # ---------------------------------------------------------------- one round
@@ -173,9 +173,11 @@ class SafePlanning:
         return result
 
     @property
-    def _is_safe(self) -> bool:
+    def _is_good_enough(self) -> bool:
+        """Safe; or feasible, where nobody asked for more than the points."""
         assert self._best is not None
-        return self._best.is_safe
+        asked = any(block.record.per_interval for block in self._blocks)
+        return self._best.is_safe or (self._best.result.quality is not Quality.INFEASIBLE and not asked)
 
     def _tightened(self, report: SafetyReport, *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""

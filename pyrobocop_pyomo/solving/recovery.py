@@ -1,7 +1,7 @@
 """What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
 
-A wrong side, a plane that has to see too long a step, or a guess deep inside an obstacle end in a point of local
-infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
+A wrong side, sides that contradict each other, a plane that has to see too long a step, or a guess deep inside an
+obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.rerouting import reroute
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 
 from .point import Point
@@ -69,6 +70,8 @@ class Recovery:
         if not any(block.planes for block in self._blocks):
             return
         formulations = [block.record.formulation for block in self._blocks]
+        if self._has_a_way_around():
+            yield self._around_all
         yield self._planes_anew
         if any(formulation.norms for formulation in formulations):
             yield self._other_norm
@@ -82,13 +85,23 @@ class Recovery:
         """Back to the user's guess, with certificates of its own."""
         self._guess.restore()
         for block in self._blocks:
-            for index in block.planes:
-                block.margin[index] = 0.0
+            clear_margins(block)
             block.initialize(sides={**self._sides[block], **(sides or {}).get(block, {})})
 
     def _from_guess(self) -> SolveResult:
         self._start()
         return self._planning.solve("from the guess")
+
+    def _has_a_way_around(self) -> bool:
+        """Whether the guess can be led around all obstacles at once; it is on the model then."""
+        self._guess.restore()
+        return any([bool(reroute(block)) for block in self._blocks])
+
+    def _around_all(self) -> SolveResult:
+        for block in self._blocks:
+            clear_margins(block)
+            block.initialize()
+        return self._planning.solve("led around all obstacles")
 
     def _planes_anew(self) -> SolveResult:
         for block in self._blocks:
@@ -151,6 +164,12 @@ class Recovery:
 
 def _normal(block: ObstacleAvoidanceBlockData, first: str, second: str, start: Any) -> Array:
     return np.array([value(block.normal[first, second, start, axis]) for axis in block.axes])
+
+
+def clear_margins(block: ObstacleAvoidanceBlockData) -> None:
+    """Forget what another motion asked for."""
+    for index in block.planes:
+        block.margin[index] = 0.0
 
 
 def _turned(direction: Array, degrees: float) -> Array:

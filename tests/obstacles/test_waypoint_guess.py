@@ -30,12 +30,12 @@ def test_the_guess_goes_through_the_waypoints_at_an_even_speed(points: Any, dura
     x, y = np.array(points).T
     guess = rcp.waypoint_guess(b, {"x": x, b.y: y})
     first, last = b.time.first(), b.time.last()
-    times = np.linspace(first, last, 2001)
+    times = np.linspace(first, last, 401)
     path = np.array([[guess["x"](t), guess["y"](t)] for t in times])
     assert path[[0, -1]].ravel().tolist() == pytest.approx([x[0], y[0], x[-1], y[-1]])
     lengths = np.hypot(np.diff(x), np.diff(y))
     if (total := lengths.sum()) > 1e-3:
-        steps = np.hypot(*np.diff(path, axis=0).T) * 2000 / total
+        steps = np.hypot(*np.diff(path, axis=0).T) * 400 / total
         # Even but for steps that cut a corner, of which there are as many as corners.
         assert steps.max() <= 1 + 1e-9
         assert np.count_nonzero(steps < 1 - 1e-9) <= len(points)

@@ -1,0 +1,140 @@
+"""The same motion kept clear by every formulation, from the same good guess.
+
+    python benchmarks/obstacle_formulations.py [--quick] [--scenes WORD ...]
+
+The scene is solved once with a plane per node. Its motion, bent by seeded waves of a hundredth of each state's range,
+is the guess of all formulations. All but "plane per interval" look at the nodes only. "closest" is the smallest distance
+among 20 instants per interval, and may be less than what was asked for; the verdict is that of `verify`.
+
+"gap" is the objective, relative to the best of the exact formulations that look at nodes. These are all but "offset",
+which asks for more than the clearance near corners, and "optimality", whose error is on the unsafe side.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+from obstacle_problems import guess_quarter_circle, model_size, restate, sampled_distance
+from table import Table, show_progress
+
+import pyrobocop_pyomo as rcp
+
+import car_between_obstacles  # isort: skip
+import parking  # isort: skip
+import quadrotor_window  # isort: skip
+
+
+FORMULATIONS: dict[str, dict[str, Any]] = {
+    "plane per interval": {"formulation": "plane", "between": "plane"},
+    "plane per node, ball": {"formulation": "plane", "norm": "ball", "between": None},
+    "plane per node, sphere": {"formulation": "plane", "norm": "sphere", "between": None},
+    "dual, ball": {"formulation": "dual", "norm": "ball"},
+    "dual, sphere": {"formulation": "dual", "norm": "sphere"},
+    "mixed, ball": {"formulation": "mixed", "norm": "ball"},
+    "mixed, sphere": {"formulation": "mixed", "norm": "sphere"},
+    "offset": {"formulation": "offset"},
+    "optimality": {"formulation": "optimality"},
+}
+EXACT = [name for name in FORMULATIONS if "ball" in name or "sphere" in name]
+
+
+def scenes(quick: bool) -> dict[str, Callable[[], tuple[pyo.ConcreteModel, Any]]]:
+    """Name: how to build the model, and the phase of it that avoids obstacles."""
+
+    def car(elements: int) -> tuple[Any, Any]:
+        m = guess_quarter_circle(car_between_obstacles.build("one", elements))
+        return m, m.drive
+
+    def quadrotor() -> tuple[Any, Any]:
+        m = quadrotor_window.build("low", 20)
+        return m, m.flight
+
+    def reverse() -> tuple[Any, Any]:
+        m = parking.build("reverse", 40)
+        return m, m.drive
+
+    return {"car": partial(car, 15)} if quick else {"car": partial(car, 50), "quadrotor": quadrotor, "parking": reverse}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a car past a square, 15 elements")
+    parser.add_argument("--scenes", nargs="+", metavar="WORD", default=["car", "quadrotor", "parking"])
+    parser.add_argument("--time-limit", type=float, default=120.0, help="seconds per run")
+    arguments = parser.parse_args()
+    chosen = {name: made for name, made in scenes(arguments.quick).items() if name in arguments.scenes}
+
+    table = Table(
+        [
+            ("scene", "<9"), ("formulation", "<22"), ("variables", ">9d"), ("rows", ">6d"), ("rounds", ">6d"),
+            ("iterations", ">10d"), ("seconds", ">7.2f"), ("objective", ">12.8f"), ("gap", ">8.1e"),
+            ("closest", ">8.4f"), ("asked", ">6.3f"), ("verdict", "<9"),
+        ]
+    )  # fmt: skip
+    table.header()
+    agree = True
+    for name, made in chosen.items():
+        guess = good_guess(made)
+        shown = []
+        for formulation, options in FORMULATIONS.items():
+            show_progress(f"{name}: {formulation}")
+            shown.append((name, formulation, *measured(made, guess, options, arguments.time_limit)))
+        show_progress("")
+        exact = [row[7] for row in shown if row[1] in EXACT and row[7] is not None]
+        for row in shown:
+            gap = None if row[7] is None else row[7] / min(exact) - 1
+            table.add(*row[:8], gap, *row[8:])
+        agree = agree and len(exact) == len(EXACT) and max(exact) / min(exact) - 1 <= 1e-5
+    print(f"the exact formulations {'agree' if agree else 'DO NOT AGREE'} to 1e-5")
+
+
+def good_guess(made: Callable[[], tuple[pyo.ConcreteModel, Any]]) -> rcp.Trajectory:
+    """Motion that a plane per node leads to."""
+    m, phase = made()
+    restate(phase, between=None).initialize()
+    rcp.solve(m, progress=False)
+    return phase.trajectory()
+
+
+def bend(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
+    """Start from a motion to which waves are added, a hundredth of the range of each state high."""
+    phase.set_guess(guess)
+    generator = np.random.default_rng(seed)
+    first, last = phase.time.first(), phase.time.last()
+    for name in phase.record.names_of_states:
+        state = getattr(phase, name)
+        height = 0.01 * float(np.ptp([pyo.value(state[t]) for t in phase.time]))
+        shift = generator.uniform(0, 2 * np.pi)
+        for t in phase.time:
+            if not state[t].fixed:
+                wave = height * np.sin(shift + 6 * np.pi * (t - first) / (last - first))
+                state[t].set_value(pyo.value(state[t]) + wave, skip_validation=True)
+
+
+def measured(made: Callable[..., Any], guess: rcp.Trajectory, options: dict[str, Any], time_limit: float) -> tuple:
+    """One row: size, rounds, iterations, seconds, objective, distance found, asked, verdict."""
+    m, phase = made()
+    bend(phase, guess)
+    try:
+        avoid = restate(phase, **options)
+    except rcp.ObstacleError:
+        return (*[None] * 8, "cannot")  # wedges without end have no corners to be nearest points of
+    avoid.initialize()
+    size = model_size(m)
+    result = rcp.solve(m, progress=False, time_limit=time_limit)
+    worst = avoid.verify().worst
+    objective = result.objective if result.solved or result.quality is rcp.Quality.OPTIMAL else None
+    verdict = worst.verdict if objective is not None else "unsolved"
+    rounds = len(result.rounds)
+    found = (rounds, result.iterations, result.seconds, objective)
+    return (*size, *found, sampled_distance(avoid), worst.clearance, verdict)
+
+
+if __name__ == "__main__":
+    main()
