@@ -16,6 +16,7 @@ from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
 
 from .avoidance_record import AvoidanceRecord
+from .moving_shapes import moving_shapes
 from .snapshot import Snapshot, variables_of
 
 LOGGER = logging.getLogger(__name__)
@@ -96,6 +97,22 @@ def check_clearances(block: Any, tolerance: float) -> None:
                 "constraints may be violated by. Choose a unit of length in which the clearance is a larger "
                 "number, or lower feasibility_tolerance."
             )
+
+
+def check_motion(block: Any) -> None:
+    """What `verify` follows between the nodes can be followed: better said before a solve than after it.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body whose pose has no value, or cannot be followed.
+    """
+    scene, motion = block.record.scene, block.motion
+    snapshot = Snapshot(block.record, f"obstacle avoidance '{block.name}'")
+    for body, time in block.record.poses:
+        snapshot.pose(body, time)
+    if motion.intervals:
+        moving_shapes(motion, {name: scene.bodies[name] for pair in scene.pairs for name in pair})
 
 
 def has_values(record: AvoidanceRecord) -> bool:

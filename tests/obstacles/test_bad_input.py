@@ -64,6 +64,14 @@ def spatial(b: Any, t: Any) -> rcp.Pose:
     return rcp.spatial_pose((b.x[t], b.y[t], 0))
 
 
+def kinked(b: Any, t: Any) -> rcp.Pose:
+    return rcp.planar_pose(b.x[t], b.y[t], abs(b.theta[t]))
+
+
+def jumping(b: Any, t: Any) -> rcp.Pose:
+    return rcp.planar_pose(b.x[t], b.y[t], 0.1 if t > 0.5 else 0.0)
+
+
 def start_is(number: Any) -> None:
     m = turning_move(elements=2, height=3)
     avoid = avoiding(m)
@@ -206,6 +214,16 @@ REFUSED = [
         ["'arrow'", "nothing moves", "pose=rule"],
     ),
     Entry("no set of times", lambda: moving(placed, points=None), ["None", "set of times", "phase.time"]),
+    Entry(
+        "pose of a function with a kink",
+        lambda: solved(bodies={"arrow": rcp.Body(ARROW, pose=kinked)}),
+        ["'arrow'", "the function 'abs'", "sin, cos"],
+    ),
+    Entry(
+        "pose that asks for the time",
+        lambda: solved(bodies={"arrow": rcp.Body(ARROW, pose=jumping)}),
+        ["'arrow'", "cannot be asked between the nodes", "no 'if'"],
+    ),
     # Clearances.
     Entry("no clearance", lambda: moving(placed, clearance=None), ["clearance= is missing", "length > 0"]),
     *(
@@ -268,7 +286,11 @@ def small_clearance(m: pyo.ConcreteModel) -> None:
     avoiding(m, clearance=9e-5)
 
 
-@pytest.mark.parametrize("state", [close_goal, small_clearance])
+def pose_with_a_kink(m: pyo.ConcreteModel) -> None:
+    avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=kinked)})
+
+
+@pytest.mark.parametrize("state", [close_goal, small_clearance, pose_with_a_kink])
 def test_a_solve_that_is_refused_changes_nothing(state: Callable[[pyo.ConcreteModel], None]) -> None:
     m = turning_move(elements=2, height=3)
     state(m)

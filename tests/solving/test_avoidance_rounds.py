@@ -371,6 +371,22 @@ def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any], formul
     assert m.effort.active
 
 
+def test_the_last_point_is_kept_where_no_way_around_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = closed_in()
+    last = []
+    monkeypatch.setattr(Recovery, "_around_all", lambda self: pytest.fail("there is no way into a closed room"))
+    monkeypatch.setattr(Recovery, "_planes_anew", lambda self: last.append(positions(m)) or self._from_guess())
+    monkeypatch.setattr("pyrobocop_pyomo.solving.recovery.TURNS", ())
+    guess = positions(m)
+    result = rcp.solve(m, time_limit=2, options={"max_iter": 30})
+    assert not result.safe
+    assert last[0] != pytest.approx(guess, abs=1e-3)
+
+
+def positions(m: pyo.ConcreteModel) -> list[float]:
+    return [variable.value for part in (m.move.x, m.move.y) for variable in part.values()]
+
+
 def test_recovery_ends_where_no_obstacle_takes_part() -> None:
     m = turning_move(elements=4, height=0)
     avoiding(m, obstacles={"far": box(1, 1, center=(2, 50))}, broad_phase=5.0)
