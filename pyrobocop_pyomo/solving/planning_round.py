@@ -64,4 +64,7 @@ class PlanningRound:
         )
 
 
-ROUND_HEADER = f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  {'worst pair':<28} round"
+ROUND_HEADER = (
+    f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  "
+    f"{'worst pair':<28} round"
+)
