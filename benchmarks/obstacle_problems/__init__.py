@@ -5,4 +5,14 @@ from .field import field, near_pairs
 from .quadrotor import random_flight
 from .restating import fix_ends, guess_quarter_circle, model_size, restate, sampled_distance
 
-__all__ = ["field", "fix_ends", "guess_quarter_circle", "model_size", "near_pairs", "random_flight", "random_parking", "restate", "sampled_distance"]
+__all__ = [
+    "field",
+    "fix_ends",
+    "guess_quarter_circle",
+    "model_size",
+    "near_pairs",
+    "random_flight",
+    "random_parking",
+    "restate",
+    "sampled_distance",
+]

@@ -55,5 +55,3 @@ def wall_with_window(width: float, height: float, y: float, z: float) -> dict[st
 def _box(y_low: float, y_high: float, z_low: float, z_high: float) -> rcp.Polytope:
     centre = (0.0, (y_low + y_high) / 2, (z_low + z_high) / 2)
     return rcp.Polytope.box(THICKNESS, y_high - y_low, z_high - z_low, center=centre)
-
-

@@ -66,7 +66,7 @@ def reroute(block: Any) -> list[str]:
 
 def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entries: Any) -> Array | None:
     """Translations (nodes, d) along the way, as far along it as the guess is along its own; None without a way."""
-    core, parts = _core(scene, name)
+    core = _core(scene, name)
     walls = [
         part.shape
         for pair in scene.pairs
@@ -84,11 +84,10 @@ def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entri
     return None if way is None else _along(way, before) - arms
 
 
-def _core(scene: Scene, name: str) -> tuple[Core, int]:
+def _core(scene: Scene, name: str) -> Core:
     """Of the part that is largest inside: a union of parts is led by it."""
     cores = [Core.of(part.shape) for part in scene.parts_of(name)]
-    best = max(range(len(cores)), key=lambda k: cores[k].inner)
-    return cores[best], len(cores)
+    return max(cores, key=lambda core: core.inner)
 
 
 def _region(before: Array, core: Core, clearance: float, entries: Any, arms: Array) -> tuple[Array, Array]:

@@ -132,9 +132,7 @@ def _cheapest(cost: Array, points: Array, counts: NDArray[np.int64], start: int,
     graph = scipy.sparse.coo_array(
         (np.concatenate(weights), (np.concatenate(origins), np.concatenate(targets))), shape=(len(points),) * 2
     )
-    _, before = scipy.sparse.csgraph.dijkstra(
-        graph.tocsr(), directed=False, indices=start, return_predecessors=True
-    )
+    _, before = scipy.sparse.csgraph.dijkstra(graph.tocsr(), directed=False, indices=start, return_predecessors=True)
     path = [goal]
     while path[-1] != start:
         path.append(int(before[path[-1]]))

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.obstacles.initial_checks import check_clearances
+from pyrobocop_pyomo.obstacles.initial_checks import check_clearances, check_motion
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
@@ -136,6 +136,7 @@ def solve(
     blocks = avoidance_blocks(model)
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
+        check_motion(block)
     bar = Progress(progress)
     tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
     has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))

@@ -1,7 +1,8 @@
 """What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
 
 A wrong side, sides that contradict each other, a plane that has to see too long a step, or a guess deep inside an
-obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: each ends with the full clearance and hard planes.
+obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: each ends with the full
+clearance and hard planes.
 """
 
 from __future__ import annotations
@@ -94,8 +95,13 @@ class Recovery:
 
     def _has_a_way_around(self) -> bool:
         """Whether the guess can be led around all obstacles at once; it is on the model then."""
+        last = Point(self._model)
         self._guess.restore()
-        return any([bool(reroute(block)) for block in self._blocks])
+        rerouted = [bool(reroute(block)) for block in self._blocks]
+        if not any(rerouted):
+            # The next step goes on from there.
+            last.restore()
+        return any(rerouted)
 
     def _around_all(self) -> SolveResult:
         for block in self._blocks:
