@@ -72,10 +72,8 @@ def measured(stated: str, obstacles: int, elements: int, seed: int) -> tuple:
     report = judge.move.avoid.verify()
     verify = time.perf_counter() - started
     verdict = report.worst.verdict if result.solved else "unsolved"
-    rounds = len(result.rounds)
-    return (
-        *size, build, result.seconds, verify, result.iterations, rounds, result.objective, report.worst.distance, verdict
-    )  # fmt: skip
+    taken = (build, result.seconds, verify, result.iterations, len(result.rounds))
+    return (*size, *taken, result.objective, report.worst.distance, verdict)
 
 
 if __name__ == "__main__":

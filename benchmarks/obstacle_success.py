@@ -1,6 +1,6 @@
 """How often random scenes end in a motion that is proven clear, and what plans are worth that look at nodes only.
 
-    python benchmarks/obstacle_success.py [--quick] [--scenes N] [--problems WORD ...] [--time-limit SECONDS] [--details]
+    python benchmarks/obstacle_success.py [--quick] [--scenes N] [--problems WORD ...] [--time-limit S] [--details]
 
 "flight": a quadrotor through a window of random place and size in a thin wall, between random ends, from a straight
 line that mostly runs into the wall. "parking": a car from a random place in the street into a slot, backwards or along
@@ -49,7 +49,7 @@ def main() -> None:
             ("median s", ">8.1f"), ("longest s", ">9.1f"),
         ]
     )  # fmt: skip
-    failures: list[str] = []
+    told: list[str] = []
     table.header()
     for problem in problems:
         for way, options in WAYS.items():
@@ -59,15 +59,12 @@ def main() -> None:
                 model = PROBLEMS[problem](seed, **size, **options)
                 result = rcp.solve(model, progress=False, time_limit=arguments.time_limit)
                 results.append(result)
-                told = f"{problem} {seed}, {way}:\n{result.rounds_table()}"
-                if arguments.details:
-                    failures.append(told)
-                elif way == "planes" and not result.safe:
-                    failures.append(told)
+                if arguments.details or (way == "planes" and not result.safe):
+                    told.append(f"{problem} {seed}, {way}:\n{result.rounds_table()}")
             show_progress("")
             table.add(problem, way, scenes, *summary(results))
-    if failures:
-        print("", *failures, sep="\n")
+    if told:
+        print("", *told, sep="\n")
 
 
 def summary(results: list[rcp.SolveResult]) -> tuple:

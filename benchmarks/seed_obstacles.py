@@ -34,7 +34,7 @@ import pushing_among_obstacles  # isort: skip
 WAYS: dict[str, dict[str, Any]] = {
     "planes": {},
     "optimality": {"formulation": Optimality()},
-    "optimality, cold": {"formulation": Optimality(cold=True)},
+    "cold optimality": {"formulation": Optimality(cold=True)},
 }
 
 

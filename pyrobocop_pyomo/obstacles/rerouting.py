@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 
-# Nodes over which the corners of a way on a grid are rounded, as a share of all.
+# Share of a way over which its corners are rounded.
 ROUNDED = 0.1
 
 
@@ -88,6 +88,8 @@ def _core(scene: Scene, name: str) -> Core:
     """Of the part that is largest inside: a union of parts is led by it."""
     cores = [Core.of(part.shape) for part in scene.parts_of(name)]
     return max(cores, key=lambda core: core.inner)
+    """Of the part with most inside: a union of parts is led by it."""
+    return max((Core.of(part.shape) for part in scene.parts_of(name)), key=lambda core: core.inner)
 
 
 def _region(before: Array, core: Core, clearance: float, entries: Any, arms: Array) -> tuple[Array, Array]:

@@ -118,3 +118,40 @@ def test_relaxing_a_pair_costs_less_than_with_pyomo() -> None:
         stock = beyond.pop("mpec.simple_nonlinear")
         assert len(beyond) == 5
         assert max(beyond.values()) < 0.75 * stock  # about 0.5 with a full run
+
+
+def test_exact_formulations_of_avoidance_agree() -> None:
+    table = run_quick("obstacle_formulations")
+    assert "the exact formulations agree to 1e-5" in table
+    verdicts = {line[11:35].strip(): line.split()[-1] for line in table.splitlines() if line.startswith("car")}
+    assert len(verdicts) == 9
+    assert verdicts["plane per interval"] == "clear"
+    assert verdicts["dual, sphere"] == "overlap"  # between the nodes of a mesh as coarse as this
+
+
+def test_far_obstacles_cost_little_and_change_nothing() -> None:
+    lines = run_quick("obstacle_broad_phase").splitlines()
+    rows = {line[7:18].strip(): line[18:].split() for line in lines if line.startswith("0 ")}
+    assert set(rows) == {"all pairs", "broad phase", "by hand"}
+    variables = {stated: int(row[0]) for stated, row in rows.items()}
+    assert variables["broad phase"] < variables["by hand"] <= variables["all pairs"]
+    objectives = [float(row[8]) for row in rows.values()]
+    assert objectives == pytest.approx([objectives[0]] * 3, rel=1e-5)
+    assert [row[-1] for row in rows.values()] == ["clear"] * 3
+
+
+def test_random_parkings_end_safe_where_the_points_alone_collide() -> None:
+    rows = {line.split()[1]: line.split()[2:] for line in run_quick("obstacle_success").splitlines()[2:]}
+    scenes, feasible, safe, too_close, overlap = map(int, rows["nodes"][:5])
+    assert (scenes, feasible, safe + too_close + overlap) == (2, 2, 2)
+    assert safe < 2
+    assert rows["planes"][:5] == ["2", "2", "2", "0", "0"]
+
+
+def test_planes_take_a_fifth_of_the_work_of_optimality_conditions() -> None:
+    lines = [line for line in run_quick("seed_obstacles").splitlines() if line.startswith("car")]
+    rows = {line[9:25].strip(): line[25:].split() for line in lines}
+    assert set(rows) == {"planes", "optimality", "cold optimality"}
+    assert float(rows["planes"][5]) == 1.0
+    assert min(float(rows[way][5]) for way in rows if way != "planes") >= 5.0
+    assert rows["planes"][-2:] == ["clear", "OPTIMAL"]
