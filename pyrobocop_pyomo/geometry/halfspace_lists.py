@@ -28,7 +28,10 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
         For rows that are zero or not finite, a set that is empty or flat, and one without end if `bounded`.
     """
     rows = read_points(normals, name, "normals")
-    sides = np.array(offsets, dtype=float)
+    try:
+        sides = np.array(offsets, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise GeometryError(f"'{name}': offsets are no list of numbers: {error}.") from None
     if sides.shape != (len(rows),) or not np.isfinite(sides).all():
         raise GeometryError(f"'{name}': {len(rows)} normals need as many finite offsets; given: {sides}.")
     lengths = np.linalg.norm(rows, axis=1)

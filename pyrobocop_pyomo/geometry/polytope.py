@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -116,8 +117,9 @@ class Polytope:
     @classmethod
     def box(cls, *sides: float, center: Sequence[float] | None = None, name: str = "box") -> Polytope:
         """Box with the given full side lengths (two or three), its sides along the axes."""
-        lengths = np.array(sides, dtype=float)
-        if len(sides) not in (2, 3) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
+        numbers = all(isinstance(side, Real) for side in sides)
+        lengths = np.array(sides if numbers else (), dtype=float)
+        if len(lengths) not in (2, 3) or not np.isfinite(lengths).all() or lengths.min() <= 0.0:
             raise GeometryError(f"'{name}': a box has 2 or 3 sides of positive length; given: {sides}.")
         # Counter-clockwise in the plane, as for every shape.
         signs = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -229,8 +231,8 @@ class Polytope:
 
 
 def _checked_radius(radius: float, name: str) -> float:
-    if not (math.isfinite(radius) and radius >= 0.0):
-        raise GeometryError(f"'{name}': its radius is {radius}; a padding is a finite length that is not negative.")
+    if not (isinstance(radius, Real) and math.isfinite(radius) and radius >= 0.0):
+        raise GeometryError(f"'{name}': its radius is {radius!r}; a padding is a finite length that is not negative.")
     return float(radius)
 
 

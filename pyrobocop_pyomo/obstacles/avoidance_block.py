@@ -31,9 +31,9 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
         Distance to be kept, > 0.
     body, pose : Polytope and callable, optional
         Short for ``bodies={"body": Body(body, pose=pose)}``.
-    pairs : networkx.Graph or iterable of pairs of names, optional
+    pairs : networkx.Graph or iterable of (str, str), optional
         Who keeps clear of whom; by default every body of every obstacle and of every other body.
-    exclude : iterable of pairs of names
+    exclude : iterable of (str, str)
         Pairs to leave out, such as adjacent links of an arm.
     formulation : str or Formulation
         ``"plane"`` (default), ``"dual"``, ``"mixed"``, ``"offset"`` or ``"optimality"``.

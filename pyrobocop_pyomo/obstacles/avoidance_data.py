@@ -81,7 +81,8 @@ class ObstacleAvoidanceBlockData(RefinedBetweenSolves):
         Parameters
         ----------
         sides : mapping of pair to direction, optional
-            Where to pass wherever the guess overlaps: ``{("car", "wall"): (0, 1)}`` has the car above the wall.
+            Where to pass wherever the guess overlaps: ``{("car", "wall"): (0, 1)}`` has the car above the wall. By
+            default what was given last, which `solve` goes by too; ``{}`` forgets it.
         seed : int
             Of the random numbers that break ties where both sides are equally good.
 
@@ -92,10 +93,12 @@ class ObstacleAvoidanceBlockData(RefinedBetweenSolves):
             clearance that is available), or when `sides` names what is no pair.
         """
         record, snapshot = self.record, Snapshot(self.record, self._what)
-        directions = record.scene.directions(self._what, sides or {})
+        sides = dict(record.sides if sides is None else sides)
+        directions = record.scene.directions(self._what, sides)
         check_poses(snapshot)
         check_fixed_poses(snapshot, self.clearance)
         warn_about_quaternions(snapshot, self.model())
+        record.sides = sides
         with PauseGC():
             apply_broad_phase(self, snapshot)
             update_softness(self, record)

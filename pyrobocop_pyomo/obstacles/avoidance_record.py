@@ -33,6 +33,8 @@ class AvoidanceRecord:
         What the broad phase left out.
     pinned : set of index
         What was brought back or refined, and is not left out again.
+    sides : dict of pair to direction
+        Where to pass, as the user said last.
     poses : dict of (body, time) to Pose
         Expressions of the poses, made once for all pairs; with the time None for what stands still.
     norm_now : str
@@ -50,6 +52,7 @@ class AvoidanceRecord:
     pieces: dict[PlaneIndex, Piece] = field(default_factory=dict)
     pruned: dict[PlaneIndex, Piece] = field(default_factory=dict)
     pinned: set[PlaneIndex] = field(default_factory=set)
+    sides: dict[Pair, Any] = field(default_factory=dict)
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
     soft: bool = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 from pyomo.common.gc_manager import PauseGC
@@ -106,6 +106,10 @@ class BuiltWhole(BlockData):
         try:
             with PauseGC():
                 if not hasattr(points, "ctype"):
+                    if not isinstance(points, Iterable):
+                        raise ObstacleError(
+                            f"{self._what}: its points are {points!r}; expected a set of times, such as phase.time."
+                        )
                     self.points = points = Set(initialize=list(points), ordered=True, doc="times that were given")
                 self._build(points, options)
         except BaseException:

@@ -7,6 +7,7 @@ from typing import Any
 
 from pyomo.core.base.set import Set
 
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 
 from .avoidance_record import AvoidanceRecord
@@ -17,7 +18,13 @@ from .scene import Part
 
 
 def add_poses(record: AvoidanceRecord, motion: Motion, pieces: Iterable[Piece]) -> None:
-    """Make the expressions of the poses at all times of the pieces, each once for all pairs."""
+    """Make the expressions of the poses at all times of the pieces, each once for all pairs.
+
+    Raises
+    ------
+    ObstacleError
+        When a rule returns no pose, or one that does not fit its body.
+    """
     scene = record.scene
     for piece in pieces:
         for name in {scene.parts[piece.first].body, scene.parts[piece.second].body}:
@@ -27,7 +34,22 @@ def add_poses(record: AvoidanceRecord, motion: Motion, pieces: Iterable[Piece]) 
                 continue
             for position, time in enumerate(piece.times):
                 if (name, time) not in record.poses:
-                    record.poses[name, time] = piece.pose_at(motion, rule, position, name)
+                    pose = piece.pose_at(motion, rule, position, name)
+                    record.poses[name, time] = _checked(pose, name, time, record.dimension)
+
+
+def _checked(pose: Any, name: str, time: Any, dimension: int) -> Pose:
+    if not isinstance(pose, Pose):
+        raise ObstacleError(
+            f"the pose rule of '{name}' returned {pose!r} at {time}; expected a Pose: return planar_pose(x, y, theta) "
+            "in the plane, spatial_pose(...) in space."
+        )
+    if pose.dimension != dimension:
+        raise ObstacleError(
+            f"'{name}' has {dimension} dimensions and its pose at {time} has {pose.dimension}. "
+            "Use planar_pose in the plane and spatial_pose in space."
+        )
+    return pose
 
 
 def add_certificate(block: Any, record: AvoidanceRecord, piece: Piece) -> None:

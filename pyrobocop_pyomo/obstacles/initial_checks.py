@@ -13,13 +13,17 @@ from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import GeometryError, ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
+from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
 
 from .avoidance_record import AvoidanceRecord
+from .moving_shapes import moving_shapes
 from .snapshot import Snapshot, variables_of
 
 LOGGER = logging.getLogger(__name__)
 
 NEARLY = 1e-9
+# A clearance has to be this many times what a row may be violated by, or nothing tells clear from touching.
+TOLERANCES_PER_CLEARANCE = 100.0
 
 
 def check_poses(snapshot: Snapshot) -> None:
@@ -30,12 +34,16 @@ def check_poses(snapshot: Snapshot) -> None:
     ObstacleError
         Naming the body and the time.
     """
+    in_degrees: set[str] = set()
     for (body, time), pose in snapshot.record.poses.items():
         if time is None:
             continue
         snapshot.pose(body, time)
         try:
-            check_pose(pose, body)
+            # Angles are told of once per body, and not at each time again.
+            check_pose(Pose(pose.rotation, pose.translation) if body in in_degrees else pose, body)
+            if any(abs(value(angle)) > LARGEST_USUAL_ANGLE for angle in pose.angles):
+                in_degrees.add(body)
         except GeometryError as error:
             raise ObstacleError(f"{snapshot.what}: at {time}, {error}") from None
 
@@ -71,6 +79,40 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
                     f"{snapshot.what}: '{first.name}' and '{second.name}' are {found} at {time}, where both poses are "
                     f"fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
                 )
+
+
+def check_clearances(block: Any, tolerance: float) -> None:
+    """The clearances of a block are well above what a solver may violate a row by.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the block and the pair.
+    """
+    for (first, second), clearance in block.clearance.items():
+        if value(clearance) < TOLERANCES_PER_CLEARANCE * tolerance:
+            raise ObstacleError(
+                f"obstacle avoidance '{block.name}': the clearance between '{first}' and '{second}' is "
+                f"{value(clearance):g}, less than {TOLERANCES_PER_CLEARANCE:g} times the {tolerance:g} that "
+                "constraints may be violated by. Choose a unit of length in which the clearance is a larger "
+                "number, or lower feasibility_tolerance."
+            )
+
+
+def check_motion(block: Any) -> None:
+    """What `verify` follows between the nodes can be followed: better said before a solve than after it.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body whose pose has no value, or cannot be followed.
+    """
+    scene, motion = block.record.scene, block.motion
+    snapshot = Snapshot(block.record, f"obstacle avoidance '{block.name}'")
+    for body, time in block.record.poses:
+        snapshot.pose(body, time)
+    if motion.intervals:
+        moving_shapes(motion, {name: scene.bodies[name] for pair in scene.pairs for name in pair})
 
 
 def has_values(record: AvoidanceRecord) -> bool:

@@ -60,7 +60,7 @@ class RefinedBetweenSolves(AvoidanceCore):
         ----------
         first, second : str
             Names of bodies, in either order.
-        interval : int or time
+        interval : int or float
             Position of the interval; with ``between=None`` the time.
 
         Returns

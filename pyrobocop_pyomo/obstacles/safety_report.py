@@ -23,7 +23,8 @@ class PairSafety:
     clearance, tolerance : float
         Asked was ``clearance``; what is proven to ``clearance - tolerance`` counts as kept.
     distance : float
-        The smallest signed distance among all instants looked at. Negative: they overlap.
+        The smallest signed distance among all instants looked at, by a search in the intervals that are proven least.
+        Negative: they overlap.
     proven : float
         The signed distance is at least this at all times.
     time : float

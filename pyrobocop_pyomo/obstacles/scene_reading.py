@@ -111,6 +111,11 @@ def _graph(
 ) -> Any:
     graph = networkx.Graph()
     graph.add_nodes_from(bodies)
+    if not any(body.moves for body in bodies.values()):
+        raise ObstacleError(
+            f"{what}: nothing moves: none of {listed(bodies)} has a pose rule. Give Body(shape, pose=rule), with "
+            "rule(block, t) -> Pose."
+        )
     excluded = {frozenset(checked_pair(what, "exclude", each, bodies)) for each in exclude}
     if pairs is None:
         candidates = [each for each in combinations(bodies, 2) if not obstacles.issuperset(each)]

@@ -49,7 +49,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     """
     record = block.record
     if not record.per_interval:
-        return []
+        return _brought_back(block, report)
     done: dict[str, int] = {}
     paths = _Paths(record, block.motion)
     sags = {index: paths.sag(piece, _normal(block, index)) for index, piece in record.pieces.items()}
@@ -80,6 +80,23 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
         if count:
             done["planes split"] = count
     words = [f"{count} {what}" for what, count in done.items()]
+    logger.info("'%s': %s", block.name, ", ".join(words) or "nothing left to tighten")
+    return words
+
+
+def _brought_back(block: Any, report: SafetyReport) -> list[str]:
+    """Certificates of single times say nothing about what is between: only those that were left out can be added."""
+    record, motion = block.record, block.motion
+    parts, count = record.scene.parts, 0
+    pairs = {(first.name, second.name) for first, second in record.scene.pairs_of_parts()}
+    for pair in report.pairs:
+        if (pair.first, pair.second) not in pairs:
+            continue
+        bodies = (parts[pair.first].body, parts[pair.second].body)
+        for place in np.flatnonzero(pair.interval_proven < pair.clearance - pair.tolerance).tolist():
+            times = motion.intervals[place] if motion.intervals else (motion.points[place],)
+            count += sum(len(block.restore(*bodies, time)) for time in times)
+    words = [f"{count} left-out certificates brought back"] if count else []
     logger.info("'%s': %s", block.name, ", ".join(words) or "nothing left to tighten")
     return words
 

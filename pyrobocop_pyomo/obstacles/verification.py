@@ -40,7 +40,7 @@ def verify_clearance(
     ----------
     motion : Motion
     bodies : mapping of name to Body
-    clearances : mapping of pairs of names to float
+    clearances : dict of (str, str) to float
         Which pairs are judged, and the distance that each has to keep.
     tolerance : float, optional
         Distances down to ``clearance - tolerance`` count as kept; 1 % of each clearance by default.

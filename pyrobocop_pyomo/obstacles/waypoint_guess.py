@@ -20,10 +20,10 @@ def waypoint_guess(
     Parameters
     ----------
     phase : PhaseBlock
-    waypoints : dict of name or variable to values
+    waypoints : dict of str or Var to list of float
         Values of each state at all waypoints, the first at the start of the phase and the last at its end; two or
         more, as many for every state.
-    even_in : names or variables, optional
+    even_in : list of str or Var, optional
         States that share one unit, along whose straight lines the speed is even: positions, say, but not angles. All
         of them by default.
 

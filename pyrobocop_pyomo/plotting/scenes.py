@@ -172,7 +172,7 @@ def draw_path(axis: Any, body: BodyPath, *, named: bool) -> None:
 def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
     """What a scene needs to be seen: all motion, with room around it, and obstacles as far as they are near.
 
-    A wall that is much longer than the motion would make a dot of it: the picture ends where the motion has doubled.
+    A wall that is much longer than the motion would make a dot of it: the picture ends at half as much again.
     """
     reach = max(float(part.radius) for body in bodies for part in body.parts)  # type: ignore[union-attr]
     places = np.concatenate([body.places().reshape(-1, body.dimension) for body in bodies])
@@ -185,6 +185,6 @@ def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
         rays = np.concatenate([np.zeros((1, len(lower))), np.reshape(obstacle.rays, (-1, len(lower)))])
         before = corners.min(axis=0) - obstacle.radius - room * np.where(rays.min(axis=0) < -1e-9, 0.3, 0.08)
         after = corners.max(axis=0) + obstacle.radius + room * np.where(rays.max(axis=0) > 1e-9, 0.3, 0.08)
-        low = np.minimum(low, np.maximum(before, lower - room))
-        high = np.maximum(high, np.minimum(after, upper + room))
+        low = np.minimum(low, np.maximum(before, lower - 0.5 * room))
+        high = np.maximum(high, np.minimum(after, upper + 0.5 * room))
     return np.array([low, high])

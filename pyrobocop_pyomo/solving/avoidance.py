@@ -20,6 +20,7 @@ from pyrobocop_pyomo.obstacles.safety_report import joined_report
 from pyrobocop_pyomo.obstacles.tightening import tighten
 
 from .attempt import FINAL_REASONS
+from .kept_round import KeptRound
 from .planning_round import ROUND_HEADER, PlanningRound
 from .point import Point
 from .progress import Progress
@@ -27,7 +28,7 @@ from .quality import Quality
 from .recovery import Recovery
 from .rungs import Rung
 from .settings import Settings
-from .solve_result import SolveResult
+from .solve_result import SolveResult, StopReason
 
 logger = logging.getLogger(__name__)
 
@@ -84,10 +85,30 @@ class SafePlanning:
         self.rounds: list[PlanningRound] = []
         self._results: list[SolveResult] = []
         self._safety: SafetyReport
-        self._best: tuple[SolveResult, SafetyReport, Point] | None = None
+        self._best: KeptRound | None = None
+        self._interrupted = False
 
     def plan(self) -> SolveResult:
-        """Solve from one start after the other until the motion is proven to be safe; the best point is kept."""
+        """Solve from one start after the other until the motion is proven to be safe; the best point is kept.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Only before a first round was judged; later ones end with the best round.
+        """
+        try:
+            self._plan()
+        except KeyboardInterrupt:
+            if self._best is None:
+                raise
+            self._interrupted = True
+        except BaseException:
+            if self._best is not None:
+                self._best.restore(self._blocks)
+            raise
+        return self._best_of_all()
+
+    def _plan(self) -> None:
         recovery = Recovery(self._model, self._blocks, self)
         for step in recovery.steps():
             result = step()
@@ -95,11 +116,10 @@ class SafePlanning:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
-        return self._best_of_all()
 
     # ---------------------------------------------------------------- one round
 
-    def solve(self, purpose: str, *, again: bool = False, on_the_way: bool = False) -> SolveResult:
+    def solve(self, purpose: str, *, again: bool = False, relaxed: bool = False) -> SolveResult:
         """Solve the model as it stands, verify what comes out, and remember both.
 
         Parameters
@@ -108,8 +128,8 @@ class SafePlanning:
             For the log.
         again : bool
             Whether the point on the model is nearly a solution already.
-        on_the_way : bool
-            Whether the model asks for less than the user does, so that what comes out is no answer.
+        relaxed : bool
+            Whether less is asked than the user did: such a round leads on, and is no answer itself.
         """
         settings = replace(self._settings, options={**AGAIN, **self._settings.options}) if again else self._settings
         result = self._climb(settings, self._rungs, self._bar, self._left)
@@ -121,10 +141,10 @@ class SafePlanning:
         self._bar.line(str(self.rounds[-1]))
         logger.info("'%s': %s", self._model.name, self.rounds[-1])
         self._safety = report
-        if on_the_way:
-            return result
-        if self._best is None or _rank(result, report) > _rank(*self._best[:2]):
-            self._best = (result, report, Point(self._model))
+        if not relaxed:
+            kept = KeptRound.now(self._model, self._blocks, result, report)
+            if self._best is None or kept.rank > self._best.rank:
+                self._best = kept
         return result
 
     def may_go_on(self, result: SolveResult) -> bool:
@@ -156,9 +176,8 @@ class SafePlanning:
     def _is_good_enough(self) -> bool:
         """Safe; or feasible, where nobody asked for more than the points."""
         assert self._best is not None
-        best, report, _ = self._best
         asked = any(block.record.per_interval for block in self._blocks)
-        return best.quality is not Quality.INFEASIBLE and (report.safe or not asked)
+        return self._best.is_safe or (self._best.result.quality is not Quality.INFEASIBLE and not asked)
 
     def _tightened(self, report: SafetyReport, *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
@@ -168,20 +187,27 @@ class SafePlanning:
     def _best_of_all(self) -> SolveResult:
         """The best round, its point on the model, with the steps of all."""
         assert self._best is not None
-        best, report, point = self._best
-        point.restore()
+        best = self._best.result
+        self._best.restore(self._blocks)
         before = self._results[: self._results.index(best)]
         return replace(
             best,
+            stop_reason=self._stop_reason(),
             steps=[step for result in self._results for step in result.steps],
             best_step=best.best_step + sum(len(result.steps) for result in before),
             judging_seconds=sum(result.judging_seconds for result in self._results),
-            safety=report,
+            safety=self._best.report,
             rounds=tuple(self.rounds),
         )
 
-
-def _rank(result: SolveResult, report: SafetyReport) -> tuple[bool, bool, float]:
-    """Larger is better: feasible, then safe, then as near to it as can be."""
-    missing = 0.0 if report.safe or report.worst is None else report.worst.clearance - report.worst.distance
-    return (result.quality is not Quality.INFEASIBLE, report.safe, -missing)
+    def _stop_reason(self) -> StopReason:
+        """What ended the rounds: a limit, where it did; else what the best round says."""
+        assert self._best is not None
+        last, left = self._results[-1].stop_reason, self._left()
+        if self._interrupted:
+            return StopReason.INTERRUPTED
+        if self._best.is_safe:
+            return self._best.result.stop_reason
+        if last in FINAL_REASONS:
+            return last
+        return StopReason.TIME_LIMIT if left is not None and left <= 0.0 else self._best.result.stop_reason

@@ -57,13 +57,14 @@ class PlanningRound:
         )
 
     def __str__(self) -> str:
+        # What was done takes as much room as it needs, at the end.
         return (
-            f"{self.purpose:<36} {self.quality.name:<10} {self.objective:>13.6g} {self.iterations:>6} "
-            f"{self.shortfall:>10.2e} {'yes' if self.safe else 'no':>5} {self.seconds:>8.2f}  {self.worst}"
+            f"{self.quality.name:<10} {self.objective:>13.6g} {self.iterations:>6} {self.shortfall:>10.2e} "
+            f"{'yes' if self.safe else 'no':>5} {self.seconds:>8.2f}  {self.worst:<28} {self.purpose}"
         )
 
 
 ROUND_HEADER = (
-    f"{'round':<36} {'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}"
-    "  worst pair"
+    f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  "
+    f"{'worst pair':<28} round"
 )

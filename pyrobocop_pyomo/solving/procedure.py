@@ -19,6 +19,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.obstacles.initial_checks import check_clearances, check_motion
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
@@ -132,6 +133,10 @@ def solve(
     chosen_route = _find_route(route)
     chosen_rungs = _chosen_rungs(schedule, rungs)
     _check_phases(model)
+    blocks = avoidance_blocks(model)
+    for block in blocks:
+        check_clearances(block, feasibility_tolerance)
+        check_motion(block)
     bar = Progress(progress)
     tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
     has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
@@ -142,7 +147,6 @@ def solve(
     def left() -> float | None:
         return None if time_limit is None else time_limit - (time.perf_counter() - started)
 
-    blocks = avoidance_blocks(model)
     if blocks:
         result = SafePlanning(model, blocks, partial(climb, model), settings, chosen_rungs, bar, left).plan()
     else:

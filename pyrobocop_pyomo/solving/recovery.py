@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
@@ -40,7 +41,7 @@ Array = NDArray[np.float64]
 class Solves(Protocol):
     """What a recovery needs of the planning that it is part of."""
 
-    def solve(self, purpose: str, *, again: bool = False, on_the_way: bool = False) -> SolveResult:
+    def solve(self, purpose: str, *, again: bool = False, relaxed: bool = False) -> SolveResult:
         """Solve the model as it stands."""
 
     def may_go_on(self, result: SolveResult) -> bool:
@@ -61,16 +62,22 @@ class Recovery:
     def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves) -> None:
         self._model, self._blocks, self._planning = model, blocks, planning
         self._guess = Point(model)
+        self._sides = {block: dict(block.record.sides) for block in blocks}
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start; the caller stops asking when a plan is good enough."""
         yield self._from_guess
+        # Where no certificate takes part, obstacles are not what makes the rest infeasible.
+        if not any(block.planes for block in self._blocks):
+            return
+        formulations = [block.record.formulation for block in self._blocks]
         if self._has_a_way_around():
             yield self._around_all
         yield self._planes_anew
-        yield self._other_norm
+        if any(formulation.norms for formulation in formulations):
+            yield self._other_norm
         yield self._growing_clearance
-        if all(block.record.formulation.signed for block in self._blocks):
+        if all(formulation.signed for formulation in formulations):
             yield self._giving_way
         for turn in TURNS:
             yield partial(self._other_side, turn)
@@ -80,7 +87,7 @@ class Recovery:
         self._guess.restore()
         for block in self._blocks:
             clear_margins(block)
-            block.initialize(sides=None if sides is None else sides.get(block))
+            block.initialize(sides={**self._sides[block], **(sides or {}).get(block, {})})
 
     def _from_guess(self) -> SolveResult:
         self._start()
@@ -88,7 +95,13 @@ class Recovery:
 
     def _has_a_way_around(self) -> bool:
         """Whether the guess can be led around all obstacles at once; it is on the model then."""
+        last = Point(self._model)
         self._guess.restore()
+        rerouted = [bool(reroute(block)) for block in self._blocks]
+        if not any(rerouted):
+            # The next step goes on from there.
+            last.restore()
+        return any(rerouted)
         led = [name for block in self._blocks for name in reroute(block)]
         return bool(led)
 
@@ -118,7 +131,7 @@ class Recovery:
                 for block in self._blocks:
                     block.scale_clearance(factor)
                 result = self._planning.solve(
-                    f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0], on_the_way=factor < 1.0
+                    f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0], relaxed=factor < 1.0
                 )
                 if result.quality is Quality.INFEASIBLE or not self._planning.may_go_on(result):
                     break
@@ -130,7 +143,7 @@ class Recovery:
     def _giving_way(self) -> SolveResult:
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
             self._start()
-            self._planning.solve("planes that give way", on_the_way=True)
+            self._planning.solve("planes that give way", relaxed=True)
         for block in self._blocks:
             block.initialize()
         return self._planning.solve("hard planes again")
@@ -149,10 +162,16 @@ class Recovery:
             for index, gap in block.certificate_gaps().items()
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
+        at_last_point = _normal(block, first, second, start)
         self._start()
-        normal = [value(block.normal[first, second, start, axis]) for axis in block.axes]
+        # The broad phase may leave out at the guess what is in the way now.
+        normal = _normal(block, first, second, start) if (first, second, start) in block.planes else at_last_point
         parts = block.record.scene.parts
-        return block, (parts[first].body, parts[second].body), np.array(normal)
+        return block, (parts[first].body, parts[second].body), normal
+
+
+def _normal(block: ObstacleAvoidanceBlockData, first: str, second: str, start: Any) -> Array:
+    return np.array([value(block.normal[first, second, start, axis]) for axis in block.axes])
 
 
 def clear_margins(block: ObstacleAvoidanceBlockData) -> None:
@@ -176,17 +195,18 @@ def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float
     """Let planes give way at a price, in an objective that takes the place of the user's for a while."""
     users = list(model.component_data_objects(Objective, active=True))
     home = blocks[0]
+    name = unique_component_name(home, "softened_objective")
     own = sum(each.expr if each.is_minimizing() else -each.expr for each in users)
     try:
         for block in blocks:
             block.soften(weight)
-        home.softened_objective = Objective(expr=own + sum(block.softness for block in blocks))
+        home.add_component(name, Objective(expr=own + sum(block.softness for block in blocks)))
         for each in users:
             each.deactivate()
         yield
     finally:
         for each in users:
             each.activate()
-        home.del_component("softened_objective")
+        home.del_component(name)
         for block in blocks:
             block.harden()

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.obstacles import SafetyReport
 
 from .pair_report import ActiveSide, PairReport
 
@@ -50,6 +51,17 @@ def pair_sentence(pairs: Sequence[PairReport], multipliers: Multipliers | None, 
     sides = ", ".join(f"{counts[side]} {side.value}" for side in ActiveSide if counts[side])
     kind = "" if multipliers is None else f"; {multipliers.kind.value.partition(':')[0]}"
     return f"{len(pairs)} pairs (zero side: {sides}){kind}; {certificate.value}"
+
+
+def advice_on_motion(safety: SafetyReport) -> str:
+    """What a motion that is not safe lacks, and what may help."""
+    if safety.safe:
+        return "The motion keeps its clearances, but is not feasible."
+    return (
+        f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give a guess that is clear of "
+        "obstacles, say on which side to pass by initialize(sides=...), refine the mesh, or ask for less clearance. "
+        "With between=None nothing is asked between the points. There may be no such motion."
+    )
 
 
 def long_report(

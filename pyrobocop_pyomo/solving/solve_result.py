@@ -19,7 +19,7 @@ from .pair_report import ActiveSide, PairReport, pair_reports
 from .planning_round import ROUND_HEADER, PlanningRound
 from .quality import Quality
 from .result_pictures import draw_history, draw_pairs, draw_products
-from .result_text import long_report, pair_sentence, pair_table
+from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
 from .step import STEP_HEADER, Step
 
 
@@ -236,12 +236,17 @@ class SolveResult:
             return
         if self.quality is Quality.OPTIMAL:
             assert self.safety is not None
-            raise SolveFailed(f"'{self.name}': {self.quality.value} But the motion is not safe. {self.safety}", self)
+            raise SolveFailed(
+                f"'{self.name}': {self.quality.value} But the motion is not safe. "
+                f"{advice_on_motion(self.safety)}\n{self.safety}",
+                self,
+            )
         worst = max(self.residuals, key=lambda each: abs(each.product), default=None)
         pair = "" if worst is None else f", complementarity {abs(worst.product):.1e} at '{worst.name}'"
+        motion = "" if self.safety is None or self.safe else f" {advice_on_motion(self.safety)}"
         raise SolveFailed(
             f"'{self.name}': {self.stop_reason.value} {self.quality.value} Best point, kept on the model (step "
-            f"{self.best_step + 1} of {len(self.steps)}): constraints {self.constraint_violation:.1e}{pair}.",
+            f"{self.best_step + 1} of {len(self.steps)}): constraints {self.constraint_violation:.1e}{pair}.{motion}",
             self,
         )
 

@@ -37,6 +37,7 @@ def park(start: Any = START, scene: Any = REVERSE, clearance: float = 0.1, **opt
         "wheelbase": WHEELBASE,
         "steering_limit": STEERING,
         "body": CAR,
+        "time_limit": 600.0,  # a busy machine is no reason to fail
     } | options
     return hybrid_a_star(start, **{**scene, **options}, clearance=clearance)
 

@@ -20,7 +20,7 @@ class Side:
     Attributes
     ----------
     shape : Polytope
-    poses : tuple of (time, Pose)
+    poses : tuple of (float, Pose)
         One entry per time; a single one, with a constant pose, where the shape stands still.
     """
 

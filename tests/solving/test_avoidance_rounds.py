@@ -1,0 +1,418 @@
+"""`rcp.solve` with obstacles: what it gives back, what it leaves behind, and what it never claims."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.scenes import ARROW, WALL, avoiding, placed, turning_move
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import SolveFailed
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.solving.recovery import Recovery, softened
+from pyrobocop_pyomo.solving.solve_result import StopReason
+
+box = rcp.Polytope.box
+
+
+def around_a_tall_wall(elements: int = 6, **options: Any) -> pyo.ConcreteModel:
+    """The guess runs straight through a wall that can be passed below only: the ceiling is lower than its top."""
+    m = turning_move(elements=elements, height=0)
+    m.move.y.setlb(-6)
+    m.move.y.setub(2)
+    avoiding(m, obstacles={"wall": box(0.8, 6, center=(2, 2))}, **options)
+    return m
+
+
+def curved(**options: Any) -> pyo.ConcreteModel:
+    """Long intervals while the body turns: kept clear at the nodes, it comes closer in between."""
+    m = turning_move(elements=3, turn=4.0)
+    avoiding(m, **options)
+    return m
+
+
+def closest(m: pyo.ConcreteModel, obstacles: Any, samples: int = 400) -> float:
+    """Smallest distance on the trajectory itself, looked at independently of the proof."""
+    trajectory = m.move.trajectory()
+    least = np.inf
+    for time in np.linspace(0.0, 1.0, samples):
+        there = trajectory(time)
+        pose = rcp.planar_pose(there["x"], there["y"], there["theta"])
+        least = min(least, *(rcp.signed_distance(ARROW, each, pose).distance for each in obstacles))
+    return float(least)
+
+
+@pytest.fixture
+def no_recovery(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess]))
+
+
+# ---------------------------------------------------------------- what comes back
+
+
+def components(m: pyo.ConcreteModel) -> set[str]:
+    return {each.name for each in m.component_objects()}
+
+
+@pytest.mark.parametrize("sense", [pyo.minimize, pyo.maximize], ids=str)
+def test_the_model_is_afterwards_as_it_was(sense: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Through the one step that has an objective of its own for a while.
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess, self._giving_way]))
+    m = around_a_tall_wall()
+    if sense == pyo.maximize:
+        m.effort.set_value(-m.effort.expr)
+        m.effort.sense = sense
+    text, before = str(m.effort.expr), components(m)
+    result = rcp.solve(m)
+    assert result.safe
+    assert "planes that give way" in {each.purpose for each in result.rounds}
+    assert (m.effort.active, m.effort.sense, str(m.effort.expr)) == (True, sense, text)
+    assert [each.name for each in m.component_data_objects(pyo.Objective)] == ["effort"]
+    assert components(m) == before
+    assert_hard(m.move.avoid)
+    assert result.objective == pytest.approx(pyo.value(m.effort))
+    assert closest(m, [box(0.8, 6, center=(2, 2))]) > 0.0495
+
+
+def assert_hard(avoid: ObstacleAvoidanceBlockData) -> None:
+    """All of the clearance is asked, and without slack."""
+    assert pyo.value(avoid.clearance_scale) == 1.0
+    assert len(avoid.slack) == 0
+    assert pyo.value(avoid.softness) == 0.0
+    assert not avoid.record.soft
+
+
+def test_an_objective_of_the_same_name_is_left_alone() -> None:
+    m = around_a_tall_wall()
+    m.move.avoid.softened_objective = pyo.Expression(expr=1.0)
+    with softened(m, [m.move.avoid], 100.0):
+        assert len(list(m.component_data_objects(pyo.Objective, active=True))) == 1
+        assert not m.effort.active
+    assert m.move.avoid.softened_objective.expr == 1.0
+    assert m.effort.active
+
+
+def test_rounds_are_told_and_the_last_rows_hold_at_the_answer() -> None:
+    m = curved()
+    result = rcp.solve(m)
+    result.raise_for_status()
+    assert result.safe
+    assert len(result.rounds) > 1
+    for each in result.rounds:
+        assert each.purpose in str(result)
+    assert "shortfall" in str(result)
+    assert not result.rounds[0].safe
+    assert result.rounds[-1].safe
+    assert closest(m, [WALL]) >= 0.05 - 0.0005 - 1e-9
+    assert violation(m) < 1e-6
+
+
+def violation(m: pyo.ConcreteModel) -> float:
+    rows = m.component_data_objects(pyo.Constraint, active=True)
+    return max(max(-row.slack(), 0.0) for row in rows)
+
+
+@pytest.mark.parametrize("how", ["clone", "pickle"])
+def test_copies_after_a_solve_with_split_planes(how: str) -> None:
+    m = curved()
+    rcp.solve(m)
+    m.move.avoid.split(*next(iter(m.move.avoid.planes)))
+    copy = m.clone() if how == "clone" else pickle.loads(pickle.dumps(m))
+    assert set(copy.move.avoid.planes) == set(m.move.avoid.planes)
+    inside = m.move.time.at(3)
+    m.move.x[inside].set_value(99.0)
+    result = rcp.solve(copy)
+    assert result.safe
+    assert closest(copy, [WALL]) > 0.0495
+    assert m.move.x[inside].value == 99.0
+
+
+# ---------------------------------------------------------------- interrupted
+
+
+def test_without_time_the_point_is_kept_and_not_called_safe() -> None:
+    m = around_a_tall_wall()
+    before = components(m)
+    result = rcp.solve(m, time_limit=0.05)
+    assert (result.safe, result.stop_reason) == (False, StopReason.TIME_LIMIT)
+    assert_best_is_on_the_model(m, result, before)
+    with pytest.raises(SolveFailed, match="time limit"):
+        result.raise_for_status()
+
+
+def assert_best_is_on_the_model(m: pyo.ConcreteModel, result: Any, before: set[str]) -> None:
+    assert m.effort.active
+    assert components(m) == before
+    assert_hard(m.move.avoid)
+    assert pyo.value(m.effort) == pytest.approx(result.objective, rel=1e-9)
+    worst = m.move.avoid.verify().worst
+    assert worst.distance == pytest.approx(result.safety.worst.distance, abs=1e-9)
+
+
+def failing_verify(monkeypatch: pytest.MonkeyPatch, calls: int, error: BaseException) -> None:
+    """Have `verify` raise after some calls."""
+    verify, count = ObstacleAvoidanceBlockData.verify, iter(range(calls))
+
+    def failing(self: Any, *args: Any) -> Any:
+        if next(count, None) is None:
+            raise error
+        return verify(self, *args)
+
+    monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", failing)
+
+
+@pytest.mark.parametrize("step", ["_planes_anew", "_growing_clearance", "_giving_way"])
+def test_ctrl_c_between_runs_ends_with_the_best_round(step: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # In the middle of a step: of the clearance, a fraction is asked then, or planes give way at a price.
+    m = around_a_tall_wall(4)
+    before = components(m)
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess, getattr(self, step)]))
+    failing_verify(monkeypatch, 1, KeyboardInterrupt())
+    result = rcp.solve(m, options={"max_iter": 60})
+    monkeypatch.undo()
+    assert (result.stop_reason, len(result.rounds)) == (StopReason.INTERRUPTED, 1)
+    assert_best_is_on_the_model(m, result, before)
+
+
+def test_ctrl_c_in_the_first_round_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = curved()
+    before = components(m)
+    failing_verify(monkeypatch, 0, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        rcp.solve(m)
+    assert components(m) == before
+    assert_hard(m.move.avoid)
+
+
+def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = around_a_tall_wall(4)
+    before = components(m)
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess, self._giving_way]))
+    failing_verify(monkeypatch, 1, ArithmeticError("lost"))
+    with pytest.raises(ArithmeticError, match="lost"):
+        rcp.solve(m, options={"max_iter": 60})
+    monkeypatch.undo()
+    assert components(m) == before
+    assert m.effort.active
+    assert_hard(m.move.avoid)
+    once = around_a_tall_wall(4)
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess]))
+    rcp.solve(once, options={"max_iter": 60})
+    assert pyo.value(m.effort) == pytest.approx(pyo.value(once.effort), rel=1e-9)
+
+
+# ---------------------------------------------------------------- where blocks may be
+
+
+def test_two_blocks_in_one_model() -> None:
+    m = turning_move(height=0)
+    other = box(0.5, 1.5, center=(2.0, 2.4))
+    avoiding(m)
+    m.move.second = rcp.ObstacleAvoidanceBlock(
+        m.move.time, bodies={"arrow": rcp.Body(ARROW, pose=placed)}, obstacles={"other": other}, clearance=0.05
+    )
+    result = rcp.solve(m)
+    assert result.safe
+    assert {pair.second for pair in result.safety.pairs} == {"wall", "other"}
+    assert closest(m, [WALL, other]) > 0.0495
+    for avoid in (m.move.avoid, m.move.second):
+        assert_hard(avoid)
+
+
+def test_indexed_blocks() -> None:
+    m = turning_move(height=0)
+    obstacles = {"low": WALL, "high": box(0.5, 1.5, center=(2.0, 2.4))}
+
+    def each(block: Any, name: str) -> None:
+        body = {"arrow": rcp.Body(ARROW, pose=placed)}
+        block.build(m.move.time, bodies=body, obstacles={name: obstacles[name]}, clearance=0.05)
+
+    m.move.avoid = rcp.ObstacleAvoidanceBlock(list(obstacles), rule=each)
+    result = rcp.solve(m)
+    assert result.safe
+    assert {pair.second for pair in result.safety.pairs} == set(obstacles)
+    assert closest(m, obstacles.values()) > 0.0495
+
+
+def test_blocks_that_are_switched_off_take_no_part() -> None:
+    straight = rcp.solve(turning_move())
+    m = turning_move()
+    avoiding(m)
+    m.move.avoid.deactivate()
+    result = rcp.solve(m)
+    assert (result.safe, result.safety, result.rounds) == (None, None, ())
+    assert result.objective == pytest.approx(straight.objective, rel=1e-8)
+    # In a parent that is switched off: its phase goes with it, a free one stays.
+    m.move.avoid.activate()
+    m.move.deactivate()
+    m.x = pyo.Var(initialize=3)
+    m.rest = pyo.Objective(expr=(m.x - 1) ** 2)
+    m.effort.deactivate()
+    result = rcp.solve(m)
+    assert result.safe is None
+    assert m.x.value == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "route",
+    [pytest.param(name, marks=getattr(pytest.mark, name)) for name in ("executable", "casadi", "asl")],
+)
+def test_every_route_plans_safely(route: str) -> None:
+    m = curved()
+    result = rcp.solve(m, route=route)
+    assert result.solved
+    assert result.objective == pytest.approx(rcp.solve(curved()).objective, rel=1e-4)
+    assert closest(m, [WALL]) > 0.0495
+
+
+@pytest.mark.executable
+def test_a_plain_solver_on_a_block_that_was_started() -> None:
+    m = curved()
+    m.move.avoid.initialize()
+    pyo.assert_optimal_termination(pyo.SolverFactory("ipopt").solve(m))
+    assert min(m.move.avoid.certificate_gaps().values()) > 0.05 - 1e-6
+    report = m.move.avoid.verify()
+    assert report.safe is (closest(m, [WALL]) >= 0.0495)
+    assert not report.safe
+
+
+def test_the_side_that_the_user_chose_is_kept() -> None:
+    for side in (-1, 1):
+        m = turning_move(height=0)
+        avoid = avoiding(m, obstacles={"post": box(0.8, 0.8, center=(2, -0.05 * side))})
+        avoid.initialize(sides={("arrow", "post"): (0, -side)})
+        assert rcp.solve(m).safe
+        middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
+        assert m.move.y[middle].value * side < 0
+
+
+def test_progress_shows_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr("sys.stderr", stream)
+    result = rcp.solve(curved(), progress=True)
+    for each in result.rounds:
+        assert str(each) in stream.getvalue()
+
+
+# ---------------------------------------------------------------- recovery
+
+NEEDED = {  # elements of the tall wall with which the guess fails and the step succeeds
+    "_planes_anew": 4,
+    "_other_norm": 6,
+    "_growing_clearance": 6,
+    "_giving_way": 4,
+    180.0: 6,
+    90.0: 6,
+    -90.0: 6,
+}
+
+
+@pytest.mark.parametrize("step", NEEDED)
+def test_each_step_of_recovery_helps_where_the_guess_fails(step: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def steps(self: Recovery) -> Iterator[Callable[[], Any]]:
+        yield self._from_guess
+        yield partial(self._other_side, step) if isinstance(step, float) else getattr(self, step)
+
+    monkeypatch.setattr(Recovery, "steps", steps)
+    m = around_a_tall_wall(NEEDED[step])
+    result = rcp.solve(m, options={"max_iter": 400})
+    assert result.rounds[0].quality is rcp.Quality.INFEASIBLE
+    assert result.safe
+    assert closest(m, [box(0.8, 6, center=(2, 2))]) > 0.0495
+    assert_hard(m.move.avoid)
+
+
+def closed_in(**options: Any) -> pyo.ConcreteModel:
+    """The goal is walled in, and the body too slow to jump through a wall within an interval unseen."""
+    m = turning_move(elements=6, stages=1, height=0)
+    for control in (m.move.u, m.move.v, m.move.w):
+        control.setlb(-12)
+        control.setub(12)
+    walls = {
+        "left": box(0.2, 4, center=(2.5, 0)),
+        "right": box(0.2, 4, center=(5.5, 0)),
+        "above": box(3, 0.2, center=(4, 2)),
+        "below": box(3, 0.2, center=(4, -2)),
+    }
+    avoiding(m, obstacles=walls, **options)
+    return m
+
+
+def narrow(**options: Any) -> pyo.ConcreteModel:
+    """The only way is a corridor of 0.3, and the body 0.5 wide."""
+    m = turning_move(elements=6, height=0)
+    m.move.y.setlb(-1.5)
+    m.move.y.setub(1.5)
+    avoiding(m, obstacles={"above": box(1, 3, center=(2, 1.65)), "below": box(1, 3, center=(2, -1.65))}, **options)
+    return m
+
+
+@pytest.mark.parametrize("formulation", ["plane", "dual", "optimality"])
+@pytest.mark.parametrize("state", [closed_in, narrow])
+def test_where_there_is_no_way_none_is_claimed(state: Callable[..., Any], formulation: str) -> None:
+    m = state(formulation=formulation)
+    before = components(m)
+    result = rcp.solve(m, time_limit=4, options={"max_iter": 60})
+    assert result.safe is False
+    assert not result.solved
+    assert not any(each.safe and each.quality is not rcp.Quality.INFEASIBLE for each in result.rounds)
+    with pytest.raises(SolveFailed, match=r"(?s)'turning move'.*No motion was found.*'arrow' and .*closest found"):
+        result.raise_for_status()
+    assert "NOT SAFE" in str(result)
+    assert components(m) == before
+    assert_hard(m.move.avoid)
+    assert m.effort.active
+
+
+def test_the_last_point_is_kept_where_no_way_around_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = closed_in()
+    last = []
+    monkeypatch.setattr(Recovery, "_around_all", lambda self: pytest.fail("there is no way into a closed room"))
+    monkeypatch.setattr(Recovery, "_planes_anew", lambda self: last.append(positions(m)) or self._from_guess())
+    monkeypatch.setattr("pyrobocop_pyomo.solving.recovery.TURNS", ())
+    guess = positions(m)
+    result = rcp.solve(m, time_limit=2, options={"max_iter": 30})
+    assert not result.safe
+    assert last[0] != pytest.approx(guess, abs=1e-3)
+
+
+def positions(m: pyo.ConcreteModel) -> list[float]:
+    return [variable.value for part in (m.move.x, m.move.y) for variable in part.values()]
+
+
+def test_recovery_ends_where_no_obstacle_takes_part() -> None:
+    m = turning_move(elements=4, height=0)
+    avoiding(m, obstacles={"far": box(1, 1, center=(2, 50))}, broad_phase=5.0)
+    m.impossible = pyo.Constraint(expr=m.move.x[0.5] ** 2 <= -1)
+    result = rcp.solve(m, options={"max_iter": 60})
+    assert [each.purpose for each in result.rounds] == ["from the guess"]
+    assert result.quality is rcp.Quality.INFEASIBLE
+    assert result.safe is False
+
+
+# ---------------------------------------------------------------- pruned pairs
+
+
+@pytest.mark.parametrize("formulation", ["plane", "dual"])
+def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_recovery: None) -> None:
+    # Guessed on an arc high above the wall, which is then out of sight; the cheapest motion runs through it.
+    m = turning_move(elements=24, height=6)
+    avoid = avoiding(m, broad_phase=0.6, formulation=formulation)
+    avoid.initialize()
+    assert avoid.record.pruned
+    result = rcp.solve(m)
+    assert any("brought back" in each.purpose for each in result.rounds)
+    assert not result.rounds[0].safe
+    report = result.safety
+    assert report.safe is (closest(m, [WALL]) >= 0.0495)
+    # Certificates of single times cannot promise what is between; planes do.
+    assert result.safe or formulation != "plane"
+    nodes = [rcp.signed_distance(ARROW, WALL, placed(m.move, t)).distance for t in m.move.time]
+    assert min(nodes) >= 0.05 - 1e-6
