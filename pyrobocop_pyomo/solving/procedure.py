@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, TextIO
 
 from pyomo.core.base.block import Block
+from pyomo.core.base.external import ExternalFunction
 from pyomo.core.base.transformation import TransformationFactory
 
 from pyrobocop_pyomo.complementarity import Schedule
@@ -95,7 +96,8 @@ def solve(
         Finish each rung as described; without it, a point is as complementary as its relaxation.
     route : Route or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"mapped"`` or
-        ``"executable"``.
+        ``"executable"``. By default the best that is present; for models with obstacles ``"mapped"``, which is faster
+        there.
     options : mapping, optional
         Ipopt's options; they win over those that are set here.
     tee : bool or sequence of text streams
@@ -130,7 +132,8 @@ def solve(
     programs with equilibrium constraints, doi:10.48550/arXiv.2501.13835
     """
     started = time.perf_counter()
-    chosen_route = _find_route(route)
+    blocks = avoidance_blocks(model)
+    chosen_route = _route_around_obstacles(model) if route is None and blocks else _find_route(route)
     chosen_rungs = _chosen_rungs(schedule, rungs)
     _check_phases(model)
     blocks = avoidance_blocks(model)
@@ -206,6 +209,16 @@ def _chosen_rungs(
     if schedule is not None:
         return (Rung("schedule", schedule),)
     return None if rungs is None else as_rungs(rungs)
+
+
+def _route_around_obstacles(model: Any) -> Route:
+    """Mapped expressions where they can be: each turned normal is part of the rows of many corners.
+
+    ASL differentiates such shared parts anew for each row, which takes up to twenty times as long.
+    """
+    mapped = Route.IN_PROCESS_MAPPED in available_routes()
+    external = any(True for _ in model.component_objects(ExternalFunction))
+    return Route.IN_PROCESS_MAPPED if mapped and not external else best_route()
 
 
 def _find_route(route: Route | str | None) -> Route:
