@@ -85,9 +85,6 @@ def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entri
 
 
 def _core(scene: Scene, name: str) -> Core:
-    """Of the part that is largest inside: a union of parts is led by it."""
-    cores = [Core.of(part.shape) for part in scene.parts_of(name)]
-    return max(cores, key=lambda core: core.inner)
     """Of the part with most inside: a union of parts is led by it."""
     return max((Core.of(part.shape) for part in scene.parts_of(name)), key=lambda core: core.inner)
 

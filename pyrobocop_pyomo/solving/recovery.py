@@ -102,8 +102,6 @@ class Recovery:
             # The next step goes on from there.
             last.restore()
         return any(rerouted)
-        led = [name for block in self._blocks for name in reroute(block)]
-        return bool(led)
 
     def _around_all(self) -> SolveResult:
         for block in self._blocks:
