@@ -11,11 +11,10 @@ from functools import partial
 from typing import Any, TextIO
 
 from pyomo.core.base.block import Block
-from pyomo.core.base.external import ExternalFunction
 from pyomo.core.base.transformation import TransformationFactory
 
 from pyrobocop_pyomo.complementarity import Schedule
-from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.mpcc.active_set import Certificate
@@ -133,10 +132,13 @@ def solve(
     """
     started = time.perf_counter()
     blocks = avoidance_blocks(model)
-    chosen_route = _route_around_obstacles(model) if route is None and blocks else _find_route(route)
+    chosen_route, otherwise = _find_route(route), None
+    # Each turned normal is part of the rows of many corners. ASL differentiates such shared parts anew for each row,
+    # which takes several times as long; mapped expressions do not know all functions, though.
+    if blocks and route is None and Route.IN_PROCESS_MAPPED in available_routes():
+        chosen_route, otherwise = Route.IN_PROCESS_MAPPED, chosen_route
     chosen_rungs = _chosen_rungs(schedule, rungs)
     _check_phases(model)
-    blocks = avoidance_blocks(model)
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
         check_motion(block)
@@ -145,7 +147,7 @@ def solve(
     has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
     wanted = {**DEFAULT_OPTIONS, **(DEFAULT_PAIR_OPTIONS if has_pairs else {}), **(options or {})}
     output = tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ())
-    settings = Settings(relaxation, grouping, chosen_route, wanted, output, tolerances, polish)
+    settings = Settings(relaxation, grouping, chosen_route, wanted, output, tolerances, polish, otherwise)
 
     def left() -> float | None:
         return None if time_limit is None else time_limit - (time.perf_counter() - started)
@@ -211,16 +213,6 @@ def _chosen_rungs(
     return None if rungs is None else as_rungs(rungs)
 
 
-def _route_around_obstacles(model: Any) -> Route:
-    """Mapped expressions where they can be: each turned normal is part of the rows of many corners.
-
-    ASL differentiates such shared parts anew for each row, which takes up to twenty times as long.
-    """
-    mapped = Route.IN_PROCESS_MAPPED in available_routes()
-    external = any(True for _ in model.component_objects(ExternalFunction))
-    return Route.IN_PROCESS_MAPPED if mapped and not external else best_route()
-
-
 def _find_route(route: Route | str | None) -> Route:
     words = {
         "asl": Route.IN_PROCESS_ASL,
@@ -261,7 +253,13 @@ def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, opti
         session = ExecutableSession(relaxed, options, output)
     else:
         live = None if output else _live_line(bar, name)
-        session = InProcessSession(relaxed, settings.route.derivatives, options, output, live)
+        try:
+            session = InProcessSession(relaxed, settings.route.derivatives, options, output, live)
+        except ModelError as error:
+            if settings.otherwise is None:
+                raise
+            logger.info("'%s': %s is not taken: %s", name, settings.route.value, error)
+            return _open_session(replace(settings, route=settings.otherwise, otherwise=None), bar, relaxed, options)
     logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
     bar.line(f"{name}: {session.solver}, derivatives by {session.derivatives}")
     bar.line(STEP_HEADER)

@@ -13,7 +13,7 @@ from .tolerances import Tolerances
 
 @dataclass(frozen=True)
 class Settings:
-    """How to solve; see `solve`."""
+    """How to solve; see `solve`. Where the route cannot take a model, ``otherwise`` is the one to take instead."""
 
     relaxation: Any
     grouping: Any
@@ -22,3 +22,4 @@ class Settings:
     output: Sequence[TextIO]
     tolerances: Tolerances
     polish: bool
+    otherwise: Route | None = None
