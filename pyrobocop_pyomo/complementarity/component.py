@@ -167,6 +167,11 @@ class Complementarity(ActiveIndexedComponent):
 
     Examples
     --------
+    >>> import pyomo.environ as pyo
+    >>> from pyrobocop_pyomo import Complementarity, complements
+    >>> m = pyo.ConcreteModel()
+    >>> m.t = pyo.Set(initialize=[0, 1])
+    >>> m.gap, m.force = pyo.Var(m.t, bounds=(0, None)), pyo.Var(m.t, bounds=(0, None))
     >>> m.gap_or_force = Complementarity(m.t, rule=lambda m, t: complements(m.gap[t] >= 0, m.force[t] >= 0))
     """
 

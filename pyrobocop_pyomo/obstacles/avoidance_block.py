@@ -69,7 +69,7 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
     >>> import pyrobocop_pyomo as rcp
     >>> m = pyo.ConcreteModel()
     >>> m.move = rcp.PhaseBlock(duration=1.0, elements=10)
-    >>> m.move.x, m.move.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0, guess=[0, 1])
+    >>> m.move.x, m.move.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
     >>> m.move.avoid = rcp.ObstacleAvoidanceBlock(
     ...     m.move.time,
     ...     body=rcp.Polytope.box(0.5, 0.5),
@@ -77,7 +77,10 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
     ...     obstacles={"wall": rcp.Polytope.box(1, 2, center=(2, 0))},
     ...     clearance=0.05,
     ... )
+    >>> m.move.guess_straight_lines()  # through the wall: a guess may
     >>> m.move.avoid.initialize()
+    >>> len(m.move.avoid.planes)  # one per interval
+    10
     """
 
     _ComponentDataClass = ObstacleAvoidanceBlockData

@@ -219,7 +219,8 @@ class Link(AllOrNothingBlock):
     ...     b.height, b.speed = rcp.State(final=0), rcp.State()
     ...     _ = b.ode(lambda b, t: {b.height: b.speed[t], b.speed: -9.81})
     >>> m.impacts = rcp.Link(m.bounces, jump=lambda pre, post: {"speed": -0.8 * pre.speed})
-    >>> m.impacts[2].jump["speed"].pprint()
+    >>> print(m.impacts[2].jump["speed"].body)
+    -0.8*bounces[1].speed[1.0] - bounces[2].speed[0.0]
     """
 
     _ComponentDataClass = LinkData
