@@ -199,6 +199,8 @@ def _index(time: float, label: Hashable) -> Hashable:
 
 
 def _check_name(block: Any, name: str, what: str) -> None:
+    if name == "<lambda>":
+        raise DeclarationError(f"{what}: its rows are named after the function, and a lambda has no name. Use def.")
     if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():
         raise DeclarationError(
             f"{what}: its rows are named after the function, but the name '{name}' is taken or no identifier. "

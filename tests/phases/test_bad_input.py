@@ -188,7 +188,7 @@ STATEMENTS = {
     "constraint returns None": ("constraint", returns_none, "constraint 'returns_none' returned None"),
     "constraint is bare": ("constraint", bare, "expected a relation such as 'expression <= 1'"),
     "pair returns None": ("complementarity", returns_none, "complementarity 'returns_none' returned None"),
-    "rows without a name": ("residual", lambda b, t: b.x[t] == 1, "name '<lambda>' is taken or no identifier"),
+    "rows without a name": ("residual", lambda b, t: b.x[t] == 1, "a lambda has no name. Use def"),
 }
 
 
