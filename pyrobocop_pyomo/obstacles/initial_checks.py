@@ -126,28 +126,36 @@ def warn_about_quaternions(snapshot: Snapshot, model: Any) -> None:
     Sines and cosines make rotations whatever the angles; a quaternion does at length one only. To tell them apart,
     the variables are moved a little.
     """
-    one_of_each = {body: pose for (body, time), pose in snapshot.record.poses.items() if time is not None}
-    for body, pose in one_of_each.items():
-        read = variables_of(Pose(pose.rotation, (0.0,) * pose.dimension))
-        if not read or _is_always_a_rotation(pose, read):
+    held: set[frozenset[int]] | None = None
+    for body, rotations in _free_rotations(snapshot.record).items():
+        if _is_always_a_rotation(*rotations[0]):
             continue
-        names = {id(each) for each in read}
-        kept = any(
-            row.equality and {id(each) for each in identify_variables(row.body)} == names - _fixed(read)
-            for row in model.component_data_objects(Constraint, active=True, descend_into=True)
+        if held is None:
+            rows = model.component_data_objects(Constraint, active=True, descend_into=True)
+            held = {
+                frozenset(map(id, identify_variables(row.body, include_fixed=False))) for row in rows if row.equality
+            }
+        # Some scheme has no equations at the ends of its elements: one instant with an equation is enough.
+        if any(frozenset(id(each) for each in read if not each.fixed) in held for _, read in rotations):
+            continue
+        LOGGER.warning(
+            "%s: the rotation of '%s' is one only while %s have length one, and no equation keeps them so: its shape "
+            "would grow or shrink. Add the equation, and where differential equations turn the quaternion, a control "
+            "that stretches it and leaves the equation something to determine; or normalise what the pose reads.",
+            snapshot.what,
+            body,
+            ", ".join(each.name for each in rotations[0][1]),
         )
-        if not kept and not all(each.fixed for each in read):
-            LOGGER.warning(
-                "%s: the rotation of '%s' is one only while %s have length one, and no equation keeps them so: its "
-                "shape would grow or shrink. Add the equation, or normalise what the pose reads.",
-                snapshot.what,
-                body,
-                ", ".join(each.name for each in read),
-            )
 
 
-def _fixed(variables: list[Any]) -> set[int]:
-    return {id(each) for each in variables if each.fixed}
+def _free_rotations(record: AvoidanceRecord) -> dict[str, list[tuple[Pose, list[Any]]]]:
+    """By body, the poses whose rotation reads a variable that is not fixed, each with what it reads."""
+    found: dict[str, list[tuple[Pose, list[Any]]]] = {}
+    for (body, time), pose in record.poses.items():
+        read = [] if time is None else variables_of(Pose(pose.rotation, (0.0,) * pose.dimension))
+        if not all(each.fixed for each in read):
+            found.setdefault(body, []).append((pose, read))
+    return found
 
 
 def _is_always_a_rotation(pose: Pose, variables: list[Any]) -> bool:

@@ -147,6 +147,33 @@ def test_quaternions_without_an_equation_for_their_length_are_warned_about(caplo
     assert caplog.text == ""
 
 
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+@pytest.mark.parametrize("unit_length", [True, False])
+def test_quaternions_of_a_phase_are_warned_about_although_their_ends_are_fixed(caplog, scheme, unit_length):
+    m = pyo.ConcreteModel()
+    m.fly = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme=scheme, stages=2)
+    b.w, b.z = rcp.State(initial=1, final=0.6, guess=1), rcp.State(initial=0, final=0.8, guess=0)
+    b.rate, b.stretch = rcp.Control(), rcp.Control()
+    b.ode(
+        lambda b, t: {b.w: b.stretch[t] * b.w[t] - b.rate[t] * b.z[t], b.z: b.stretch[t] * b.z[t] + b.rate[t] * b.w[t]}
+    )
+    if unit_length:
+
+        @b.constraint
+        def length(b, t):
+            return b.w[t] ** 2 + b.z[t] ** 2 == 1
+
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CUBE,
+        pose=lambda b, t: rcp.spatial_pose((0, 0, 5), quaternion=(b.w[t], 0, 0, b.z[t])),
+        obstacles=[CUBE],
+        clearance=0.1,
+    )
+    b.avoid.initialize()
+    assert ("length one" in caplog.text) == (not unit_length)
+
+
 def test_sizes_that_cost_digits_are_warned_about(caplog):
     m = turning_move(elements=2)
     avoiding(m, obstacles={"ground": rcp.Polytope.box(1e4, 1, center=(0, -5))})
