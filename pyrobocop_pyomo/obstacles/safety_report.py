@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -48,8 +48,8 @@ class PairSafety:
     proven: float
     time: Any
     interval: int | None
-    interval_distance: Array
-    interval_proven: Array
+    interval_distance: Array = field(repr=False)
+    interval_proven: Array = field(repr=False)
     undecided: tuple[int, ...]
     pieces: int
 
@@ -133,7 +133,8 @@ class SafetyReport:
     def __str__(self) -> str:
         where = "at all times" if self.between else "at the points; nothing is said about what is between them"
         if self.safe:
-            return f"clear: {len(self.pairs)} pairs keep their clearance {where}\n{self.table()}"
+            pairs = "1 pair keeps its" if len(self.pairs) == 1 else f"{len(self.pairs)} pairs keep their"
+            return f"clear: {pairs} clearance {where}\n{self.table()}"
         found = sum(1 for pair in self.pairs if pair.violated)
         open_ones = sum(1 for pair in self.pairs if not pair.safe and not pair.violated)
         return f"NOT SAFE: {found} of {len(self.pairs)} pairs too close, {open_ones} undecided\n{self.table()}"
