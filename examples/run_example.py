@@ -92,7 +92,9 @@ def _read_command_line(description: str, cases: Mapping[str, Case], default: str
     parser.add_argument("--output", type=Path, default=Path("output"), help="folder of the picture (default: output)")
     parser.add_argument("--animate", action="store_true", help="write a GIF per case where bodies avoid obstacles")
     parser.add_argument(
-        "--route", choices=["in process", "asl", "casadi", "executable"], help="default: the best found"
+        "--route",
+        choices=["in process", "asl", "casadi", "mapped", "executable"],
+        help="default: mapped where bodies avoid obstacles, else the best found",
     )
     parser.add_argument("--tee", action="store_true", help="show Ipopt's log")
     return parser.parse_args()
