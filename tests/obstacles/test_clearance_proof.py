@@ -264,7 +264,10 @@ def test_what_is_not_decided_is_not_safe() -> None:
     assert report.undecided == report.pairs
     assert report.pairs[0].verdict == "undecided"
     assert judge(m, CAR, [wall], 0.1, tolerance=1e-7, pieces=3).undecided
-    assert judge(m, CAR, [wall], 0.1, tolerance=1e-7).safe
+    proven = judge(m, CAR, [wall], 0.1, tolerance=1e-7)
+    assert proven.safe
+    assert str(proven).startswith("clear: 1 pair keeps its clearance at all times")
+    assert "array" not in repr(proven)
     assert "NOT SAFE: 0 of 1 pairs too close, 1 undecided" in str(report)
 
 
