@@ -261,7 +261,7 @@ def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, opti
             logger.info("'%s': %s is not taken: %s", name, settings.route.value, error)
             return _open_session(replace(settings, route=settings.otherwise, otherwise=None), bar, relaxed, options)
     logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
-    bar.line(f"{name}: {session.solver}, derivatives by {session.derivatives}")
+    bar.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
     bar.line(STEP_HEADER)
     return session
 

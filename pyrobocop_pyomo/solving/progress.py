@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from typing import TextIO
 
@@ -21,10 +22,13 @@ class Progress:
         self._stream = sys.stderr if stream is None else stream
         self._shown = self._stream.isatty() if show is None else show
         self._live = 0
+        self._said: set[str] = set()
 
     def live(self, text: str) -> None:
         """Replace the current line."""
         if self._shown:
+            # What wraps around could not be replaced: the next line would start below it.
+            text = text[: shutil.get_terminal_size().columns - 1]
             self._stream.write("\r" + text.ljust(self._live))
             self._stream.flush()
             self._live = len(text)
@@ -35,3 +39,9 @@ class Progress:
             self._stream.write("\r" + text.ljust(self._live) + "\n")
             self._stream.flush()
             self._live = 0
+
+    def line_once(self, text: str) -> None:
+        """Write a line that stays, unless it was written before."""
+        if text not in self._said:
+            self._said.add(text)
+            self.line(text)

@@ -1,0 +1,38 @@
+"""What a terminal shows: one live line that is replaced, and lines that stay."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from pyrobocop_pyomo.solving.progress import Progress
+
+
+@pytest.mark.parametrize("columns", [20, 80])
+def test_a_live_line_never_wraps(monkeypatch: pytest.MonkeyPatch, columns: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    stream = io.StringIO()
+    bar = Progress(True, stream)
+    bar.live("long " * 40)
+    bar.live("short")
+    bar.line("stays")
+    shown = stream.getvalue().split("\r")[1:]
+    assert [len(text.rstrip("\n")) for text in shown] == [columns - 1, columns - 1, 5]
+    assert shown[-1] == "stays\n"
+
+
+def test_what_was_said_is_not_said_again() -> None:
+    stream = io.StringIO()
+    bar = Progress(True, stream)
+    for text in ("ipopt", "a round", "ipopt", "another"):
+        bar.line_once(text)
+    assert stream.getvalue().replace("\r", "") == "ipopt\na round\nanother\n"
+
+
+def test_nothing_is_shown_unless_asked_for_or_on_a_terminal() -> None:
+    stream = io.StringIO()
+    bar = Progress(None, stream)
+    bar.live("live")
+    bar.line("line")
+    assert stream.getvalue() == ""
