@@ -41,7 +41,8 @@ class Containment(AllOrNothingBlock):
     Notes
     -----
     One row ``C_k.(R V_i + t) <= e_k - clearance - radius`` per time, corner and side; no other variables. Between the
-    times, straight motion of the corners stays inside by itself; `verify` judges what is not straight.
+    times, straight motion of the corners stays inside by itself; `verify` judges what is not straight, and `solve` asks
+    for margins where that is outside.
 
     Examples
     --------

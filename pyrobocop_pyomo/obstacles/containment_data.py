@@ -21,6 +21,7 @@ from .building import BuiltWhole
 from .formulations.rows import dot
 from .motion import Motion, motion_of
 from .safety_report import PairSafety, SafetyReport
+from .snapshot import variables_of
 from .verification import verify_clearance
 
 
@@ -103,7 +104,7 @@ class ContainmentData(BuiltWhole):
                     self.inside.add((time, number, side), (None, dot(outwards, point) + room, offset - radius))
 
     def set_margin(self, interval: int, margin: float) -> None:
-        """Ask more than the clearance, at least this margin, at all times of an interval.
+        """Ask more than the clearance, at least this margin, at all times of an interval but those of fixed poses.
 
         Parameters
         ----------
@@ -114,7 +115,9 @@ class ContainmentData(BuiltWhole):
         if not (math.isfinite(margin) and margin >= 0):
             raise ObstacleError(f"{self._what}: the margin of interval {interval} is {margin!r}; it must be >= 0.")
         for time in self.motion.intervals[interval]:
-            self.margin[time] = max(float(margin), value(self.margin[time]))
+            # A fixed pose cannot make room: its rows would be wrong whatever the plan.
+            if not all(each.fixed for each in variables_of(self.record.poses[time])):
+                self.margin[time] = max(float(margin), value(self.margin[time]))
 
     def verify(self, tolerance: float | None = None) -> SafetyReport:
         """Judge the motion that the current values describe, all times between the points included.

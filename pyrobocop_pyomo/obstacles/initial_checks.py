@@ -115,6 +115,20 @@ def check_motion(block: Any) -> None:
         moving_shapes(motion, {name: scene.bodies[name] for pair in scene.pairs for name in pair})
 
 
+def check_contained_motion(region: Any) -> None:
+    """The same for a `Containment`, as far as its poses have values already.
+
+    Raises
+    ------
+    ObstacleError
+        When the pose cannot be followed.
+    """
+    motion, record = region.motion, region.record
+    read = [each for pose in record.poses.values() for each in variables_of(pose)]
+    if motion.intervals and all(each.value is not None for each in read):
+        moving_shapes(motion, {"body": record.body})
+
+
 def has_values(record: AvoidanceRecord) -> bool:
     """True when every variable that a pose reads has a value."""
     return all(each.value is not None for pose in record.poses.values() for each in variables_of(pose))

@@ -84,6 +84,36 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     return words
 
 
+def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
+    """Ask for more where a motion leaves a region between the times at which corners are looked at.
+
+    Parameters
+    ----------
+    region : ContainmentData
+    report : SafetyReport
+        Of the motion that its variables hold.
+
+    Returns
+    -------
+    list of str
+        What was done, in words; empty where nothing is left to be done.
+    """
+    intervals = region.motion.intervals
+    missing = np.zeros(len(intervals))
+    for pair in report.pairs if intervals else ():
+        # Where nothing was found, only the proof is missing: what it misses will do.
+        found = np.fmin(np.nan_to_num(pair.interval_distance, nan=np.inf), pair.clearance - pair.tolerance)
+        open_ones = pair.interval_proven < pair.clearance - pair.tolerance
+        missing = np.maximum(missing, np.where(open_ones, pair.clearance - found, 0.0))
+    for interval in np.flatnonzero(missing).tolist():
+        before = max(value(region.margin[time]) for time in intervals[interval])
+        region.set_margin(interval, before + SAG_FACTOR * float(missing[interval]))
+    count = int(np.count_nonzero(missing))
+    words = [f"{count} margins to a region raised"] if count else []
+    logger.info("'%s': %s", region.name, ", ".join(words) or "nothing left to tighten")
+    return words
+
+
 def _brought_back(block: Any, report: SafetyReport) -> list[str]:
     """Certificates of single times say nothing about what is between: only those that were left out can be added."""
     record, motion = block.record, block.motion

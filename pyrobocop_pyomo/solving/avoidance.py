@@ -15,9 +15,9 @@ from typing import Any
 
 from pyomo.core.base.block import Block
 
-from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData, SafetyReport
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData, SafetyReport
 from pyrobocop_pyomo.obstacles.safety_report import joined_report
-from pyrobocop_pyomo.obstacles.tightening import tighten
+from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
 
 from .attempt import FINAL_REASONS
 from .kept_round import KeptRound
@@ -51,6 +51,15 @@ def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
     ]
 
 
+def containments(model: Any) -> list[ContainmentData]:
+    """The active `Containment` of a model, wherever they are."""
+    return [
+        block
+        for block in model.block_data_objects(active=True, descend_into=Block)
+        if isinstance(block, ContainmentData)
+    ]
+
+
 class SafePlanning:
     """Rounds of solving and verifying on one model.
 
@@ -58,6 +67,8 @@ class SafePlanning:
     ----------
     model : Block
     blocks : list of ObstacleAvoidanceBlockData
+        Its active ones.
+    regions : list of ContainmentData
         Its active ones.
     climb : callable
         Solves the model as it stands.
@@ -73,18 +84,19 @@ class SafePlanning:
         self,
         model: Any,
         blocks: list[ObstacleAvoidanceBlockData],
+        regions: list[ContainmentData],
         climb: Climb,
         settings: Settings,
         rungs: Sequence[Rung] | None,
         bar: Progress,
         left: Callable[[], float | None],
     ) -> None:
-        self._model, self._blocks = model, blocks
+        self._model, self._blocks, self._regions = model, blocks, regions
         self._climb, self._settings, self._rungs = climb, settings, rungs
         self._bar, self._left = bar, left
         self.rounds: list[PlanningRound] = []
         self._results: list[SolveResult] = []
-        self._safety: SafetyReport
+        self._reports: list[SafetyReport]  # of each block, then of each region
         self._best: KeptRound | None = None
         self._interrupted = False
 
@@ -104,12 +116,12 @@ class SafePlanning:
             self._interrupted = True
         except BaseException:
             if self._best is not None:
-                self._best.restore(self._blocks)
+                self._best.restore(self._blocks, self._regions)
             raise
         return self._best_of_all()
 
     def _plan(self) -> None:
-        recovery = Recovery(self._model, self._blocks, self)
+        recovery = Recovery(self._model, self._blocks, self._regions, self)
         for step in recovery.steps():
             result = step()
             if result.quality is not Quality.INFEASIBLE:
@@ -134,15 +146,15 @@ class SafePlanning:
         settings = replace(self._settings, options={**AGAIN, **self._settings.options}) if again else self._settings
         result = self._climb(settings, self._rungs, self._bar, self._left)
         self._results.append(result)
-        report = joined_report([block.verify() for block in self._blocks])
+        self._reports = [each.verify() for each in (*self._blocks, *self._regions)]
+        report = joined_report(self._reports)
         self.rounds.append(PlanningRound.of(purpose, result, report))
         if len(self.rounds) == 1:
             self._bar.line(ROUND_HEADER)
         self._bar.line(str(self.rounds[-1]))
         logger.info("'%s': %s", self._model.name, self.rounds[-1])
-        self._safety = report
         if not relaxed:
-            kept = KeptRound.now(self._model, self._blocks, result, report)
+            kept = KeptRound.now(self._model, self._blocks, self._regions, result, report)
             if self._best is None or kept.rank > self._best.rank:
                 self._best = kept
         return result
@@ -157,11 +169,11 @@ class SafePlanning:
     def _made_safe(self, result: SolveResult) -> SolveResult:
         """Tighten and solve again until the motion is safe, or it does not seem to become so."""
         point = Point(self._model)
-        report = self._safety
+        reports = self._reports
         for number in range(1, MOST_ROUNDS):
-            if report.safe or not self.may_go_on(result):
+            if joined_report(reports).safe or not self.may_go_on(result):
                 break
-            purpose = self._tightened(report, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
+            purpose = self._tightened(reports, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
             if not purpose:
                 break
             result = self.solve(purpose, again=True)
@@ -169,26 +181,30 @@ class SafePlanning:
                 # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
                 point.restore()
             else:
-                point, report = Point(self._model), self._safety
+                point, reports = Point(self._model), self._reports
         return result
 
     @property
     def _is_good_enough(self) -> bool:
         """Safe; or feasible, where nobody asked for more than the points."""
         assert self._best is not None
-        asked = any(block.record.per_interval for block in self._blocks)
+        asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
         return self._best.is_safe or (self._best.result.quality is not Quality.INFEASIBLE and not asked)
 
-    def _tightened(self, report: SafetyReport, *, split: bool) -> str:
+    def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
-        done = [what for block in self._blocks for what in tighten(block, report, split=split)]
+        count = len(self._blocks)
+        pairs = zip(self._blocks, reports[:count], strict=True)
+        done = [what for block, report in pairs for what in tighten(block, report, split=split)]
+        inside = zip(self._regions, reports[count:], strict=True)
+        done += [what for region, report in inside for what in tighten_containment(region, report)]
         return ", ".join(dict.fromkeys(done))
 
     def _best_of_all(self) -> SolveResult:
         """The best round, its point on the model, with the steps of all."""
         assert self._best is not None
         best = self._best.result
-        self._best.restore(self._blocks)
+        self._best.restore(self._blocks, self._regions)
         before = self._results[: self._results.index(best)]
         return replace(
             best,

@@ -7,7 +7,7 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData, SafetyReport
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData, SafetyReport
 
 from .point import Point
 from .quality import Quality
@@ -27,6 +27,8 @@ class KeptRound:
         For each avoidance block, of the planes that it had.
     norms : list of str
         For each avoidance block.
+    room : list of dict of time to float
+        For each containment, its margins.
     """
 
     result: SolveResult
@@ -34,14 +36,21 @@ class KeptRound:
     point: Point
     margins: list[dict[Any, float]]
     norms: list[str]
+    room: list[dict[Any, float]]
 
     @classmethod
     def now(
-        cls, model: Any, blocks: list[ObstacleAvoidanceBlockData], result: SolveResult, report: SafetyReport
+        cls,
+        model: Any,
+        blocks: list[ObstacleAvoidanceBlockData],
+        regions: list[ContainmentData],
+        result: SolveResult,
+        report: SafetyReport,
     ) -> KeptRound:
         """The round that has just been judged."""
         margins = [{index: value(block.margin[index]) for index in block.planes} for block in blocks]
-        return cls(result, report, Point(model), margins, [block.record.norm_now for block in blocks])
+        room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
+        return cls(result, report, Point(model), margins, [block.record.norm_now for block in blocks], room)
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
@@ -55,7 +64,7 @@ class KeptRound:
         """Whether it is a plan to go by."""
         return self.report.safe and self.result.quality is not Quality.INFEASIBLE
 
-    def restore(self, blocks: list[ObstacleAvoidanceBlockData]) -> None:
+    def restore(self, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData]) -> None:
         """Put the point back, with the margins and norms of its round; planes that are new since start at the point."""
         self.point.restore()
         for block, margins, norm in zip(blocks, self.margins, self.norms, strict=True):
@@ -66,3 +75,5 @@ class KeptRound:
                     block.set_norm(norm)
             else:
                 block.initialize()
+        for region, room in zip(regions, self.room, strict=True):
+            region.margin.store_values(room)

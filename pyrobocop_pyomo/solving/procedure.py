@@ -19,12 +19,12 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.obstacles.initial_checks import check_clearances, check_motion
+from pyrobocop_pyomo.obstacles.initial_checks import check_clearances, check_contained_motion, check_motion
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
 from .attempt import StepRecorder
-from .avoidance import SafePlanning, avoidance_blocks
+from .avoidance import SafePlanning, avoidance_blocks, containments
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
 from .ladder import Ladder
@@ -131,7 +131,7 @@ def solve(
     programs with equilibrium constraints, doi:10.48550/arXiv.2501.13835
     """
     started = time.perf_counter()
-    blocks = avoidance_blocks(model)
+    blocks, regions = avoidance_blocks(model), containments(model)
     chosen_route, otherwise = _find_route(route), None
     # Each turned normal is part of the rows of many corners. ASL differentiates such shared parts anew for each row,
     # which takes several times as long; mapped expressions do not know all functions, though.
@@ -142,6 +142,8 @@ def solve(
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
         check_motion(block)
+    for region in regions:
+        check_contained_motion(region)
     bar = Progress(progress)
     tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
     has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
@@ -152,8 +154,8 @@ def solve(
     def left() -> float | None:
         return None if time_limit is None else time_limit - (time.perf_counter() - started)
 
-    if blocks:
-        result = SafePlanning(model, blocks, partial(climb, model), settings, chosen_rungs, bar, left).plan()
+    if blocks or regions:
+        result = SafePlanning(model, blocks, regions, partial(climb, model), settings, chosen_rungs, bar, left).plan()
     else:
         result = climb(model, settings, chosen_rungs, bar, left)
     return replace(result, seconds=time.perf_counter() - started)

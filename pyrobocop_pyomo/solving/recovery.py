@@ -19,7 +19,7 @@ from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import reroute
 from pyrobocop_pyomo.obstacles.tightening import split_violated
 
@@ -56,11 +56,14 @@ class Recovery:
     model : Block
         Its values are the user's guess.
     blocks : list of ObstacleAvoidanceBlockData
+    regions : list of ContainmentData
     planning : Solves
     """
 
-    def __init__(self, model: Any, blocks: list[ObstacleAvoidanceBlockData], planning: Solves) -> None:
-        self._model, self._blocks, self._planning = model, blocks, planning
+    def __init__(
+        self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Solves
+    ) -> None:
+        self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
         self._guess = Point(model)
         self._sides = {block: dict(block.record.sides) for block in blocks}
 
@@ -85,6 +88,8 @@ class Recovery:
     def _start(self, sides: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
         """Back to the user's guess, with certificates of its own."""
         self._guess.restore()
+        for region in self._regions:
+            region.margin.store_values(dict.fromkeys(region.times, 0.0))
         for block in self._blocks:
             clear_margins(block)
             block.initialize(sides={**self._sides[block], **(sides or {}).get(block, {})})

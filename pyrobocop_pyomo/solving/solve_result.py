@@ -75,7 +75,8 @@ class SolveResult:
     seconds : float
         Elapsed time in all, writing included.
     safety : SafetyReport or None
-        How clear of obstacles the continuous motion is; None for a model without `ObstacleAvoidanceBlock`.
+        How clear of obstacles the continuous motion is, and of the sides of regions that it is to stay in; None for
+        a model without `ObstacleAvoidanceBlock` and `Containment`.
     rounds : sequence of PlanningRound
         What was done until the motion was safe.
     """
@@ -102,7 +103,7 @@ class SolveResult:
 
     @property
     def safe(self) -> bool | None:
-        """Whether all clearances are proven for the whole motion; None for a model without obstacle avoidance."""
+        """Whether all clearances are proven for the whole motion; None for a model without obstacles and regions."""
         return None if self.safety is None else self.safety.safe and self.quality is not Quality.INFEASIBLE
 
     @property

@@ -1,0 +1,100 @@
+"""`solve` answers for containments as for obstacles: inside at all times, or said not to be."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+BAR = rcp.Polytope.box(1, 0.2)
+
+
+def turning_over_a_floor(
+    *, ceiling: float = 2.0, obstacle: bool = False, shape: rcp.Polytope = BAR
+) -> pyo.ConcreteModel:
+    """A bar makes half a turn between a floor and a ceiling and stays low: steepest between the boundaries."""
+    m = pyo.ConcreteModel(name="half a turn")
+    m.turn = b = rcp.PhaseBlock(duration=1.0, elements=3, scheme="implicit_euler")
+    b.y, b.theta = rcp.State(initial=0.2, final=0.2), rcp.State(initial=0, final=pi)
+    b.climb, b.rate = rcp.Control(), rcp.Control(bounds=(pi, pi))
+    b.ode(lambda b, t: {b.y: b.climb[t], b.theta: b.rate[t]})
+    m.low = pyo.Objective(expr=b.integral(lambda b, t: b.y[t] ** 2 + 1e-3 * b.climb[t] ** 2))
+    b.guess_straight_lines()
+
+    def pose(b, t):
+        return rcp.planar_pose(0, b.y[t], b.theta[t])
+
+    room = rcp.Polytope.from_halfspaces([[0, -1], [0, 1]], [0, ceiling], bounded=False)
+    b.inside = rcp.Containment(b.time, body=shape, pose=pose, region=room)
+    if obstacle:
+        far = {"far": rcp.Polytope.box(1, 1, center=(5, 0))}
+        b.avoid = rcp.ObstacleAvoidanceBlock(b.time, body=shape, pose=pose, obstacles=far, clearance=0.05)
+    return m
+
+
+@pytest.mark.parametrize("obstacle", [False, True], ids=["alone", "beside obstacles"])
+def test_a_body_is_held_inside_between_the_points(obstacle: bool) -> None:
+    m = turning_over_a_floor(obstacle=obstacle)
+    result = rcp.solve(m)
+    assert result.solved
+    assert result.safe
+    assert m.turn.inside.verify().safe
+    assert not result.rounds[0].safe  # what the points alone give is not
+    assert {pair.second for pair in result.safety.pairs} == {"side 1", "side 2"} | ({"far"} if obstacle else set())
+
+
+def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
+    m = turning_over_a_floor(ceiling=1.0)  # the bar reaches 1.02 from corner to corner
+    result = rcp.solve(m)
+    assert not result.safe
+    assert not result.solved
+    assert "side" in str(result)
+    with pytest.raises(rcp.SolveFailed):
+        result.raise_for_status()
+
+
+def test_margins_of_the_best_round_are_left_on_the_model() -> None:
+    m = turning_over_a_floor()
+    inside = m.turn.inside
+    assert rcp.solve(m).safe
+    asked = {t: pyo.value(inside.margin[t]) for t in inside.times}
+    assert max(asked.values()) > 0
+    assert max(row.uslack() for row in inside.inside.values()) >= 0
+    assert min(row.uslack() for row in inside.inside.values()) > -1e-6
+    again = rcp.solve(m)  # starts without margins, and finds them anew
+    assert again.safe
+
+
+def test_a_pose_that_cannot_be_followed_is_refused_before_the_solve() -> None:
+    m = turning_over_a_floor()
+    b = m.turn
+    b.del_component("inside")
+    b.inside = rcp.Containment(
+        b.time, body=BAR, pose=lambda _, t: rcp.planar_pose(0, b.y[t], b.theta[t]), region=rcp.Polytope.box(9, 9)
+    )
+    with pytest.raises(rcp.ObstacleError, match="through its first argument"):
+        rcp.solve(m)
+
+
+def test_blocks_with_the_same_names_are_tightened_each_by_its_own_report() -> None:
+    m = turning_over_a_floor(ceiling=1.5)
+    b = m.turn
+
+    def pose(b, t):
+        return rcp.planar_pose(0, b.y[t], b.theta[t])
+
+    floor = rcp.Polytope.from_halfspaces([[0, 1]], [0], bounded=False)
+    far = rcp.Polytope.box(1, 1, center=(9, 0))
+    b.del_component("inside")
+    b.near = rcp.ObstacleAvoidanceBlock(b.time, body=BAR, pose=pose, obstacles=[floor], clearance=0.05)
+    b.far = rcp.ObstacleAvoidanceBlock(b.time, body=BAR, pose=pose, obstacles=[far], clearance=0.05)
+    result = rcp.solve(m)
+    assert result.safe
+    assert len(result.rounds) > 1
+    sagging = max(pyo.value(b.near.margin[index]) for index in b.near.planes)
+    assert sagging > 0
+    # The far one is asked for its own sag only, which is that of a bar between two poses.
+    assert max(pyo.value(b.far.margin[index]) for index in b.far.planes) < 0.25
