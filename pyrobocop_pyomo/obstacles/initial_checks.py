@@ -129,6 +129,27 @@ def check_contained_motion(region: Any) -> None:
         moving_shapes(motion, {"body": record.body})
 
 
+def check_fixed_inside(region: Any, tolerance: float) -> None:
+    """A body is inside its region, but for a tolerance, where its pose is fixed: no plan could change that.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the containment, the side, the time and by how much the body is beyond it.
+    """
+    poses = region.record.poses
+    fixed = {time for time, pose in poses.items() if all(each.fixed for each in variables_of(pose))}
+    beyond = {(time, side): -row.uslack() for (time, _, side), row in region.inside.items() if time in fixed}
+    worst = max(beyond, key=lambda place: beyond[place], default=None)
+    if worst is not None and beyond[worst] > tolerance:
+        time, side = worst
+        raise ObstacleError(
+            f"containment '{region.name}': at {time}, where the pose is fixed, the body is {beyond[worst]:.6g} "
+            f"beyond side {side + 1} of the region, with the clearance of {value(region.clearance):g}. Move the fixed "
+            "pose, or ask for a larger region."
+        )
+
+
 def has_values(record: AvoidanceRecord) -> bool:
     """True when every variable that a pose reads has a value."""
     return all(each.value is not None for pose in record.poses.values() for each in variables_of(pose))

@@ -19,7 +19,12 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.obstacles.initial_checks import check_clearances, check_contained_motion, check_motion
+from pyrobocop_pyomo.obstacles.initial_checks import (
+    check_clearances,
+    check_contained_motion,
+    check_fixed_inside,
+    check_motion,
+)
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .assessment import PointJudge
@@ -143,6 +148,7 @@ def solve(
         check_clearances(block, feasibility_tolerance)
         check_motion(block)
     for region in regions:
+        check_fixed_inside(region, feasibility_tolerance)
         check_contained_motion(region)
     bar = Progress(progress)
     tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)

@@ -56,6 +56,12 @@ def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
         result.raise_for_status()
 
 
+def test_a_fixed_pose_outside_is_refused_with_what_is_missing() -> None:
+    m = turning_over_a_floor(ceiling=0.25)
+    with pytest.raises(rcp.ObstacleError, match=r"'turn.inside': at [01].0, .* is 0.05 beyond side 2"):
+        rcp.solve(m)
+
+
 def test_margins_of_the_best_round_are_left_on_the_model() -> None:
     m = turning_over_a_floor()
     inside = m.turn.inside
