@@ -51,7 +51,7 @@ class Fails:
 
 def told(model: pyo.ConcreteModel) -> dict[str, float]:
     planning = Fails(model)
-    for step in Recovery(model, [model.move.avoid], planning).steps():
+    for step in Recovery(model, [model.move.avoid], [], planning).steps():
         step()
     return planning.told
 
@@ -74,7 +74,7 @@ def test_only_what_measures_overlap_is_made_to_give_way() -> None:
 def test_margins_of_another_motion_are_forgotten() -> None:
     m = through_a_wall()
     index = m.move.avoid.planes.first()
-    recovery = Recovery(m, [m.move.avoid], Fails(m))
+    recovery = Recovery(m, [m.move.avoid], [], Fails(m))
     for step, _ in zip(recovery.steps(), range(2), strict=False):
         m.move.avoid.set_margin(*index, 0.3)
         step()
