@@ -33,7 +33,9 @@ class Effort:
     pieces: int
 
 
-def prove_pair(first: MovingShape, second: MovingShape, clearance: float, ends: Array, effort: Effort) -> PairSafety:
+def prove_pair(
+    first: MovingShape, second: MovingShape, clearance: float, ends: Array, effort: Effort, strays: Array
+) -> PairSafety:
     """Prove a clearance over all intervals.
 
     Parameters
@@ -43,9 +45,12 @@ def prove_pair(first: MovingShape, second: MovingShape, clearance: float, ends: 
     ends : array, shape (intervals, 2)
         Start and end of each interval in the user's time.
     effort : Effort
+    strays : array, shape (intervals,)
+        How far the formulas misplace the two shapes together. Beyond the tolerance they are not those of a motion of
+        rigid bodies: such intervals stay undecided.
     """
     with np.errstate(all="ignore"):  # what is not finite is never proven
-        return _Proof(first, second, clearance, effort, len(ends)).run(ends)
+        return _Proof(first, second, clearance, effort, len(ends)).run(ends, strays)
 
 
 class _Proof:
@@ -61,7 +66,7 @@ class _Proof:
         self.undecided: set[int] = set()
         self.pieces = 0
 
-    def run(self, ends: Array) -> PairSafety:
+    def run(self, ends: Array, strays: Array) -> PairSafety:
         intervals = len(ends)
         interval = np.arange(intervals)
         start, end = np.zeros(intervals), np.ones(intervals)
@@ -70,6 +75,9 @@ class _Proof:
             if len(interval) == 0:
                 break
         self._search_closest()
+        leaps = ~(strays <= self.effort.tolerance)
+        self.proven[leaps] = -np.inf
+        self.undecided.update(np.flatnonzero(leaps & ~(self.distance < self.needed)).tolist())
         worst = int(np.nanargmin(self.distance))
         begins, finishes = ends[worst]
         return PairSafety(
@@ -132,7 +140,8 @@ class _Proof:
         distances, normals = _exact(p, q, p_rays, q_rays)
         distances = distances - self.radii
         for i, distance, at in zip(interval.tolist(), distances.tolist(), fraction.tolist(), strict=True):
-            if not distance >= self.distance[i]:
+            # What is not finite is not seen: it must not hide what was.
+            if distance < self.distance[i] or np.isnan(self.distance[i]):
                 self.distance[i], self.instant[i] = distance, at
         return distances, normals
 

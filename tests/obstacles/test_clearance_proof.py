@@ -254,6 +254,105 @@ def test_infinite_speed_is_no_proof_but_values_still_are() -> None:
     assert not through.safe
 
 
+SCHEMES: list[tuple[str, int | None]] = [
+    ("implicit_midpoint", None), ("gauss", 2), ("gauss", 3), ("lobatto", 3), ("lobatto", 4), ("trapezoid", None),
+    ("radau", 2), ("explicit", 1), ("explicit", 3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
+@pytest.mark.parametrize("leap", [0.0, 1e-7, 4.0])
+def test_a_leap_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | None, leap: float) -> None:
+    """Values that are not solved: both elements stand still, the second one beyond the obstacle."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(
+        duration=2.0, elements=2, scheme=scheme, **({} if stages is None else {"stages": stages})
+    )
+    b.x, b.rate = rcp.State(), rcp.State()
+    b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
+    for t in b.time:
+        b.x[t].set_value(-2.0 if t < 1 else -2.0 + leap)
+        b.rate[t].set_value(0.0)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CAR,
+        pose=lambda b, t: planar_pose(b.x[t], 0.0),
+        obstacles=[Polytope.box(1, 1)],
+        clearance=0.05,
+    )
+    report = b.avoid.verify()
+    assert report.safe == (leap < 1.0)
+    pair = report.pairs[0]
+    assert pair.verdict in ({"clear"} if leap < 1.0 else {"undecided", "overlap"})
+    assert set(pair.undecided) | set(pair.violated) == {
+        interval for interval in range(2) if pair.interval_proven[interval] < 0.05 * 0.99
+    }
+
+
+def test_a_state_that_leaps_at_a_node_within_an_element_is_seen() -> None:
+    """The polynomial of a Lobatto scheme follows right-hand sides; the values at its middle nodes may lie elsewhere."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, scheme="lobatto", stages=4)
+    b.x, b.rate = rcp.State(guess=-2.0), rcp.State(guess=0.0)
+    b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CAR,
+        pose=lambda b, t: planar_pose(b.x[t], 0.0),
+        obstacles=[Polytope.box(1, 1)],
+        clearance=0.05,
+    )
+    assert b.avoid.verify().safe
+    inner = sorted(b.time)[1]
+    b.x[inner].set_value(0.0)  # within the obstacle
+    assert not b.avoid.verify().safe
+    b.x[inner].set_value(-2.0)
+    b.x[b.final_time].set_value(2.0)  # the end of the plan is no start of an element
+    assert not b.avoid.verify().safe
+
+
+@pytest.mark.parametrize(("elements", "rigid"), [(2, False), (10, True)])
+def test_a_rod_that_shrinks_between_the_nodes_is_no_proof(elements: int, rigid: bool) -> None:
+    """A quaternion of length one at the nodes, which a polynomial cuts short in between: so is the rod."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=3)
+    b.w, b.z = rcp.State(), rcp.State()
+    b.w_rate, b.z_rate = rcp.Control(), rcp.Control()
+    b.ode(lambda b, t: {b.w: b.w_rate[t], b.z: b.z_rate[t]})
+    for t in b.time:
+        b.w[t].set_value(math.cos(math.pi * t / 2))
+        b.z[t].set_value(math.sin(math.pi * t / 2))
+
+    def pose(m: Any, t: Any) -> Pose:
+        return spatial_pose((0, 0, 0), quaternion=(m.move.w[t], 0.0, 0.0, m.move.z[t]))
+
+    rod = Polytope.capsule((0, 0, 0), (2, 0, 0), 0.05)
+    report = judge(m, rod, [Polytope.box(0.1, 0.1, 0.1, center=(0, 3, 0))], 0.1, points=b.time, pose=pose)
+    assert report.safe == rigid
+
+
+def test_what_has_no_pose_does_not_hide_an_overlap() -> None:
+    """Between the nodes a square root has no value for a while; what is found too close before that stays found."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, stages=2)
+    b.x = rcp.State()
+    b.rate = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.rate[t]})
+    for t, number in zip(b.time, (1.0, 0.01, 0.25), strict=True):
+        b.x[t].set_value(number)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CAR,
+        pose=lambda b, t: planar_pose(3 * pyo.sqrt(b.x[t]) - 3, 0.0),
+        obstacles=[Polytope.box(0.2, 1, center=(0.7, 0))],
+        clearance=0.2,
+    )
+    pair = b.avoid.verify().pairs[0]
+    assert pair.violated == (0,)
+    assert pair.distance == pytest.approx(0.1)
+    assert not pair.safe
+
+
 def test_what_is_not_decided_is_not_safe() -> None:
     """Closer to the clearance than the tolerance allows to tell with few pieces."""
     m = on_points([(0, 0, 0), (0, 0, 3.0)])
