@@ -222,6 +222,25 @@ def test_shapes_without_end() -> None:
     assert not judge(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
 
 
+def test_nothing_is_gained_along_a_wall_without_end() -> None:
+    """Far from the corner of its description, a normal that leans over the wall by rounding measures too much."""
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        along, distance, angle = (
+            10.0 ** random.uniform(5, 7),
+            10.0 ** random.uniform(-3, 0),
+            random.uniform(0, 2 * np.pi),
+        )
+        outwards = np.array([math.cos(angle), math.sin(angle)])
+        tangent = np.array([-outwards[1], outwards[0]])
+        body = Polytope.hull(random.normal(size=(5, 2)))
+        lowest = float((body.vertices @ outwards).min())
+        ends = [outwards * (distance * factor - lowest) + tangent * along * factor for factor in (1.0, 1.1)]
+        wall = Polytope.from_halfspaces([outwards], [0.0], bounded=False)
+        report = judge(on_points([(*end, 0.0) for end in ends]), body, [wall], distance / 2)
+        assert report.pairs[0].proven <= distance + 1e-15 * along, seed
+
+
 def test_unions_are_judged_part_by_part() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
     fence = Body([Polytope.box(0.2, 1, center=(2, 1.5)), Polytope.box(0.2, 1, center=(2, 0.6))])
