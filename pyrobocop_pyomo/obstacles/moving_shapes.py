@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _EPS = float(np.finfo(float).eps)
+_SAMPLES = 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,40 @@ class MovingShape:
         rotation, translation = entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
         turned = [np.einsum("mrc,ic->mir", rotation, each) for each in (self.shape.vertices, self.shape.rays)]
         return turned[0] + translation[:, None, :], turned[1]
+
+    def strays(self, motion: Motion) -> Array:
+        """How far the formulas misplace a corner, at most, in each interval, shape ``(intervals,)``.
+
+        From where the nodes place it, see `PoseTemplate.strays`, and from where a rigid body has it: a quaternion that
+        has length one at the nodes is a little shorter between them, and so is the body.
+        """
+        farthest = np.zeros(len(motion.intervals))
+        if self.template is not None:
+            d = self.shape.dimension
+            interval, difference = self.template.strays(motion)
+            turned = difference[:, : d * d].reshape(-1, d, d)
+            moved = np.einsum("mrc,ic->mir", turned, self.shape.vertices) + difference[:, None, d * d :]
+            # Of rays, at unit length.
+            moved = np.concatenate([moved, np.einsum("mrc,ic->mir", turned, self.shape.rays)], axis=1)
+            lengths = np.linalg.norm(moved, axis=2).max(axis=1)
+            # Without value there is no path either, and no proof.
+            np.maximum.at(farthest, interval, np.where(np.isnan(lengths), 0.0, lengths))
+            farthest += self._distortion(self.template, len(farthest))
+        return farthest
+
+    def _distortion(self, template: PoseTemplate, intervals: int) -> Array:
+        """How far from a rigid body's the corners are, at samples: the rotations' are polynomials of few wiggles."""
+        d = self.shape.dimension
+        interval = np.repeat(np.arange(intervals), _SAMPLES)
+        entries = template.values(interval, np.tile(np.linspace(0.0, 1.0, _SAMPLES), intervals))
+        rotation = entries[:, : d * d].reshape(-1, d, d)
+        # The nearest rotation has singular values of one. Those of what is no number are left to the proof.
+        finite = np.isfinite(rotation).all(axis=(1, 2))
+        stretched = np.abs(np.linalg.svd(rotation[finite], compute_uv=False) - 1.0).max(axis=1, initial=0.0)
+        farthest = np.zeros(intervals)
+        np.maximum.at(farthest, interval[finite], stretched)
+        lever = np.linalg.norm(np.concatenate([self.shape.vertices, self.shape.rays]), axis=1).max()
+        return np.asarray(farthest * lever, dtype=np.float64)
 
     def stretches(self, interval: Indices, start: Array, end: Array) -> Stretches:
         """Bounds on the paths over stretches of intervals."""

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _EPS = float(np.finfo(float).eps)
-# A ray that a normal meets by less than this does so by rounding: within the size of the scene it moves nothing.
+# A ray that a normal meets by less than this does so by rounding, and counts as far as the scene reaches.
 _ALONG_RAY = 1e-9
 # Instants per level of the search for the closest one in an interval that is too close anyway.
 _SEARCH = 17
@@ -33,7 +33,9 @@ class Effort:
     pieces: int
 
 
-def prove_pair(first: MovingShape, second: MovingShape, clearance: float, ends: Array, effort: Effort) -> PairSafety:
+def prove_pair(
+    first: MovingShape, second: MovingShape, clearance: float, ends: Array, effort: Effort, strays: Array
+) -> PairSafety:
     """Prove a clearance over all intervals.
 
     Parameters
@@ -43,9 +45,12 @@ def prove_pair(first: MovingShape, second: MovingShape, clearance: float, ends: 
     ends : array, shape (intervals, 2)
         Start and end of each interval in the user's time.
     effort : Effort
+    strays : array, shape (intervals,)
+        How far the formulas misplace the two shapes together. Beyond the tolerance they are not those of a motion of
+        rigid bodies: such intervals stay undecided.
     """
     with np.errstate(all="ignore"):  # what is not finite is never proven
-        return _Proof(first, second, clearance, effort, len(ends)).run(ends)
+        return _Proof(first, second, clearance, effort, len(ends)).run(ends, strays)
 
 
 class _Proof:
@@ -61,7 +66,7 @@ class _Proof:
         self.undecided: set[int] = set()
         self.pieces = 0
 
-    def run(self, ends: Array) -> PairSafety:
+    def run(self, ends: Array, strays: Array) -> PairSafety:
         intervals = len(ends)
         interval = np.arange(intervals)
         start, end = np.zeros(intervals), np.ones(intervals)
@@ -70,6 +75,9 @@ class _Proof:
             if len(interval) == 0:
                 break
         self._search_closest()
+        leaps = ~(strays <= self.effort.tolerance)
+        self.proven[leaps] = -np.inf
+        self.undecided.update(np.flatnonzero(leaps & ~(self.distance < self.needed)).tolist())
         worst = int(np.nanargmin(self.distance))
         begins, finishes = ends[worst]
         return PairSafety(
@@ -132,7 +140,8 @@ class _Proof:
         distances, normals = _exact(p, q, p_rays, q_rays)
         distances = distances - self.radii
         for i, distance, at in zip(interval.tolist(), distances.tolist(), fraction.tolist(), strict=True):
-            if not distance >= self.distance[i]:
+            # What is not finite is not seen: it must not hide what was.
+            if distance < self.distance[i] or np.isnan(self.distance[i]):
                 self.distance[i], self.instant[i] = distance, at
         return distances, normals
 
@@ -162,8 +171,10 @@ class _Proof:
         # Where second derivatives have no bound, values may: a root that starts at zero, for example.
         values = p.values(normals).low[:, :, None] - q.values(normals).high[:, None, :]
         gap = np.fmax(chord, values).min(axis=(1, 2))
-        gap = np.where(p.ray_slopes(normals).low.min(axis=1, initial=0.0) >= -_ALONG_RAY, gap, -np.inf)
-        gap = np.where(q.ray_slopes(normals).high.max(axis=1, initial=0.0) <= _ALONG_RAY, gap, -np.inf)
+        # How far a normal leans over rays, and what that is worth as far away as the nearest points may be.
+        leaning = np.maximum(-p.ray_slopes(normals).low.min(axis=1, initial=0.0), 0.0)
+        leaning = np.maximum(leaning, q.ray_slopes(normals).high.max(axis=1, initial=0.0))
+        gap = np.where(leaning <= _ALONG_RAY, gap - 4.0 * leaning * _reach(p, q), -np.inf)
         size = np.maximum(np.abs(ends[0]), np.abs(ends[1])).max(axis=(1, 2))
         # A gap along a vector of any length is a distance times that length.
         return (gap - 64 * _EPS * size) / np.linalg.norm(normals, axis=1) - self.radii
@@ -190,6 +201,15 @@ class _Proof:
                 self._look(np.full(_SEARCH, i), fractions)
                 step = (high - low) / (_SEARCH - 1)
                 low, high = max(self.instant[i] - step, 0.0), min(self.instant[i] + step, 1.0)
+
+
+def _reach(p: Stretches, q: Stretches) -> Array:
+    """Largest distance of the corners from one of them, at the ends of each stretch, shape ``(m,)``."""
+    reach = np.zeros(len(p.start))
+    for corners_p, corners_q in ((p.at_start[0], q.at_start[0]), (p.at_end[0], q.at_end[0])):
+        for corners in (corners_p, corners_q):
+            reach = np.maximum(reach, np.linalg.norm(corners - corners_q[:, :1, :], axis=2).max(axis=1))
+    return reach
 
 
 def _exact(p: Array, q: Array, p_rays: Array, q_rays: Array) -> tuple[Array, Array]:

@@ -103,6 +103,27 @@ class PoseTemplate:
         known = ExpressionValues(leaves)
         return np.array([np.broadcast_to(known.of(entry), count) for entry in self.entries], dtype=float).T
 
+    def strays(self, motion: Motion) -> tuple[Indices, Array]:
+        """By how much entries at the nodes of each interval differ from those that its polynomials give there.
+
+        Equations of the model tie nodes and polynomials together: the row of an element's end, or the right-hand sides
+        of a scheme that starts on a stage. Values that do not fulfil them jump.
+
+        Returns
+        -------
+        interval : array, shape (m,)
+        difference : array, shape (m, d * d + d)
+            NaN where a polynomial has no value.
+        """
+        counts = [len(nodes) for nodes in motion.intervals]
+        interval = np.repeat(np.arange(len(counts)), counts)
+        fraction = np.concatenate([motion.local_fractions(i) for i in range(len(counts))])
+        leaves = {
+            id(each.placeholder): np.array([each.at_node(node) for nodes in motion.intervals for node in nodes])
+            for each in self.signals
+        }
+        return interval, self._evaluated(leaves, len(interval)) - self.values(interval, fraction)
+
     def check(self, motion: Motion, rule: Callable[..., Any]) -> None:
         """Compare with the rule, asked at all nodes.
 

@@ -35,7 +35,8 @@ class PairSafety:
         The same for each interval, or for each point where there are no intervals. NaN in `interval_distance`: the
         interval was proven clear by its swept boxes and never looked into.
     undecided : tuple of int
-        Intervals that are neither proven clear nor found violated.
+        Intervals that are neither proven clear nor found violated; among them those in which a body leaps at a
+        node, as guesses and points that are not solved may do, or shrinks between them, by more than the tolerance.
     pieces : int
         Number of stretches that the proof took.
     """

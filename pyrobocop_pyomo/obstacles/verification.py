@@ -52,7 +52,9 @@ def verify_clearance(
     Returns
     -------
     SafetyReport
-        Safe only where the distance is *proven*, up to rounding; every pair of convex parts has its line.
+        Safe only where the distance is *proven*, up to rounding; every pair of convex parts has its line. Intervals
+        whose values are no motion of rigid bodies, because they leap or shrink by more than the tolerance, are
+        undecided.
 
     Raises
     ------
@@ -75,12 +77,18 @@ def verify_clearance(
         return _at_points(motion, bodies, clearances, tolerance)
     watched = {name: bodies[name] for name in dict.fromkeys(name for pair in clearances for name in pair)}
     shapes = moving_shapes(motion, watched)
+    with np.errstate(all="ignore"):
+        strays = {name: [shape.strays(motion) for shape in parts] for name, parts in shapes.items()}
     clocks = clocks_of(motion)
     ends = np.array([[clocks[nodes[0]], clocks[nodes[-1]]] for nodes in motion.intervals])
     found = []
     for (first, second), clearance in clearances.items():
         effort = Effort(_tolerance(tolerance, clearance), depth, pieces)
-        found += [prove_pair(a, b, clearance, ends, effort) for a in shapes[first] for b in shapes[second]]
+        found += [
+            prove_pair(a, b, clearance, ends, effort, a_strays + b_strays)
+            for a, a_strays in zip(shapes[first], strays[first], strict=True)
+            for b, b_strays in zip(shapes[second], strays[second], strict=True)
+        ]
     return SafetyReport(tuple(found))
 
 

@@ -205,7 +205,8 @@ class SafePlanning:
         assert self._best is not None
         best = self._best.result
         self._best.restore(self._blocks, self._regions)
-        before = self._results[: self._results.index(best)]
+        # By identity: two results may be equal in what can be compared, and hold arrays, which cannot.
+        before = self._results[: next(i for i, each in enumerate(self._results) if each is best)]
         return replace(
             best,
             stop_reason=self._stop_reason(),

@@ -50,6 +50,8 @@ class StartOutcome:
 class MultistartResult(Sequence[StartOutcome]):
     """Outcomes, the best first: feasible ones by objective, then infeasible ones by violation, then errors.
 
+    Where there are obstacles, plans that are proven safe come before all others that are feasible.
+
     Attributes
     ----------
     name : str
@@ -235,8 +237,10 @@ def _order(outcome: StartOutcome, sign: float) -> tuple[Any, ...]:
         return (2, 0.0, outcome.start)
     if not outcome.feasible:
         return (1, max(result.constraint_violation, result.largest_product), outcome.start)
+    # A plan that passes through an obstacle is often the cheapest.
+    unsafe = result.safe is False
     # Starts that lead to one optimum differ by the solver's tolerance, which must not decide.
-    return (0, float(f"{sign * result.objective:.6g}"), not result.solved, outcome.start)
+    return (0, unsafe, float(f"{sign * result.objective:.6g}"), not result.solved, outcome.start)
 
 
 def _line(outcome: StartOutcome) -> str:

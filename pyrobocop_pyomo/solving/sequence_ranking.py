@@ -66,6 +66,8 @@ class SequenceOutcome:
         if self.result.solved:
             return ""
         stopped = self.result.stop_reason
+        if self.result.quality is Quality.OPTIMAL:
+            return "The motion is not proven to be safe."
         return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
 
     @property
@@ -76,14 +78,18 @@ class SequenceOutcome:
     @property
     def _order(self) -> tuple[Any, ...]:
         if not self.feasible:
-            return (1 if self.result is not None else 2, 0.0, self.number)
+            return (1 if self.result is not None else 2, False, 0.0, self.number)
+        # A plan that passes through an obstacle is often the cheapest.
+        unsafe = self.result is not None and self.result.safe is False
         # Mirrored sequences have equal objectives up to the solver's tolerance, which must not decide the order.
-        return (0, float(f"{self.sense * self.objective:.6g}"), self.number)
+        return (0, unsafe, float(f"{self.sense * self.objective:.6g}"), self.number)
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceRanking(Sequence[SequenceOutcome]):
     """Outcomes in their order: the feasible ones by objective, then those without a feasible point, then errors.
+
+    Where there are obstacles, plans that are proven safe come before all others that are feasible.
 
     Attributes
     ----------

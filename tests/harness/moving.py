@@ -29,7 +29,8 @@ def on_a_phase(
 ) -> pyo.ConcreteModel:
     """A model with a phase ``move`` whose states ``x``, ``y``, ``theta`` have the values of a path in indices.
 
-    Their rates are variables, set to the path's slopes by central differences.
+    Their rates are variables, set to the path's slopes by central differences. Where the end of an element is no node
+    of its own, the polynomials decide its value: a motion does not leap.
     """
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(scheme=scheme, stages=stages, **options)
@@ -40,10 +41,18 @@ def on_a_phase(
     for k, name in enumerate(("x", "y", "theta")):
         for time in b.time:
             b.component(name)[time] = path(time)[k]
+        _join_elements(b, b.component(name))
         for time in b.points:
             slope = (path(time + 1e-5)[k] - path(time - 1e-5)[k]) / 2e-5
             b.component(f"v_{name}")[time] = slope / (pyo.value(b.duration) if b.has_normalised_time else 1.0)
     return m
+
+
+def _join_elements(b: Any, state: Any) -> None:
+    scheme = b.grid.scheme
+    if not scheme.end_is_a_node:
+        for nodes, end in zip(b.grid.node_times, b.grid.mesh.boundaries[1:], strict=True):
+            state[end] = float(scheme.end_weights @ [state[node].value for node in nodes])
 
 
 def by_states(b: Any, t: Any) -> Any:

@@ -222,6 +222,25 @@ def test_shapes_without_end() -> None:
     assert not judge(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
 
 
+def test_nothing_is_gained_along_a_wall_without_end() -> None:
+    """Far from the corner of its description, a normal that leans over the wall by rounding measures too much."""
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        along, distance, angle = (
+            10.0 ** random.uniform(5, 7),
+            10.0 ** random.uniform(-3, 0),
+            random.uniform(0, 2 * np.pi),
+        )
+        outwards = np.array([math.cos(angle), math.sin(angle)])
+        tangent = np.array([-outwards[1], outwards[0]])
+        body = Polytope.hull(random.normal(size=(5, 2)))
+        lowest = float((body.vertices @ outwards).min())
+        ends = [outwards * (distance * factor - lowest) + tangent * along * factor for factor in (1.0, 1.1)]
+        wall = Polytope.from_halfspaces([outwards], [0.0], bounded=False)
+        report = judge(on_points([(*end, 0.0) for end in ends]), body, [wall], distance / 2)
+        assert report.pairs[0].proven <= distance + 1e-15 * along, seed
+
+
 def test_unions_are_judged_part_by_part() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
     fence = Body([Polytope.box(0.2, 1, center=(2, 1.5)), Polytope.box(0.2, 1, center=(2, 0.6))])
@@ -252,6 +271,105 @@ def test_infinite_speed_is_no_proof_but_values_still_are() -> None:
         m, CAR, [Polytope.box(0.01, 1, center=(1.2, 0))], 0.1, pose=lambda b, t: planar_pose(2 * pyo.sqrt(b.x[t]), 0)
     )
     assert not through.safe
+
+
+SCHEMES: list[tuple[str, int | None]] = [
+    ("implicit_midpoint", None), ("gauss", 2), ("gauss", 3), ("lobatto", 3), ("lobatto", 4), ("trapezoid", None),
+    ("radau", 2), ("explicit", 1), ("explicit", 3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
+@pytest.mark.parametrize("leap", [0.0, 1e-7, 4.0])
+def test_a_leap_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | None, leap: float) -> None:
+    """Values that are not solved: both elements stand still, the second one beyond the obstacle."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(
+        duration=2.0, elements=2, scheme=scheme, **({} if stages is None else {"stages": stages})
+    )
+    b.x, b.rate = rcp.State(), rcp.State()
+    b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
+    for t in b.time:
+        b.x[t].set_value(-2.0 if t < 1 else -2.0 + leap)
+        b.rate[t].set_value(0.0)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CAR,
+        pose=lambda b, t: planar_pose(b.x[t], 0.0),
+        obstacles=[Polytope.box(1, 1)],
+        clearance=0.05,
+    )
+    report = b.avoid.verify()
+    assert report.safe == (leap < 1.0)
+    pair = report.pairs[0]
+    assert pair.verdict in ({"clear"} if leap < 1.0 else {"undecided", "overlap"})
+    assert set(pair.undecided) | set(pair.violated) == {
+        interval for interval in range(2) if pair.interval_proven[interval] < 0.05 * 0.99
+    }
+
+
+def test_a_state_that_leaps_at_a_node_within_an_element_is_seen() -> None:
+    """The polynomial of a Lobatto scheme follows right-hand sides; the values at its middle nodes may lie elsewhere."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, scheme="lobatto", stages=4)
+    b.x, b.rate = rcp.State(guess=-2.0), rcp.State(guess=0.0)
+    b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CAR,
+        pose=lambda b, t: planar_pose(b.x[t], 0.0),
+        obstacles=[Polytope.box(1, 1)],
+        clearance=0.05,
+    )
+    assert b.avoid.verify().safe
+    inner = sorted(b.time)[1]
+    b.x[inner].set_value(0.0)  # within the obstacle
+    assert not b.avoid.verify().safe
+    b.x[inner].set_value(-2.0)
+    b.x[b.final_time].set_value(2.0)  # the end of the plan is no start of an element
+    assert not b.avoid.verify().safe
+
+
+@pytest.mark.parametrize(("elements", "rigid"), [(2, False), (10, True)])
+def test_a_rod_that_shrinks_between_the_nodes_is_no_proof(elements: int, rigid: bool) -> None:
+    """A quaternion of length one at the nodes, which a polynomial cuts short in between: so is the rod."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=3)
+    b.w, b.z = rcp.State(), rcp.State()
+    b.w_rate, b.z_rate = rcp.Control(), rcp.Control()
+    b.ode(lambda b, t: {b.w: b.w_rate[t], b.z: b.z_rate[t]})
+    for t in b.time:
+        b.w[t].set_value(math.cos(math.pi * t / 2))
+        b.z[t].set_value(math.sin(math.pi * t / 2))
+
+    def pose(m: Any, t: Any) -> Pose:
+        return spatial_pose((0, 0, 0), quaternion=(m.move.w[t], 0.0, 0.0, m.move.z[t]))
+
+    rod = Polytope.capsule((0, 0, 0), (2, 0, 0), 0.05)
+    report = judge(m, rod, [Polytope.box(0.1, 0.1, 0.1, center=(0, 3, 0))], 0.1, points=b.time, pose=pose)
+    assert report.safe == rigid
+
+
+def test_what_has_no_pose_does_not_hide_an_overlap() -> None:
+    """Between the nodes a square root has no value for a while; what is found too close before that stays found."""
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, stages=2)
+    b.x = rcp.State()
+    b.rate = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.rate[t]})
+    for t, number in zip(b.time, (1.0, 0.01, 0.25), strict=True):
+        b.x[t].set_value(number)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CAR,
+        pose=lambda b, t: planar_pose(3 * pyo.sqrt(b.x[t]) - 3, 0.0),
+        obstacles=[Polytope.box(0.2, 1, center=(0.7, 0))],
+        clearance=0.2,
+    )
+    pair = b.avoid.verify().pairs[0]
+    assert pair.violated == (0,)
+    assert pair.distance == pytest.approx(0.1)
+    assert not pair.safe
 
 
 def test_what_is_not_decided_is_not_safe() -> None:

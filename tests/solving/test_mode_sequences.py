@@ -9,15 +9,18 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
+from pyrobocop_pyomo.obstacles import PairSafety, SafetyReport
 from pyrobocop_pyomo.solving import sequence_solver
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
@@ -312,3 +315,18 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
     ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
     assert ended.returncode != 0
     assert "a worker process ended abruptly. A script must keep its work under 'if __name__" in ended.stderr
+
+
+@pytest.mark.casadi
+def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved = sequence_solver.solve
+    pair = PairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+
+    def judged(model: Any, **options: Any) -> Any:
+        return replace(solved(model, **options), safety=SafetyReport((pair,) if model.name == "fast" else ()))
+
+    monkeypatch.setattr(sequence_solver, "solve", judged)
+    ranking = rcp.solve_sequences(build, [("fast",), ("slow",)], workers=1)
+    assert [each.sequence for each in ranking] == [("slow",), ("fast",)]
+    assert ranking[1].objective < ranking[0].objective
+    assert "not proven" in ranking[1].reason

@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib
 import io
 import itertools
+from dataclasses import replace
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from hypothesis import given
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.obstacles import PairSafety, SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.random_starts import RandomStarts
 
@@ -134,6 +137,26 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
     frame = found.to_pandas()
     assert list(frame["start"]) == [each.start for each in found]
     assert "error: EvaluationError" in str(found)
+
+
+@pytest.mark.casadi
+def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
+    solved = module.solve
+    pair = PairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+
+    def judged(model, **options):
+        result = solved(model, **options)
+        return replace(result, safety=SafetyReport((pair,) if model.x.value < 2 else ()))
+
+    monkeypatch.setattr(module, "solve", judged)
+    m = two_valleys()
+    found = rcp.multistart(m, 8, seed=1, **QUICK)
+    assert found.best.safe
+    assert found.best.objective > min(each.result.objective for each in found)
+    assert m.x.value > 2
+    safe = [each.result.safe for each in found]
+    assert safe == sorted(safe, reverse=True)
+    assert not all(safe)
 
 
 @pytest.mark.casadi
