@@ -9,12 +9,50 @@ from pyomo.core.base.set_types import NonNegativeIntegers
 from pyomo.core.base.var import Var
 
 from .protocol import Index, PlacedSide, Side
-from .rows import dot, facet_weights
+from .rows import add_components, dot, empty_expressions, empty_rows, facet_weights
 
 
 def weights_component(block: Any, doc: str) -> Var:
     """Weights >= 0 of facets, by certificate and facet; added one by one."""
     return Var(block.planes, NonNegativeIntegers, bounds=(0, None), dense=False, doc=doc)
+
+
+def declare_both_sides(block: Any, **measure: Any) -> None:
+    """Components of a formulation with weights for the facets of both shapes; `measure` is how it is normalised."""
+    add_components(
+        block,
+        first_weight=weights_component(block, "weights of the facets of the first shape"),
+        second_weight=weights_component(block, "weights of the facets of the second shape"),
+        normal=empty_expressions("normal of each certificate"),
+        balance=empty_rows("both shapes have the same normal, with opposite signs"),
+        separation=empty_rows("the separation that is proven"),
+        **measure,
+    )
+
+
+def add_both_sides(block: Any, index: Index, first: Side, second: Side) -> tuple[list[Any], list[Any]]:
+    """Weights of both shapes with ``R1 G'm + n = 0`` and ``n.(t1 - t2) - b'l - g'm >= required``.
+
+    Returns
+    -------
+    tuple of list
+        All weights, those of the first shape before the others, and the normal.
+    """
+    first_weights = add_weights(block.first_weight, index, first)
+    second_weights = add_weights(block.second_weight, index, second)
+    normal, second_offset = add_normal(block, index, second_weights, second)
+    direction, first_offset = combination(first_weights, first)
+    for axis, (entry, opposite) in enumerate(zip(turned_out(direction, first), normal, strict=True)):
+        block.balance.add((*index, axis), entry + opposite == 0)
+    proven = between_origins(normal, first, second) - second_offset - first_offset
+    block.separation.add(index, (0.0, proven - block.required[index], None))
+    return first_weights + second_weights, normal
+
+
+def start_both_sides(block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+    """Weights of both shapes that give the normal."""
+    start_weights(block.second_weight, index, second, normal)
+    start_weights(block.first_weight, index, first, -normal)
 
 
 def add_weights(component: Var, index: Index, side: Side) -> list[Any]:

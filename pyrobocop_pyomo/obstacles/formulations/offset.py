@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from pyomo.core.expr.numvalue import value
 
-from .facets import add_normal, add_weights, between_origins, combination, start_weights, turned_out, weights_component
+from .facets import add_both_sides, declare_both_sides, start_both_sides
 from .protocol import Index, PlacedSide, Side
-from .rows import add_components, empty_expressions, empty_rows
+from .rows import empty_rows
 
 
 @dataclass(frozen=True)
@@ -34,32 +34,16 @@ class Offset:
 
     def declare(self, block: Any, axes: range) -> None:
         """Weights, normal and rows, still empty."""
-        add_components(
-            block,
-            first_weight=weights_component(block, "weights of the facets of the first shape"),
-            second_weight=weights_component(block, "weights of the facets of the second shape"),
-            normal=empty_expressions("normal of each certificate"),
-            balance=empty_rows("both shapes have the same normal, with opposite signs"),
-            separation=empty_rows("the separation that is proven"),
-            measure=empty_rows("sum of all weights"),
-        )
+        declare_both_sides(block, measure=empty_rows("sum of all weights"))
 
     def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
         """Weights and rows of one certificate."""
-        first_weights = add_weights(block.first_weight, index, first)
-        second_weights = add_weights(block.second_weight, index, second)
-        normal, second_offset = add_normal(block, index, second_weights, second)
-        direction, first_offset = combination(first_weights, first)
-        for axis, (entry, opposite) in enumerate(zip(turned_out(direction, first), normal, strict=True)):
-            block.balance.add((*index, axis), entry + opposite == 0)
-        proven = between_origins(normal, first, second) - second_offset - first_offset
-        block.separation.add(index, (0.0, proven - block.required[index], None))
-        block.measure.add(index, sum(first_weights) + sum(second_weights) == 2)
+        weights, _ = add_both_sides(block, index, first, second)
+        block.measure.add(index, sum(weights) == 2)
 
     def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
         """Weights that give the normal, shortened until they have the right sum."""
-        start_weights(block.second_weight, index, second, normal)
-        start_weights(block.first_weight, index, first, -normal)
+        start_both_sides(block, index, first, second, normal)
         weights = [block.first_weight[(*index, facet)] for facet in range(len(first.shape.halfspaces[1]))] + [
             block.second_weight[(*index, facet)] for facet in range(len(second.shape.halfspaces[1]))
         ]
