@@ -60,6 +60,11 @@ class PairSafety:
         return bool(self.proven >= self.clearance - self.tolerance)
 
     @property
+    def unproven(self) -> tuple[int, ...]:
+        """Intervals (or points) for which the clearance, less the tolerance, is not proven."""
+        return tuple(np.flatnonzero(self.interval_proven < self.clearance - self.tolerance).tolist())
+
+    @property
     def violated(self) -> tuple[int, ...]:
         """Intervals (or points) in which an instant was found that is too close."""
         return tuple(np.flatnonzero(self.interval_distance < self.clearance - self.tolerance).tolist())

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from pyomo.core.expr.numvalue import value
 
 from .motion import Motion
+from .moving_shapes import MovingShape, moving_shapes
 from .pieces import Piece, PlaneIndex
-from .pose_templates import PoseTemplate, template_of
 from .safety_report import PairSafety, SafetyReport
-from .scene import Part
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +37,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     block : ObstacleAvoidanceBlockData
         Its variables hold the motion.
     report : SafetyReport
-        Of that motion.
+        Of that motion, by this block.
     split : bool
         Whether planes are split where margins alone have not helped.
 
@@ -53,12 +52,9 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     done: dict[str, int] = {}
     paths = _Paths(record, block.motion)
     sags = {index: paths.sag(piece, _normal(block, index)) for index, piece in record.pieces.items()}
-    record_pairs = {(first.name, second.name) for first, second in record.scene.pairs_of_parts()}
     unsafe: dict[PlaneIndex, float] = {}
     for pair in report.pairs:
-        if (pair.first, pair.second) not in record_pairs:
-            continue
-        for interval in np.flatnonzero(pair.interval_proven < pair.clearance - pair.tolerance).tolist():
+        for interval in pair.unproven:
             bodies = (record.scene.parts[name].body for name in (pair.first, pair.second))
             back = block.restore(*bodies, interval)
             if back:
@@ -118,12 +114,9 @@ def _brought_back(block: Any, report: SafetyReport) -> list[str]:
     """Certificates of single times say nothing about what is between: only those that were left out can be added."""
     record, motion = block.record, block.motion
     parts, count = record.scene.parts, 0
-    pairs = {(first.name, second.name) for first, second in record.scene.pairs_of_parts()}
     for pair in report.pairs:
-        if (pair.first, pair.second) not in pairs:
-            continue
         bodies = (parts[pair.first].body, parts[pair.second].body)
-        for place in np.flatnonzero(pair.interval_proven < pair.clearance - pair.tolerance).tolist():
+        for place in pair.unproven:
             times = motion.intervals[place] if motion.intervals else (motion.points[place],)
             count += sum(len(block.restore(*bodies, time)) for time in times)
     words = [f"{count} left-out certificates brought back"] if count else []
@@ -148,11 +141,12 @@ def split_violated(block: Any, tolerance: float = 1e-6) -> int:
 
 
 class _Paths:
-    """Paths of the vertices of all parts, each pose evaluated once."""
+    """Paths of the corners of all parts."""
 
     def __init__(self, record: Any, motion: Motion) -> None:
-        self._record, self._motion = record, motion
-        self._templates: dict[str, PoseTemplate] = {}
+        bodies = {name: record.scene.bodies[name] for pair in record.scene.pairs for name in pair}
+        shapes = moving_shapes(motion, bodies)
+        self._shapes = {shape.name: shape for parts in shapes.values() for shape in parts}
 
     def sag(self, piece: Piece, normal: Array) -> float:
         """By how much the motion bulges beyond what the poses of a plane show, along its normal."""
@@ -160,32 +154,19 @@ class _Paths:
         if not 0.0 < length < np.inf:  # a plane without normal shows nothing
             return 0.0
         direction = normal / length
-        first, second = (self._record.scene.parts[name] for name in (piece.first, piece.second))
+        first, second = (self._shapes[name] for name in (piece.first, piece.second))
         return self._bulge(first, piece, -direction) + self._bulge(second, piece, direction)
 
-    def _bulge(self, part: Part, piece: Piece, direction: Array) -> float:
-        """How much farther the part reaches along a direction than at the poses of the piece."""
-        if self._record.scene.is_static(part.body):
+    def _bulge(self, shape: MovingShape, piece: Piece, direction: Array) -> float:
+        """How much farther a shape reaches along a direction than at the poses of the piece."""
+        if shape.template is None:
             return 0.0
         dense = np.linspace(piece.fractions[0], piece.fractions[-1], SAMPLES_PER_PIECE)
-        farthest = [
-            float((self._vertices(part, piece, fractions) @ direction).max())
-            for fractions in (dense, np.array(piece.fractions))
-        ]
+        farthest = []
+        for fractions in (dense, np.array(piece.fractions)):
+            corners, _ = shape.corners(np.full(len(fractions), piece.interval), fractions)
+            farthest.append(float((corners @ direction).max()))
         return max(farthest[0] - farthest[1], 0.0)
-
-    def _vertices(self, part: Part, piece: Piece, fractions: Array) -> Array:
-        """Shape (fractions, vertices, d)."""
-        dimension = part.shape.dimension
-        entries = self._template(part).values(np.full(len(fractions), piece.interval), fractions)
-        rotation = entries[:, : dimension**2].reshape(-1, dimension, dimension)
-        return np.asarray(part.shape.vertices @ rotation.transpose(0, 2, 1) + entries[:, None, dimension**2 :])
-
-    def _template(self, part: Part) -> PoseTemplate:
-        if part.body not in self._templates:
-            rule = self._record.scene.bodies[part.body].pose
-            self._templates[part.body] = template_of(self._motion, rule, part.body, part.shape.dimension)
-        return self._templates[part.body]
 
 
 def _pieces(record: Any, pair: PairSafety, interval: int) -> list[Piece]:
