@@ -1,6 +1,7 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models."""
 
 from pyrobocop_pyomo._version import __version__
+from pyrobocop_pyomo.car_paths import CarPath, CarSearch, hybrid_a_star
 from pyrobocop_pyomo.complementarity import (
     AllPairs,
     AugmentedLagrangian,
@@ -40,18 +41,14 @@ from pyrobocop_pyomo.geometry import (
 )
 from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
+from pyrobocop_pyomo.motion import Body, SafetyReport
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 from pyrobocop_pyomo.obstacles import (
-    Body,
-    CarPath,
-    CarSearch,
     Containment,
     ObstacleAvoidanceBlock,
-    SafetyReport,
     animate_avoidance,
     draw_avoidance,
-    hybrid_a_star,
     waypoint_guess,
 )
 from pyrobocop_pyomo.phases import (
@@ -66,26 +63,21 @@ from pyrobocop_pyomo.phases import (
     Verification,
     label_measurements,
 )
+from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
-from pyrobocop_pyomo.solving import (
-    ActiveSide,
+from pyrobocop_pyomo.solving import ActiveSide, PairReport, Quality, Rung, SolveResult, StopReason
+from pyrobocop_pyomo.studies import (
     HomotopyResult,
     MultistartResult,
-    PairReport,
-    Quality,
     RecedingHorizon,
     RefinedResult,
     RefinementEnd,
-    Rung,
     Sensitivity,
     SequenceRanking,
-    SolveResult,
-    StopReason,
     homotopy,
     mode_sequences,
     multistart,
     sensitivity,
-    solve,
     solve_refined,
     solve_sequences,
 )

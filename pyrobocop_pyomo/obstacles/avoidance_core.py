@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.motion.motion import Motion, motion_of
 
 from .avoidance_record import AvoidanceRecord
 from .building import BuiltWhole
-from .motion import Motion, motion_of
 
 
 class AvoidanceCore(BuiltWhole):

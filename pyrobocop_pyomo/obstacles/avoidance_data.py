@@ -13,17 +13,18 @@ from pyomo.core.base.set import Set
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.motion.safety_report import SafetyReport
+from pyrobocop_pyomo.motion.verification import verify_clearance
+
 from .avoidance_options import AvoidanceOptions
 from .certificate_rows import add_certificate, add_poses, update_softness
 from .certificates import proven_gap
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
 from .pieces import PlaneIndex, pieces_of_motion
 from .refining import RefinedBetweenSolves
-from .safety_report import SafetyReport
 from .scene import Pair
 from .snapshot import Snapshot
 from .starting import apply_broad_phase, is_far, start_all
-from .verification import verify_clearance
 
 
 class ObstacleAvoidanceBlockData(RefinedBetweenSolves):

@@ -9,9 +9,9 @@ from numbers import Real
 from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.motion.bodies import Body
 
 from .avoidance_record import AvoidanceRecord
-from .bodies import Body
 from .formulations import FORMULATIONS, Formulation
 from .scene import Scene
 from .scene_reading import make_scene

@@ -9,10 +9,10 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.motion.motion import Motion
 
 from .avoidance_record import AvoidanceRecord
 from .formulations import Side
-from .motion import Motion
 from .pieces import Piece, PlaneIndex
 from .scene import Part
 

@@ -15,14 +15,14 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.motion import Motion, motion_of
+from pyrobocop_pyomo.motion.safety_report import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion.verification import verify_clearance
 
-from .bodies import Body
 from .building import BuiltWhole
 from .formulations.rows import dot
-from .motion import Motion, motion_of
-from .safety_report import PairSafety, SafetyReport
 from .snapshot import variables_of
-from .verification import verify_clearance
 
 
 @dataclass

@@ -14,9 +14,9 @@ from pyomo.core.expr.visitor import identify_variables
 from pyrobocop_pyomo.errors import GeometryError, ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
+from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 
 from .avoidance_record import AvoidanceRecord
-from .moving_shapes import moving_shapes
 from .snapshot import Snapshot, variables_of
 
 LOGGER = logging.getLogger(__name__)

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
-
-from .bodies import Body
-from .motion import Motion
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
-
-from .motion import Motion
+from pyrobocop_pyomo.motion.motion import Motion
 
 PlaneIndex = tuple[str, str, Hashable]
 

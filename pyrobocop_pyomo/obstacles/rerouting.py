@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import Body
+from pyrobocop_pyomo.motion.bodies import Body
+
 from .formulations.rows import is_number
 from .scene import Scene
 from .ways_around import Core, way_around

@@ -10,8 +10,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-
-from .bodies import Body
+from pyrobocop_pyomo.motion.bodies import Body
 
 Pair = tuple[str, str]
 

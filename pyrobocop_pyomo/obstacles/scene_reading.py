@@ -11,9 +11,9 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, distance_of_points
+from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.optional_imports import networkx
 
-from .bodies import Body
 from .scene import Pair, Part, Scene, checked_pair, listed
 
 LOGGER = logging.getLogger(__name__)

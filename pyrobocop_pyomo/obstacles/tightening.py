@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.expr.numvalue import value
 
-from .motion import Motion
-from .moving_shapes import MovingShape, moving_shapes
+from pyrobocop_pyomo.motion.motion import Motion
+from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
+from pyrobocop_pyomo.motion.safety_report import PairSafety, SafetyReport
+
 from .pieces import Piece, PlaneIndex
-from .safety_report import PairSafety, SafetyReport
 
 logger = logging.getLogger(__name__)
 

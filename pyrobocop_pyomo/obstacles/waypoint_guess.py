@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import GuessError
-
-from .phase_fractions import fraction_of
+from pyrobocop_pyomo.phases.horizon_fractions import fraction_of
 
 
 def waypoint_guess(

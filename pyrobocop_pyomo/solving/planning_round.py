@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pyrobocop_pyomo.obstacles import SafetyReport
+from pyrobocop_pyomo.motion import SafetyReport
 
 from .quality import Quality
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.errors import SolveFailed
+from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
-from pyrobocop_pyomo.obstacles import SafetyReport
 from pyrobocop_pyomo.optional_imports import pandas
 
 from .pair_report import ActiveSide, PairReport, pair_reports

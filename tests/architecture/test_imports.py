@@ -10,9 +10,9 @@ import pytest
 ROOT = Path(__file__).parents[2] / "pyrobocop_pyomo"
 
 ORDER = [
-    "_version", "errors", "optional_imports", "numerics", "geometry", "plotting", "complementarity",
-    "catalogue", "trajectories", "transcription", "continuous", "phases", "obstacles", "mechanics", "diagnosis",
-    "programs", "ipopt", "mpcc", "solving", "distributed",
+    "_version", "errors", "optional_imports", "modeling", "numerics", "geometry", "plotting", "complementarity",
+    "catalogue", "trajectories", "transcription", "continuous", "phases", "motion", "car_paths", "obstacles",
+    "mechanics", "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "distributed",
 ]  # fmt: skip
 
 PACKAGE_FILES = list(ROOT.glob("*/**/*.py"))

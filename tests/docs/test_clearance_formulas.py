@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
+from pyrobocop_pyomo.motion import Body, motion_of
+from pyrobocop_pyomo.motion.jets import Jet, polynomial_jet
+from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
+from pyrobocop_pyomo.motion.pair_proof import Effort, _Proof
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples, bernstein_matrix, restrict
-from pyrobocop_pyomo.obstacles import Body, motion_of
-from pyrobocop_pyomo.obstacles.jets import Jet, polynomial_jet
-from pyrobocop_pyomo.obstacles.moving_shapes import moving_shapes
-from pyrobocop_pyomo.obstacles.pair_proof import Effort, _Proof
 
 seeds = st.integers(0, 10**6)
 

@@ -11,7 +11,7 @@ import shapely
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
-from pyrobocop_pyomo.obstacles import Body, SafetyReport, motion_of, verify_clearance
+from pyrobocop_pyomo.motion import Body, SafetyReport, motion_of, verify_clearance
 
 
 def on_points(poses: Sequence[Sequence[float]], times: Sequence[float] | None = None) -> pyo.ConcreteModel:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.obstacles import hybrid_a_star
+from pyrobocop_pyomo.car_paths import hybrid_a_star
 
 WHEELBASE, STEERING = 2.7, 0.6
 CAR = rcp.Polytope.from_vertices([(-1, -1), (3.7, -1), (3.7, 1), (-1, 1)], name="car")

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.car_paths import CarTiming
+from pyrobocop_pyomo.car_paths.free_space import FreeSpace
+from pyrobocop_pyomo.car_paths.reeds_shepp import words
+from pyrobocop_pyomo.car_paths.rolling import rolled, rolled_on
 from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.obstacles import CarTiming
-from pyrobocop_pyomo.obstacles.free_space import FreeSpace
-from pyrobocop_pyomo.obstacles.reeds_shepp import words
-from pyrobocop_pyomo.obstacles.rolling import rolled, rolled_on
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE, park
 

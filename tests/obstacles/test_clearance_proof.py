@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope, Pose, distances_of_points, planar_pose, spatial_pose
-from pyrobocop_pyomo.obstacles import Body, motion_of, verify_clearance
+from pyrobocop_pyomo.motion import Body, motion_of, verify_clearance
 
 CAR = Polytope.box(1.0, 0.5)
 DENSE = 400

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.motion.enclosures import Enclosure
+from pyrobocop_pyomo.motion.expression_values import ExpressionValues
+from pyrobocop_pyomo.motion.jets import Jet, polynomial_jet
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
-from pyrobocop_pyomo.obstacles.enclosures import Enclosure
-from pyrobocop_pyomo.obstacles.expression_values import ExpressionValues
-from pyrobocop_pyomo.obstacles.jets import Jet, polynomial_jet
 
 SAMPLES = 1000
 

@@ -16,8 +16,8 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
-from pyrobocop_pyomo.obstacles import Body, motion_of
-from pyrobocop_pyomo.obstacles.pose_templates import template_of
+from pyrobocop_pyomo.motion import Body, motion_of
+from pyrobocop_pyomo.motion.pose_templates import template_of
 
 SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]
 FREE = {"duration": rcp.Duration(bounds=(0.5, 3), guess=2.0), "moving": (0.2, 4.0)}

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
-from pyrobocop_pyomo.obstacles import Body, motion_of
-from pyrobocop_pyomo.obstacles.moving_shapes import MovingShape, moving_shapes
-from pyrobocop_pyomo.obstacles.pair_proof import Effort, _Proof
+from pyrobocop_pyomo.motion import Body, motion_of
+from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
+from pyrobocop_pyomo.motion.pair_proof import Effort, _Proof
 
 SHAPE = Polytope.from_vertices([(-1.0, -0.5), (2.0, -0.5), (2.0, 0.25), (0.0, 1.0)])
 WEDGE = Polytope.from_vertices([(0.0, 0.0)], rays=[(1.0, 0.2), (1.0, -0.2)], allow_flat=True)

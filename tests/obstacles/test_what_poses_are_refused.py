@@ -12,7 +12,7 @@ from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
-from pyrobocop_pyomo.obstacles import Body, motion_of, verify_clearance
+from pyrobocop_pyomo.motion import Body, motion_of, verify_clearance
 
 FAR = Polytope.box(1, 1, center=(90, 90))
 BOX = Polytope.box(1, 1)

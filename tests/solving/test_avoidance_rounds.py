@@ -16,7 +16,7 @@ from harness.scenes import ARROW, WALL, avoiding, placed, turning_move
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.solving.recovery import Recovery, softened
+from pyrobocop_pyomo.planning.recovery import Recovery, softened
 from pyrobocop_pyomo.solving.solve_result import StopReason
 
 box = rcp.Polytope.box
@@ -376,7 +376,7 @@ def test_the_last_point_is_kept_where_no_way_around_is_found(monkeypatch: pytest
     last = []
     monkeypatch.setattr(Recovery, "_around_all", lambda self: pytest.fail("there is no way into a closed room"))
     monkeypatch.setattr(Recovery, "_planes_anew", lambda self: last.append(positions(m)) or self._from_guess())
-    monkeypatch.setattr("pyrobocop_pyomo.solving.recovery.TURNS", ())
+    monkeypatch.setattr("pyrobocop_pyomo.planning.recovery.TURNS", ())
     guess = positions(m)
     result = rcp.solve(m, time_limit=2, options={"max_iter": 30})
     assert not result.safe

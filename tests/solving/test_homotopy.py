@@ -15,7 +15,7 @@ from pyrobocop_pyomo.errors import EvaluationError, HomotopyStalled, ModelError
 from pyrobocop_pyomo.solving.progress import Progress
 
 # The function of the same name hides its module from an import statement.
-module = importlib.import_module("pyrobocop_pyomo.solving.homotopy")
+module = importlib.import_module("pyrobocop_pyomo.studies.homotopy")
 
 
 def corner() -> pyo.ConcreteModel:

@@ -20,8 +20,8 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
-from pyrobocop_pyomo.obstacles import PairSafety, SafetyReport
-from pyrobocop_pyomo.solving import sequence_solver
+from pyrobocop_pyomo.motion import PairSafety, SafetyReport
+from pyrobocop_pyomo.studies import sequence_solver
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
 

@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.obstacles import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion import PairSafety, SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.random_starts import RandomStarts
+from pyrobocop_pyomo.studies.random_starts import RandomStarts
 
 # The function of the same name hides its module from an import statement.
-module = importlib.import_module("pyrobocop_pyomo.solving.multistart")
+module = importlib.import_module("pyrobocop_pyomo.studies.multistart")
 
 
 def two_valleys(sense=pyo.minimize) -> pyo.ConcreteModel:

@@ -18,7 +18,7 @@ import pytest
 import shapely
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.solving.recovery import Recovery
+from pyrobocop_pyomo.planning.recovery import Recovery
 
 SAMPLES = 400
 EXAMPLES = Path(__file__).parents[2] / "examples"

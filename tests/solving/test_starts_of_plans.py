@@ -9,7 +9,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.solving.recovery import Recovery
+from pyrobocop_pyomo.planning.recovery import Recovery
 
 
 def through_a_wall(**avoidance: Any) -> pyo.ConcreteModel:

@@ -15,11 +15,11 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.routes import best_route
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.solve_result import StopReason
 
-from .procedure import solve
-from .progress import Progress
 from .sequence_ranking import SequenceOutcome, SequenceRanking, sense_of, values_of
-from .solve_result import StopReason
 
 Build = Callable[[tuple[str, ...]], Any]
 

@@ -15,6 +15,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.modeling.rule_proxies import Series, ask
 from pyrobocop_pyomo.numerics.bernstein import (
     bernstein_from_samples,
     bernstein_matrix,
@@ -26,7 +27,6 @@ from .expression_values import ExpressionValues
 from .interpolation import Interpolation
 from .jets import Jet, polynomial_jet
 from .motion import Motion
-from .stand_ins import Series, ask
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -22,8 +22,7 @@ from pyrobocop_pyomo.complementarity import (
     pair_residuals,
 )
 from pyrobocop_pyomo.errors import ModelError, SensitivityError
-
-from .pair_report import ZERO_SIDE
+from pyrobocop_pyomo.solving.pair_report import ZERO_SIDE
 
 
 @dataclass(eq=False)

@@ -9,14 +9,14 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.assessment import PointJudge
+from pyrobocop_pyomo.solving.attempt import FINAL_REASONS
+from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
+from pyrobocop_pyomo.solving.variable_values import Values, VariableValues
 
-from .assessment import PointJudge
-from .attempt import FINAL_REASONS
-from .procedure import solve
-from .progress import Progress
 from .random_starts import RandomStarts
-from .solve_result import Quality, SolveResult
-from .variable_values import Values, VariableValues
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,9 @@ from typing import Any
 
 from pyrobocop_pyomo.continuous.record import Discretisation
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.rule_proxies import Series
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.phases.horizon import element_widths
-
-from .stand_ins import Series
 
 STATES_ONLY = (
     "Between the nodes only states move continuously. Let the pose read states and numbers, or functions of t and "

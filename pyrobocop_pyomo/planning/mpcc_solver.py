@@ -16,10 +16,10 @@ from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.ipopt.routes import available_routes
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult, StopReason
 
 from .found_point import FoundPoint, PointOnModel, multipliers_imported
-from .procedure import solve
-from .solve_result import Quality, SolveResult, StopReason
 
 CHOICES = {
     "relaxation": ("scholtes", "How a product is bounded: a word or an object."),

@@ -15,12 +15,12 @@ from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.rule_proxies import Series, ask
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .dae_intervals import dae_interpolation
 from .interpolation import CollocationInterpolation, Interpolation, NodalInterpolation
 from .sources import ContinuousSetSource, PhaseSource, parent_of
-from .stand_ins import Series, ask
 
 # A local fraction this close to a node is the node.
 _AT_NODE = 1e-12

@@ -9,13 +9,13 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.attempt import FINAL_REASONS
+from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
+from pyrobocop_pyomo.solving.variable_values import VariableValues
 
-from .attempt import FINAL_REASONS
 from .data_path import DataPath
-from .procedure import solve
-from .progress import Progress
-from .solve_result import Quality, SolveResult
-from .variable_values import VariableValues
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_RUNGS = ("tight", "barrier", "continuation")

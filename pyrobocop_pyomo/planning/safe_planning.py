@@ -15,20 +15,21 @@ from typing import Any
 
 from pyomo.core.base.block import Block
 
-from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData, SafetyReport
-from pyrobocop_pyomo.obstacles.safety_report import joined_report
+from pyrobocop_pyomo.motion import SafetyReport
+from pyrobocop_pyomo.motion.safety_report import joined_report
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
+from pyrobocop_pyomo.solving.attempt import FINAL_REASONS
+from pyrobocop_pyomo.solving.planning_round import ROUND_HEADER, PlanningRound
+from pyrobocop_pyomo.solving.point import Point
+from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.quality import Quality
+from pyrobocop_pyomo.solving.rungs import Rung
+from pyrobocop_pyomo.solving.settings import Settings
+from pyrobocop_pyomo.solving.solve_result import SolveResult, StopReason
 
-from .attempt import FINAL_REASONS
 from .kept_round import KeptRound
-from .planning_round import ROUND_HEADER, PlanningRound
-from .point import Point
-from .progress import Progress
-from .quality import Quality
 from .recovery import Recovery
-from .rungs import Rung
-from .settings import Settings
-from .solve_result import SolveResult, StopReason
 
 logger = logging.getLogger(__name__)
 

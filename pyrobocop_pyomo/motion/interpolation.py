@@ -12,10 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyrobocop_pyomo.modeling.rule_proxies import Series
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
-
-from .stand_ins import Series
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.rule_proxies import Series
 
 from .interpolation import NodalInterpolation
 from .sources import STATES_ONLY, parent_of
-from .stand_ins import Series
 
 
 def dae_interpolation(domain: Any) -> NodalInterpolation:

@@ -16,9 +16,8 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.controls import knots_of, variables_name
 from pyrobocop_pyomo.phases.declarations import is_held
+from pyrobocop_pyomo.solving.persistent_program import KeptModel
 from pyrobocop_pyomo.trajectories import Trajectory
-
-from .kept_model import KeptModel
 
 Array = NDArray[np.float64]
 

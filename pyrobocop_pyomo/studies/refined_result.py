@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import SolveFailed, TrajectoryError
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
 from pyrobocop_pyomo.trajectories import Trajectory
-
-from .solve_result import Quality, SolveResult
 
 Array = NDArray[np.float64]
 

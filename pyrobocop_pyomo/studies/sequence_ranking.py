@@ -14,9 +14,8 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.optional_imports import pandas
-
-from .assessment import PointJudge
-from .solve_result import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving.assessment import PointJudge
+from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult, StopReason
 
 
 @dataclass(frozen=True, eq=False)

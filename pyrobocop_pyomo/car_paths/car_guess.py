@@ -12,8 +12,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import GuessError
-
-from .phase_fractions import fraction_of
+from pyrobocop_pyomo.phases.horizon_fractions import fraction_of
 
 if TYPE_CHECKING:
     from .car_path import CarPath

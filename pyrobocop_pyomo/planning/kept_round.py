@@ -7,11 +7,11 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData, SafetyReport
-
-from .point import Point
-from .quality import Quality
-from .solve_result import SolveResult
+from pyrobocop_pyomo.motion import SafetyReport
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.solving.point import Point
+from pyrobocop_pyomo.solving.quality import Quality
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,12 +18,12 @@ from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.programs.written_model import WrittenModel
+from pyrobocop_pyomo.solving.assessment import PointJudge
+from pyrobocop_pyomo.solving.relaxed_model import TRANSFORMATION
+from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
 
-from .assessment import PointJudge
 from .named_data import by_component, data_members, named
 from .parametric_model import ParametricBuilder, ParametricModel
-from .relaxed_model import TRANSFORMATION
-from .solve_result import Quality, SolveResult
 
 
 @dataclass(frozen=True, eq=False)

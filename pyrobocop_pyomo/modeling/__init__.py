@@ -1,0 +1,1 @@
+"""What every kind of component here is built on: blocks, rules, variables and rows of any Pyomo model."""
