@@ -28,19 +28,19 @@ OURS = "phase, in process, ASL"
 
 def ways() -> dict[str, Callable[[int], Measured]]:
     """What can be measured on this machine."""
-    found = rcp.available_routes()
+    found = rcp.available_backends()
     chosen: dict[str, Callable[[int], Measured]] = {}
-    if rcp.Route.IN_PROCESS_ASL in found:
+    if rcp.Backend.IN_PROCESS_ASL in found:
         chosen[OURS] = lambda n: as_phase(n, "asl")
         chosen["phase, derivatives kept"] = lambda n: as_phase(n, "asl", keep_derivatives=True)
-    if rcp.Route.IN_PROCESS_CASADI in found:
+    if rcp.Backend.IN_PROCESS_CASADI in found:
         chosen["phase, in process, CasADi"] = lambda n: as_phase(n, "casadi")
-    if rcp.Route.IN_PROCESS_MAPPED in found:
-        chosen["phase, in process, mapped"] = lambda n: as_phase(n, "mapped")
-    if rcp.Route.EXECUTABLE in found:
+    if rcp.Backend.IN_PROCESS_VECTORISED in found:
+        chosen["phase, in process, vectorised"] = lambda n: as_phase(n, "vectorised")
+    if rcp.Backend.EXECUTABLE in found:
         chosen["phase, executable"] = lambda n: as_phase(n, "executable")
         chosen["pyomo.dae, executable"] = by_pyomo_dae
-    chosen["CasADi by hand, mapped"] = by_hand_in_casadi
+    chosen["CasADi by hand, vectorised"] = by_hand_in_casadi
     return chosen
 
 

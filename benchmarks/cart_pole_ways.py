@@ -115,18 +115,18 @@ def stated_as_phase(elements: int, keep_derivatives: bool = False) -> pyo.Concre
     return m
 
 
-def as_phase(elements: int, route: str, keep_derivatives: bool = False) -> Measured:
+def as_phase(elements: int, backend: str, keep_derivatives: bool = False) -> Measured:
     """This package; with derivatives kept as variables it makes the program of pyomo.dae, row by row."""
     started = time.perf_counter()
     m = stated_as_phase(elements, keep_derivatives)
     built = time.perf_counter()
-    if route == "executable":
+    if backend == "executable":
         log = io.StringIO()
         with redirect_stdout(log):  # Ipopt's log tells how long Ipopt itself took
-            result = rcp.solve(m, route=route, tee=True, progress=False)
+            result = rcp.solve(m, backend=backend, tee=True, progress=False)
         inside = _seconds_in_ipopt(log.getvalue())
     else:
-        result = rcp.solve(m, route=route, progress=False)
+        result = rcp.solve(m, backend=backend, progress=False)
         inside = sum(step.seconds for step in result.steps)
     ended = time.perf_counter()
     free = sum(not v.fixed for v in m.component_data_objects(pyo.Var))
@@ -210,7 +210,7 @@ def by_pyomo_dae(elements: int) -> Measured:
 
 
 def by_hand_in_casadi(elements: int) -> Measured:
-    """The program that an expert writes: one element as a function, mapped over the mesh."""
+    """The program that an expert writes: one element as a function, vectorised over the mesh."""
     started = time.perf_counter()
     scheme, h = rcp.radau(STAGES), HORIZON / elements
     first, stages, forces = casadi.SX.sym("first", 4), casadi.SX.sym("x", 4, STAGES), casadi.SX.sym("u", 1, STAGES)

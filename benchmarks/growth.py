@@ -2,8 +2,8 @@
 
     python benchmarks/growth.py [--quick]
 
-From nothing to what Ipopt can start with: stated, transcribed, handed over. "phase, mapped" prepares the evaluator in
-memory, "phase, ASL" writes a ``.nl`` file and loads it, "pyomo.dae" writes one. CPU seconds and peak memory of a
+From nothing to what Ipopt can start with: stated, transcribed, handed over. "phase, vectorised" prepares the evaluator
+in memory, "phase, ASL" writes a ``.nl`` file and loads it, "pyomo.dae" writes one. CPU seconds and peak memory of a
 process that does nothing else, less what a tiny model needs. "per element" tells whether the growth is linear.
 """
 
@@ -19,9 +19,9 @@ from pathlib import Path
 from cart_pole_ways import stated_as_phase, stated_with_pyomo_dae, transcribed_by_pyomo_dae
 from table import Table, show_progress
 
-from pyrobocop_pyomo.programs.written_model import WrittenModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
-WAYS = {"phase, mapped": "mapped", "phase, ASL": "asl", "pyomo.dae": None}
+WAYS = {"phase, vectorised": "vectorised", "phase, ASL": "asl", "pyomo.dae": None}
 
 
 def hand_over(way: str, elements: int) -> object:
@@ -31,7 +31,7 @@ def hand_over(way: str, elements: int) -> object:
         m = transcribed_by_pyomo_dae(stated_with_pyomo_dae(), elements)
         m.write("/dev/null", format="nl")
         return m
-    return WrittenModel(stated_as_phase(elements), derivatives)
+    return CompiledModel(stated_as_phase(elements), derivatives)
 
 
 def measure(way: str, elements: int) -> None:

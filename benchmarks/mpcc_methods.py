@@ -1,6 +1,6 @@
 """Ways to solve problems with complementarity, on the catalogue of problems with known answers.
 
-    python benchmarks/mpcc_methods.py [--quick] [--methods WORD ...] [--problems WORD ...] [--route ROUTE]
+    python benchmarks/mpcc_methods.py [--quick] [--methods WORD ...] [--problems WORD ...] [--backend ROUTE]
                                       [--time-limit SECONDS] [--details]
 
 Each problem starts from its own start values, and the point that a method leaves on the model is judged from the
@@ -42,7 +42,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mpcc_catalogue.judge import Judge, Point
 
 QUICK = ("kth3", "ralph1", "bard1", "toll road", "both at least one")
-ROUTES = ("asl", "casadi", "mapped", "executable")
+ROUTES = ("asl", "casadi", "vectorised", "executable")
 
 
 @dataclass(frozen=True)
@@ -87,14 +87,14 @@ class Outcome:
         return words.get(True, "local" if self.feasible else "failed")
 
 
-def run(problem: MpccProblem, method: Callable[..., Effort], route: str, limit: float) -> Outcome:
+def run(problem: MpccProblem, method: Callable[..., Effort], backend: str, limit: float) -> Outcome:
     """Solve one problem by one method; an exception is part of the answer."""
     model = problem.build()
     judge = Judge(model)
     started = time.perf_counter()
     effort, error = None, ""
     try:
-        effort = method(model, route, limit)
+        effort = method(model, backend, limit)
     except Exception as exception:  # whatever a method raises counts against it, and the next problem is tried
         error = type(exception).__name__
     seconds = time.perf_counter() - started
@@ -131,21 +131,21 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="five problems")
     parser.add_argument("--methods", nargs="+", metavar="WORD")
     parser.add_argument("--problems", nargs="+", metavar="WORD", help="names or tags")
-    parser.add_argument("--route", choices=ROUTES, help="which Ipopt; by default the best that is present")
+    parser.add_argument("--backend", choices=ROUTES, help="which Ipopt; by default the best that is present")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds per problem and method")
     parser.add_argument("--details", action="store_true", help="one line per problem as well")
     arguments = parser.parse_args()
     logging.getLogger("pyomo").setLevel(logging.CRITICAL)  # what a method says about a point is in the table
 
-    words = {"IN_PROCESS_ASL": "asl", "IN_PROCESS_CASADI": "casadi", "IN_PROCESS_MAPPED": "mapped"}
-    route = arguments.route or words.get(rcp.available_routes()[0].name, "executable")
+    words = {"IN_PROCESS_ASL": "asl", "IN_PROCESS_CASADI": "casadi", "IN_PROCESS_VECTORISED": "vectorised"}
+    backend = arguments.backend or words.get(rcp.available_backends()[0].name, "executable")
     problems = chosen(arguments.problems, mpcc_problems(), lambda problem: [problem.name, *problem.tags])
     if arguments.quick:
         problems = [problem for problem in problems if problem.name in QUICK]
     methods = chosen(arguments.methods, METHODS.items(), lambda item: [item[0]])
 
     count = sum(problem.feasible for problem in problems)
-    print(f"{count} feasible and {len(problems) - count} infeasible problems, route {route}\n")
+    print(f"{count} feasible and {len(problems) - count} infeasible problems, backend {backend}\n")
     results: dict[str, list[Outcome]] = {}
     table = Table(
         [
@@ -158,7 +158,7 @@ def main() -> None:
         results[name] = []
         for number, problem in enumerate(problems, start=1):
             show_progress(f"{name}: {number} of {len(problems)}, {problem.name}")
-            results[name].append(run(problem, method, route, arguments.time_limit))
+            results[name].append(run(problem, method, backend, arguments.time_limit))
         show_progress("")
         table.add(*summary(name, results[name]))
     if arguments.details:

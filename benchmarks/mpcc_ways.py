@@ -1,4 +1,4 @@
-"""The methods that ``mpcc_methods.py`` compares, each a function of a model, a route to Ipopt and a time limit."""
+"""The methods that ``mpcc_methods.py`` compares, each a function of a model, a backend to Ipopt and a time limit."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ class Effort:
     iterations: int
 
 
-def ipopt(model: Any, route: str, limit: float, options: dict[str, Any] | None = None) -> Effort:
+def ipopt(model: Any, backend: str, limit: float, options: dict[str, Any] | None = None) -> Effort:
     """One cold solve by Ipopt from the values on the model; the last point is put on the model in any case."""
     options = {"max_iter": 3000, **(options or {})}
-    if route == "executable":
+    if backend == "executable":
         solver = SolverFactory("ipopt")
         options["max_cpu_time"] = limit
         extra: dict[str, Any] = {"writer_config": {"linear_presolve": False, "scale_model": False}}
     else:
         solver = SolverFactory("pyrobocop.ipopt")
-        extra = {"derivatives": route, "time_limit": limit}
+        extra = {"derivatives": backend, "time_limit": limit}
     results = solver.solve(
         model,
         load_solutions=False,
@@ -71,27 +71,27 @@ def _relation(side: Any, bound: str | None) -> Any:
     return side >= side.lower if lower else side <= side.upper
 
 
-def stock_transformation(model: Any, route: str, limit: float) -> Effort:
+def stock_transformation(model: Any, backend: str, limit: float) -> Effort:
     """Pyomo's ``mpec.simple_nonlinear`` as it is: products bounded by zero, one solve."""
     as_pyomo_mpec(model)
     pyo.TransformationFactory("mpec.simple_nonlinear").apply_to(model)
-    return ipopt(model, route, limit)
+    return ipopt(model, backend, limit)
 
 
-def stock_solver(model: Any, route: str, limit: float) -> Effort:
+def stock_solver(model: Any, backend: str, limit: float) -> Effort:
     """Pyomo's solver ``mpec_nlp`` with its loop from 1 to its final 1e-7."""
     as_pyomo_mpec(model)
-    CountedIpopt.route, CountedIpopt.until, CountedIpopt.efforts = route, time.perf_counter() + limit, []
+    CountedIpopt.backend, CountedIpopt.until, CountedIpopt.efforts = backend, time.perf_counter() + limit, []
     pyo.SolverFactory("mpec_nlp").solve(model, options={"solver": "counted_ipopt", "epsilon_initial": 1.0})
     # It reports the same for everything; what its last solve said is the most that can be held in its favour.
     return Effort(CountedIpopt.efforts[-1].claims, sum(each.iterations for each in CountedIpopt.efforts))
 
 
-@LegacySolverFactory.register("counted_ipopt", doc="Ipopt by a chosen route, which counts (for benchmarks)")
+@LegacySolverFactory.register("counted_ipopt", doc="Ipopt by a chosen backend, which counts (for benchmarks)")
 class CountedIpopt:
     """What ``mpec_nlp`` calls for each solve: it takes solvers by name only, hence the state on the class."""
 
-    route = ""
+    backend = ""
     until = 0.0
     efforts: list[Effort] = []  # noqa: RUF012
 
@@ -106,39 +106,39 @@ class CountedIpopt:
 
     def solve(self, model: Any, **_: Any) -> Bunch:
         """Solve once more from where the last solve ended."""
-        self.efforts.append(ipopt(model, self.route, max(0.1, self.until - time.perf_counter())))
+        self.efforts.append(ipopt(model, self.backend, max(0.1, self.until - time.perf_counter())))
         return Bunch(solver=Bunch())
 
 
-def default(model: Any, route: str, limit: float) -> Effort:
+def default(model: Any, backend: str, limit: float) -> Effort:
     """``rcp.solve`` as it is."""
-    return _solve(model, route, limit)
+    return _solve(model, backend, limit)
 
 
-def cold_continuation(model: Any, route: str, limit: float) -> Effort:
+def cold_continuation(model: Any, backend: str, limit: float) -> Effort:
     """delta from 1 to 1e-8 by 0.1; each solve starts from the last point, without multipliers."""
     until = time.perf_counter() + limit
     iterations = 0
     with _relaxed(model, delta=1.0) as delta:
         for step in rcp.Geometric(1.0, 0.1, 1e-8).steps():
             delta.set_value(step)
-            effort = ipopt(model, route, max(0.1, until - time.perf_counter()), {"bound_relax_factor": 0.0})
+            effort = ipopt(model, backend, max(0.1, until - time.perf_counter()), {"bound_relax_factor": 0.0})
             iterations += effort.iterations
     return Effort(effort.claims, iterations)
 
 
-def warm_continuation(model: Any, route: str, limit: float) -> Effort:
+def warm_continuation(model: Any, backend: str, limit: float) -> Effort:
     """The same path, warm-started with multipliers, by ``rcp.solve``."""
-    return _solve(model, route, limit, schedule=rcp.Geometric())
+    return _solve(model, backend, limit, schedule=rcp.Geometric())
 
 
-def tight(model: Any, route: str, limit: float) -> Effort:
+def tight(model: Any, backend: str, limit: float) -> Effort:
     """One solve with delta = 1e-8 from the given start."""
-    return _solve(model, route, limit, schedule=rcp.Fixed(1e-8))
+    return _solve(model, backend, limit, schedule=rcp.Fixed(1e-8))
 
 
-def _solve(model: Any, route: str, limit: float, **choices: Any) -> Effort:
-    result = rcp.solve(model, route=route, time_limit=limit, progress=False, **choices)
+def _solve(model: Any, backend: str, limit: float, **choices: Any) -> Effort:
+    result = rcp.solve(model, backend=backend, time_limit=limit, progress=False, **choices)
     return Effort(result.solved, result.iterations)
 
 
@@ -153,8 +153,8 @@ def _relaxed(model: Any, delta: float) -> Iterator[Any]:
 
 
 def _with_relaxation(word: str) -> Callable[..., Effort]:
-    def method(model: Any, route: str, limit: float) -> Effort:
-        return _solve(model, route, limit, relaxation=word, schedule=rcp.Geometric())
+    def method(model: Any, backend: str, limit: float) -> Effort:
+        return _solve(model, backend, limit, relaxation=word, schedule=rcp.Geometric())
 
     return method
 

@@ -7,7 +7,7 @@
 and multiplies the sides of all points of an element with each other, its left end included, by the grouping
 ``Crossed(left_end="first")``; "detected" says the same by pairs of sums per element.
 
-"default" is ``rcp.solve`` as it is, "barrier" its first rung alone, "x 0.1" a continuation with
+"default" is ``rcp.solve`` as it is, "barrier" its first strategy alone, "x 0.1" a continuation with
 delta = 1, 0.1, ..., 1e-8, "superlinear" one with fewer and fewer steps, "1e-8" a single delta; all are polished.
 
 "error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
@@ -30,7 +30,7 @@ from pyrobocop_pyomo.complementarity.schedules import Superlinear
 # Name: what `rcp.solve` is told.
 WAYS: dict[str, dict[str, Any]] = {
     "default": {},
-    "barrier": {"rungs": "barrier"},
+    "barrier": {"strategies": "barrier"},
     "x 0.1": {"schedule": rcp.Geometric(first=1.0, factor=0.1, last=1e-8)},
     "superlinear": {"schedule": Superlinear(first=1.0, last=1e-8)},
     "1e-8": {"schedule": rcp.Fixed(1e-8)},
@@ -66,7 +66,7 @@ def main() -> None:
         [
             ("problem", "<26"), ("writing", "<8"), ("way", "<11"), ("solved", "<6"), ("iterations", ">10d"),
             ("objective", ">10.5f"), ("error", ">8.1e"), ("residual", ">8.1e"), ("motion", ">8.1e"),
-            ("rung", "<12"), ("seconds", ">7.2f"),
+            ("strategy", "<12"), ("seconds", ">7.2f"),
         ]
     )  # fmt: skip
     table.header()
@@ -86,7 +86,7 @@ def main() -> None:
                 show_progress("")
                 table.add(
                     name, writing, word, "yes" if judged.solved else "no", result.iterations, judged.objective,
-                    judged.objective_error, judged.natural_residual, judged.deviation, result.rung, result.seconds,
+                    judged.objective_error, judged.natural_residual, judged.deviation, result.strategy, result.seconds,
                 )  # fmt: skip
 
     print(f"\nsolved, of {len(names)}\n")

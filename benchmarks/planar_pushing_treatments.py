@@ -42,39 +42,39 @@ TREATMENTS = {
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="20 elements, one goal, the best route, once")
+    parser.add_argument("--quick", action="store_true", help="20 elements, one goal, the best backend, once")
     parser.add_argument("--elements", type=int, default=100)
     parser.add_argument("--repeat", type=int, default=2, help="runs of each; the fastest counts")
     arguments = parser.parse_args()
     elements, repeat = (20, 1) if arguments.quick else (arguments.elements, arguments.repeat)
     goals = {"turn": GOALS["turn"]} if arguments.quick else GOALS
-    routes = rcp.available_routes()[:1] if arguments.quick else rcp.available_routes()
+    backends = rcp.available_backends()[:1] if arguments.quick else rcp.available_backends()
 
     print(f"planar pushing, {elements} elements of implicit Euler, fastest of {repeat}; seconds include writing\n")
     table = Table(
         [
-            ("goal", "<14"), ("treatment", "<27"), ("route", "<17"), ("J", ">9.5f"), ("iterations", ">10d"),
+            ("goal", "<14"), ("treatment", "<27"), ("backend", "<17"), ("J", ">9.5f"), ("iterations", ">10d"),
             ("a*b", ">8.1e"), ("violation", ">9.1e"), ("seconds", ">7.2f"), ("status", "<20"),
         ]
     )  # fmt: skip
     table.header()
     for goal, target in goals.items():
         for treatment, choices in TREATMENTS.items():
-            for route in routes:
-                show_progress(f"{goal}, {treatment}, {route.name}")
+            for backend in backends:
+                show_progress(f"{goal}, {treatment}, {backend.name}")
                 model = build(target, elements=elements)
                 start = [(v, v.value) for v in model.component_data_objects(pyo.Var)]
                 results = []
                 for _ in range(repeat):
                     for variable, number in start:
                         variable.set_value(number, skip_validation=True)
-                    results.append(rcp.solve(model, route=route, progress=False, **choices))
+                    results.append(rcp.solve(model, backend=backend, progress=False, **choices))
                 result = min(results, key=lambda each: each.seconds)
                 show_progress("")
                 table.add(
                     goal,
                     treatment,
-                    route.name.lower(),
+                    backend.name.lower(),
                     result.objective,
                     result.iterations,
                     result.largest_product,

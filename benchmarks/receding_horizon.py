@@ -2,7 +2,7 @@
 
     python benchmarks/receding_horizon.py [--quick]
 
-"re-solve" is `KeptModel.solve` alone: reading the changed numbers, Ipopt, writing the answer. "step" is a step of
+"re-solve" is `PersistentNLP.solve` alone: reading the changed numbers, Ipopt, writing the answer. "step" is a step of
 `RecedingHorizon`, which also moves the plan ahead and hands it out as a trajectory. "Ipopt" is the time inside Ipopt
 with its functions and derivatives. Milliseconds, medians; the ratios are to Ipopt in the same solves. "from scratch"
 builds, hands over and solves the same problem anew.
@@ -20,7 +20,7 @@ from pathlib import Path
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.solving import KeptModel
+from pyrobocop_pyomo.solving import PersistentNLP
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
@@ -35,7 +35,7 @@ def disturbed(k: int) -> dict[str, float]:
 def resolve(elements: int, repeats: int) -> tuple[list[float], list[float]]:
     """Milliseconds of each re-solve, and of Ipopt in it."""
     m = build(elements)
-    kept = KeptModel(m)
+    kept = PersistentNLP(m)
     total, ipopt = [], []
     for k in range(repeats + 1):
         for name, number in disturbed(k).items():

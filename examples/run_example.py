@@ -60,7 +60,7 @@ def run_example(
     solved = True
     for name, place in zip(chosen, places, strict=True):
         case = {**cases[name], **(coarse if arguments.coarse else {})}
-        options = {"route": arguments.route, "tee": arguments.tee}
+        options = {"backend": arguments.backend, "tee": arguments.tee}
         if search is None:
             model = build(**case)
             model.name = f"{model.name} - {name}"
@@ -92,9 +92,9 @@ def _read_command_line(description: str, cases: Mapping[str, Case], default: str
     parser.add_argument("--output", type=Path, default=Path("output"), help="folder of the picture (default: output)")
     parser.add_argument("--animate", action="store_true", help="write a GIF per case where bodies avoid obstacles")
     parser.add_argument(
-        "--route",
-        choices=["in process", "asl", "casadi", "mapped", "executable"],
-        help="default: mapped where bodies avoid obstacles, else the best found",
+        "--backend",
+        choices=["in process", "asl", "casadi", "vectorised", "executable"],
+        help="default: vectorised where bodies avoid obstacles, else the best found",
     )
     parser.add_argument("--tee", action="store_true", help="show Ipopt's log")
     return parser.parse_args()

@@ -39,7 +39,7 @@ from pyrobocop_pyomo.geometry import (
     signed_distance,
     spatial_pose,
 )
-from pyrobocop_pyomo.ipopt import Route, available_routes, configure_ipopt_executable
+from pyrobocop_pyomo.ipopt import Backend, available_backends, configure_ipopt_executable
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.motion import Body, SafetyReport
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
@@ -65,7 +65,7 @@ from pyrobocop_pyomo.phases import (
 )
 from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
-from pyrobocop_pyomo.solving import ActiveSide, PairReport, Quality, Rung, SolveResult, StopReason
+from pyrobocop_pyomo.solving import ActiveSide, PairReport, Quality, SolveResult, StopReason, Strategy
 from pyrobocop_pyomo.studies import (
     HomotopyResult,
     MultistartResult,
@@ -88,6 +88,7 @@ __all__ = [
     "Algebraic",
     "AllPairs",
     "AugmentedLagrangian",
+    "Backend",
     "Body",
     "BodyPath",
     "CarPath",
@@ -131,8 +132,6 @@ __all__ = [
     "RecedingHorizon",
     "RefinedResult",
     "RefinementEnd",
-    "Route",
-    "Rung",
     "SafetyReport",
     "Scheme",
     "Scholtes",
@@ -148,6 +147,7 @@ __all__ = [
     "Stationarity",
     "SteffensenUlbrich",
     "StopReason",
+    "Strategy",
     "Superlinear",
     "Trajectory",
     "TwoSided",
@@ -156,7 +156,7 @@ __all__ = [
     "active_pairs",
     "animate_avoidance",
     "animate_scene",
-    "available_routes",
+    "available_backends",
     "complements",
     "dae_trajectory",
     "decompose",

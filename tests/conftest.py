@@ -24,10 +24,10 @@ FINDERS = {
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what needs a route that is missing; fail instead where all routes are promised, as in our CI."""
-    for route, found in FINDERS.items():
-        if item.get_closest_marker(route) is not None and not found():
-            message = f"no route '{route}' on this machine; see: python -m pyrobocop_pyomo doctor"
-            if os.environ.get("PYROBOCOP_REQUIRE_ALL_ROUTES") == "1":
+    """Skip what needs a backend that is missing; fail instead where all backends are promised, as in our CI."""
+    for backend, found in FINDERS.items():
+        if item.get_closest_marker(backend) is not None and not found():
+            message = f"no backend '{backend}' on this machine; see: python -m pyrobocop_pyomo doctor"
+            if os.environ.get("PYROBOCOP_REQUIRE_ALL_BACKENDS") == "1":
                 pytest.fail(message, pytrace=False)
             pytest.skip(message)

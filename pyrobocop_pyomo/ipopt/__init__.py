@@ -1,7 +1,7 @@
 """Finding Ipopt and running it: the executable, and the library in this process."""
 
+from .backends import Backend, available_backends
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable
-from .routes import Route, available_routes
 
-__all__ = ["InProcessIpopt", "Route", "available_routes", "configure_ipopt_executable"]
+__all__ = ["Backend", "InProcessIpopt", "available_backends", "configure_ipopt_executable"]

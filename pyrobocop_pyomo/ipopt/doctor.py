@@ -22,10 +22,10 @@ from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.programs.asl_program import ASL_REMEDY, find_asl_library
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 
+from .backends import NO_IPOPT
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable, ipopt_executable_version
 from .ipopt_library import load_ipopt_library
-from .routes import NO_IPOPT
 
 OPTIMUM = 17.0140172891520542  # of Hock and Schittkowski's problem 71
 
@@ -37,7 +37,7 @@ _CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
 
 
 @dataclass(frozen=True)
-class RouteDiagnosis:
+class BackendDiagnosis:
     """One way to Ipopt.
 
     Attributes
@@ -61,13 +61,13 @@ class RouteDiagnosis:
     remedy: str
 
 
-def diagnose() -> list[RouteDiagnosis]:
+def diagnose() -> list[BackendDiagnosis]:
     """Look for every way to Ipopt and solve a small problem on each."""
     casadi = _installed("casadi") if casadi_available() else ""
     return [
-        *(_executable_route(name) for name in ("ipopt", "ipopt_v2")),
-        _in_process_route("asl", find_asl_library() or "", ASL_REMEDY),
-        *(_in_process_route(derivatives, casadi, _CASADI_REMEDY) for derivatives in ("casadi", "mapped")),
+        *(_executable_backend(name) for name in ("ipopt", "ipopt_v2")),
+        _in_process_backend("asl", find_asl_library() or "", ASL_REMEDY),
+        *(_in_process_backend(derivatives, casadi, _CASADI_REMEDY) for derivatives in ("casadi", "vectorised")),
     ]
 
 
@@ -77,14 +77,16 @@ def report() -> tuple[str, bool]:
     lines.append(f"  {'python':<12}{platform.python_version()}  {sys.executable}")
     packages = ["pyomo", "numpy", "scipy", "networkx", "casadi", "highspy", "matplotlib", "pandas"]
     lines += [f"  {package:<12}{_installed(package) or 'not installed'}" for package in packages]
-    routes = diagnose()
-    for route in routes:
-        verdict = "works" if route.works else "fails" if route.where else "not found"
-        lines += ["", f"{route.name}: {verdict}"]
-        lines += [f"  {label:<12}{text}" for label, text in (("found", route.where), ("solve", route.result)) if text]
-        if not route.works:
-            lines.append(f"  {'remedy':<12}{route.remedy}")
-    works = any(route.works for route in routes)
+    backends = diagnose()
+    for backend in backends:
+        verdict = "works" if backend.works else "fails" if backend.where else "not found"
+        lines += ["", f"{backend.name}: {verdict}"]
+        lines += [
+            f"  {label:<12}{text}" for label, text in (("found", backend.where), ("solve", backend.result)) if text
+        ]
+        if not backend.works:
+            lines.append(f"  {'remedy':<12}{backend.remedy}")
+    works = any(backend.works for backend in backends)
     lines += ["", "At least one way to Ipopt works." if works else NO_IPOPT]
     return "\n".join(lines), works
 
@@ -96,26 +98,26 @@ def _installed(package: str) -> str:
         return ""
 
 
-def _executable_route(name: str) -> RouteDiagnosis:
+def _executable_backend(name: str) -> BackendDiagnosis:
     title = f'SolverFactory("{name}")'
     configure_ipopt_executable()
     path = Executable("ipopt").path()
     if path is None:
-        return RouteDiagnosis(title, "", False, "", _EXECUTABLE_REMEDY)
+        return BackendDiagnosis(title, "", False, "", _EXECUTABLE_REMEDY)
     version = ipopt_executable_version(path)
     if version is None:
-        return RouteDiagnosis(title, path, False, f"'{path} --version' does not run", _EXECUTABLE_REMEDY)
+        return BackendDiagnosis(title, path, False, f"'{path} --version' does not run", _EXECUTABLE_REMEDY)
     return _tried(title, f"{path}  {version}", _EXECUTABLE_REMEDY, _solve_legacy if name == "ipopt" else _solve_new)
 
 
-def _in_process_route(derivatives: str, found: str, remedy: str) -> RouteDiagnosis:
+def _in_process_backend(derivatives: str, found: str, remedy: str) -> BackendDiagnosis:
     title = f'SolverFactory("pyrobocop.ipopt"), derivatives="{derivatives}"'
     if not found:
-        return RouteDiagnosis(title, "", False, "", remedy)
+        return BackendDiagnosis(title, "", False, "", remedy)
     try:
         where = f"{load_ipopt_library()}, {derivatives} {found}"
     except Exception as error:
-        return RouteDiagnosis(title, "", False, str(error), _CASADI_REMEDY)
+        return BackendDiagnosis(title, "", False, str(error), _CASADI_REMEDY)
 
     def solve(model: pyo.ConcreteModel) -> int:
         return InProcessIpopt(derivatives=derivatives).solve(model).extra_info.iteration_count
@@ -123,19 +125,19 @@ def _in_process_route(derivatives: str, found: str, remedy: str) -> RouteDiagnos
     return _tried(title, where, remedy, solve)
 
 
-def _tried(title: str, where: str, remedy: str, solve: Callable[[pyo.ConcreteModel], int]) -> RouteDiagnosis:
+def _tried(title: str, where: str, remedy: str, solve: Callable[[pyo.ConcreteModel], int]) -> BackendDiagnosis:
     model = _small_problem()
     started = time.perf_counter()
     try:
         iterations = solve(model)
     except Exception as error:  # a diagnosis reports whatever goes wrong
-        return RouteDiagnosis(title, where, False, f"{type(error).__name__}: {error}", remedy)
+        return BackendDiagnosis(title, where, False, f"{type(error).__name__}: {error}", remedy)
     seconds = time.perf_counter() - started
     objective = pyo.value(model.objective)
     result = f"objective {objective:.7f}, {iterations} iterations, {seconds:.3f} s"
     if abs(objective - OPTIMUM) > 1e-6:
-        return RouteDiagnosis(title, where, False, f"{result}; {OPTIMUM:.7f} was expected", remedy)
-    return RouteDiagnosis(title, where, True, result, remedy)
+        return BackendDiagnosis(title, where, False, f"{result}; {OPTIMUM:.7f} was expected", remedy)
+    return BackendDiagnosis(title, where, True, result, remedy)
 
 
 def _solve_legacy(model: pyo.ConcreteModel) -> int:

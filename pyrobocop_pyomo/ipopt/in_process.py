@@ -23,7 +23,7 @@ from pyomo.core.staleflag import StaleFlagManager
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
-from pyrobocop_pyomo.programs.written_model import WrittenModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 from .ipopt_library import IpoptLibrary, find_ipopt_library, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
@@ -63,9 +63,9 @@ class InProcessIpoptConfig(SolverConfig):
             "derivatives",
             ConfigValue(
                 default=None,
-                domain=In([None, "asl", "casadi", "mapped"]),
+                domain=In([None, "asl", "casadi", "vectorised"]),
                 description="Where derivatives come from; by default ASL where PyNumero's library is found, else "
-                "CasADi. 'mapped' is CasADi without a file, quickest where rows repeat each other.",
+                "CasADi. 'vectorised' is CasADi without a file, quickest where rows repeat each other.",
             ),
         )
         self.on_iteration = self.declare(
@@ -94,7 +94,7 @@ class InProcessIpopt(SolverBase):
             return Availability.NotFound
         if found is None:
             return Availability.NotFound
-        usable = {"asl": asl_available, "casadi": casadi_available, "mapped": casadi_available}
+        usable = {"asl": asl_available, "casadi": casadi_available, "vectorised": casadi_available}
         wanted = [self.config.derivatives] if self.config.derivatives else list(usable)
         if not any(usable[name]() for name in wanted):
             return Availability.NeedsCompiledExtension
@@ -137,7 +137,7 @@ class InProcessIpopt(SolverBase):
         StaleFlagManager.mark_all_as_stale()
         try:
             with _timed(timer, "write_and_build"):
-                written = WrittenModel(model, config.derivatives)
+                written = CompiledModel(model, config.derivatives)
         except InfeasibleConstraintException as error:
             _report_proven_infeasible(results, model, str(error))
         else:
@@ -160,7 +160,7 @@ def _timed(timer: HierarchicalTimer, name: str) -> Iterator[None]:
         timer.stop(name)
 
 
-def _run(written: WrittenModel, library: IpoptLibrary, config: InProcessIpoptConfig) -> IpoptOutcome:
+def _run(written: CompiledModel, library: IpoptLibrary, config: InProcessIpoptConfig) -> IpoptOutcome:
     options = dict(config.solver_options.value())
     if config.threads and config.threads != 1:
         logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
@@ -180,7 +180,7 @@ def _run(written: WrittenModel, library: IpoptLibrary, config: InProcessIpoptCon
     )
 
 
-def _report(results: Results, written: WrittenModel, outcome: IpoptOutcome) -> None:
+def _report(results: Results, written: CompiledModel, outcome: IpoptOutcome) -> None:
     failure = (TerminationCondition.error, SolutionStatus.unknown)
     results.termination_condition, results.solution_status = CONDITIONS.get(outcome.status, failure)
     results.solution_loader = InProcessSolutionLoader(written, outcome)

@@ -24,8 +24,8 @@ from pyomo.core.base.enums import TraversalStrategy
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import VarData
 
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .ipopt_outcome import IpoptOutcome
 from .ipopt_run import ProblemScaling
@@ -40,7 +40,7 @@ class StartingMultipliers:
     upper_multipliers: FloatArray | None = None
 
 
-def starting_multipliers(written: WrittenModel) -> StartingMultipliers:
+def starting_multipliers(written: CompiledModel) -> StartingMultipliers:
     """Read the suffixes ``dual``, ``ipopt_zL_in`` and ``ipopt_zU_in`` that are declared for export.
 
     Entries that a suffix leaves out are 0, as the ``ipopt`` executable reads them.
@@ -56,7 +56,7 @@ def starting_multipliers(written: WrittenModel) -> StartingMultipliers:
     )
 
 
-def scaling_factors(written: WrittenModel) -> ProblemScaling:
+def scaling_factors(written: CompiledModel) -> ProblemScaling:
     """Read the export suffix ``scaling_factor`` of variables, constraints and objective; 1 where it has none."""
     name, model = "scaling_factor", written.model
     objective = None if written.objective is None else _exported(model, name, [written.objective], missing=1.0)
@@ -91,13 +91,13 @@ class InProcessSolutionLoader(SolutionLoader):
 
     Parameters
     ----------
-    written : WrittenModel
+    written : CompiledModel
         What was solved.
     outcome : IpoptOutcome
         What Ipopt returned.
     """
 
-    def __init__(self, written: WrittenModel, outcome: IpoptOutcome) -> None:
+    def __init__(self, written: CompiledModel, outcome: IpoptOutcome) -> None:
         self._pyomo_model = written.model
         self._written = written
         self._outcome = outcome

@@ -21,7 +21,7 @@ def radau(stages: int) -> Scheme:
     doi:10.1007/978-3-642-05221-7
     """
     _check_stages("radau", stages)
-    # The inner points are the roots of the Jacobi polynomial P^(1,0) of degree s - 1, mapped to [0, 1].
+    # The inner points are the roots of the Jacobi polynomial P^(1,0) of degree s - 1, vectorised to [0, 1].
     inner = (scipy.special.roots_jacobi(stages - 1, 1.0, 0.0)[0] + 1.0) / 2.0 if stages > 1 else np.empty(0)
     return Scheme.from_points(f"radau({stages})", np.concatenate([inner, [1.0]]))
 
@@ -49,7 +49,7 @@ def lobatto(stages: int) -> Scheme:
     doi:10.1007/978-3-642-05221-7
     """
     _check_stages("lobatto", stages, least=2)
-    # The inner points are the roots of the Jacobi polynomial P^(1,1) of degree s - 2, mapped to [0, 1].
+    # The inner points are the roots of the Jacobi polynomial P^(1,1) of degree s - 2, vectorised to [0, 1].
     inner = (scipy.special.roots_jacobi(stages - 2, 1.0, 1.0)[0] + 1.0) / 2.0 if stages > 2 else np.empty(0)
     return Scheme.from_points(f"lobatto({stages})", np.concatenate([[0.0], inner, [1.0]]))
 

@@ -15,7 +15,7 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo._version import __version__
-from pyrobocop_pyomo.ipopt.routes import available_routes
+from pyrobocop_pyomo.ipopt.backends import available_backends
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult, StopReason
 
@@ -24,10 +24,10 @@ from .found_point import FoundPoint, PointOnModel, multipliers_imported
 CHOICES = {
     "relaxation": ("scholtes", "How a product is bounded: a word or an object."),
     "grouping": ("pair", "Which products share a bound: a word or an object."),
-    "schedule": (None, "How delta shrinks, in a single rung instead of the ladder."),
-    "rungs": (None, "Rungs to climb: words or Rung objects; by default the whole ladder."),
+    "schedule": (None, "How delta shrinks, in a single strategy instead of the ladder."),
+    "strategies": (None, "Strategies to climb: words or Strategy objects; by default the whole ladder."),
     "polish": (True, "Make the pairs exact, follow descending branches and certify."),
-    "route": (None, "Which Ipopt: 'in process', 'asl', 'casadi', 'mapped', 'executable' or a Route."),
+    "backend": (None, "Which Ipopt: 'in process', 'asl', 'casadi', 'vectorised', 'executable' or a Backend."),
     "feasibility_tolerance": (1e-6, "Largest violation of a constraint or bound in an acceptable point."),
     "complementarity_tolerance": (1e-7, "Largest product of the two sides in an acceptable point."),
     "progress": (False, "Show a line per step; None shows it on a terminal."),
@@ -75,7 +75,7 @@ class Mpcc(SolverBase):
 
     def available(self) -> Availability:
         """Whether there is an Ipopt."""
-        return Availability.FullLicense if available_routes() else Availability.NotFound
+        return Availability.FullLicense if available_backends() else Availability.NotFound
 
     def version(self) -> tuple[int, ...]:
         """Version of this package."""

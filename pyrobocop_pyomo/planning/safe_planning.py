@@ -24,16 +24,16 @@ from pyrobocop_pyomo.solving.planning_round import ROUND_HEADER, PlanningRound
 from pyrobocop_pyomo.solving.point import Point
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.quality import Quality
-from pyrobocop_pyomo.solving.rungs import Rung
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, StopReason
+from pyrobocop_pyomo.solving.strategies import Strategy
 
 from .kept_round import KeptRound
 from .recovery import Recovery
 
 logger = logging.getLogger(__name__)
 
-Climb = Callable[[Settings, Sequence[Rung] | None, Progress, Callable[[], float | None]], SolveResult]
+Climb = Callable[[Settings, Sequence[Strategy] | None, Progress, Callable[[], float | None]], SolveResult]
 
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
@@ -74,7 +74,7 @@ class SafePlanning:
     climb : callable
         Solves the model as it stands.
     settings : Settings
-    rungs : sequence of Rung or None
+    strategies : sequence of Strategy or None
         What the caller asked for.
     bar : Progress
     left : callable
@@ -88,12 +88,12 @@ class SafePlanning:
         regions: list[ContainmentData],
         climb: Climb,
         settings: Settings,
-        rungs: Sequence[Rung] | None,
+        strategies: Sequence[Strategy] | None,
         bar: Progress,
         left: Callable[[], float | None],
     ) -> None:
         self._model, self._blocks, self._regions = model, blocks, regions
-        self._climb, self._settings, self._rungs = climb, settings, rungs
+        self._climb, self._settings, self._rungs = climb, settings, strategies
         self._bar, self._left = bar, left
         self.rounds: list[PlanningRound] = []
         self._results: list[SolveResult] = []

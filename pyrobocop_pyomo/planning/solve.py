@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from pyomo.core.base.transformation import TransformationFactory
 
 from pyrobocop_pyomo.complementarity import Schedule
-from pyrobocop_pyomo.ipopt.routes import Route, available_routes
+from pyrobocop_pyomo.ipopt.backends import Backend, available_backends
 from pyrobocop_pyomo.obstacles.initial_checks import (
     check_clearances,
     check_contained_motion,
@@ -23,14 +23,14 @@ from pyrobocop_pyomo.solving.procedure import (
     DEFAULT_OPTIONS,
     DEFAULT_PAIR_OPTIONS,
     _check_phases,
-    _chosen_rungs,
-    _find_route,
+    _chosen_strategies,
+    _find_backend,
     climb,
 )
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.rungs import Rung
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.solving.strategies import Strategy
 from pyrobocop_pyomo.solving.tolerances import Tolerances
 
 from .safe_planning import SafePlanning, avoidance_blocks, containments
@@ -42,9 +42,9 @@ def solve(
     relaxation: Any = "scholtes",
     grouping: Any = "pair",
     schedule: Schedule | None = None,
-    rungs: str | Rung | Iterable[str | Rung] | None = None,
+    strategies: str | Strategy | Iterable[str | Strategy] | None = None,
     polish: bool = True,
-    route: Route | str | None = None,
+    backend: Backend | str | None = None,
     options: Mapping[str, Any] | None = None,
     tee: bool | Sequence[TextIO] = False,
     time_limit: float | None = None,
@@ -58,7 +58,7 @@ def solve(
     point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
     where it is not lifted. Models without pairs are solved by one run.
 
-    The rungs of the ladder are climbed until one gives a certain point, and the best point of all wins:
+    The strategies of the ladder are climbed until one gives a certain point, and the best point of all wins:
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
     * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 100 pairs;
@@ -67,8 +67,8 @@ def solve(
     * "elastic": the products below a variable that is charged in the objective;
     * "projection": the branch that the linearised constraints can be met in, from the best point so far.
 
-    Every rung is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is
-    met exactly; other branches through the point are followed as long as they descend; and the multipliers that are
+    Every strategy is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair
+    is met exactly; other branches through the point are followed as long as they descend; and the multipliers that are
     left, or a linear program with complementarity constraints, certify that none does. Up to 100 pairs, branches that
     the same linear program names from farther away are tried as well (steps "explore"). Where no branch can be solved,
     delta goes down to 1e-12 instead.
@@ -80,15 +80,15 @@ def solve(
     relaxation, grouping : str or object
         As for ``pyrobocop.relax_complementarity``.
     schedule : Schedule, optional
-        How delta shrinks, in a single rung of its own instead of the ladder.
-    rungs : str, Rung or several of them, optional
-        Which rungs to climb; by default the whole ladder.
+        How delta shrinks, in a single strategy of its own instead of the ladder.
+    strategies : str, Strategy or several of them, optional
+        Which strategies to climb; by default the whole ladder.
     polish : bool
-        Finish each rung as described; without it, a point is as complementary as its relaxation.
-    route : Route or str, optional
-        Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"mapped"`` or
-        ``"executable"``. By default the best that is present; for models with obstacles ``"mapped"``, which is faster
-        there.
+        Finish each strategy as described; without it, a point is as complementary as its relaxation.
+    backend : Backend or str, optional
+        Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
+        ``"executable"``. By default the best that is present; for models with obstacles ``"vectorised"``, which is
+        faster there.
     options : mapping, optional
         Ipopt's options; they win over those that are set here.
     tee : bool or sequence of text streams
@@ -124,12 +124,12 @@ def solve(
     """
     started = time.perf_counter()
     blocks, regions = avoidance_blocks(model), containments(model)
-    chosen_route, otherwise = _find_route(route), None
+    chosen_backend, otherwise = _find_backend(backend), None
     # Each turned normal is part of the rows of many corners. ASL differentiates such shared parts anew for each row,
-    # which takes several times as long; mapped expressions do not know all functions, though.
-    if blocks and route is None and Route.IN_PROCESS_MAPPED in available_routes():
-        chosen_route, otherwise = Route.IN_PROCESS_MAPPED, chosen_route
-    chosen_rungs = _chosen_rungs(schedule, rungs)
+    # which takes several times as long; vectorised expressions do not know all functions, though.
+    if blocks and backend is None and Backend.IN_PROCESS_VECTORISED in available_backends():
+        chosen_backend, otherwise = Backend.IN_PROCESS_VECTORISED, chosen_backend
+    chosen_strategies = _chosen_strategies(schedule, strategies)
     _check_phases(model)
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
@@ -142,13 +142,15 @@ def solve(
     has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
     wanted = {**DEFAULT_OPTIONS, **(DEFAULT_PAIR_OPTIONS if has_pairs else {}), **(options or {})}
     output = tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ())
-    settings = Settings(relaxation, grouping, chosen_route, wanted, output, tolerances, polish, otherwise)
+    settings = Settings(relaxation, grouping, chosen_backend, wanted, output, tolerances, polish, otherwise)
 
     def left() -> float | None:
         return None if time_limit is None else time_limit - (time.perf_counter() - started)
 
     if blocks or regions:
-        result = SafePlanning(model, blocks, regions, partial(climb, model), settings, chosen_rungs, bar, left).plan()
+        result = SafePlanning(
+            model, blocks, regions, partial(climb, model), settings, chosen_strategies, bar, left
+        ).plan()
     else:
-        result = climb(model, settings, chosen_rungs, bar, left)
+        result = climb(model, settings, chosen_strategies, bar, left)
     return replace(result, seconds=time.perf_counter() - started)

@@ -1,1 +1,1 @@
-"""A Pyomo model as numbers: a nonlinear program with derivatives by ASL, by CasADi, or from mapped expressions."""
+"""A Pyomo model as numbers: a nonlinear program with derivatives by ASL, by CasADi, or from vectorised expressions."""

@@ -49,7 +49,9 @@ class NodeKinds(dict[type, int]):
         if kind is None and issubclass(cls, NumericValue) and not issubclass(cls, numeric_expr.NumericExpression):
             kind = LEAF
         if kind is None:
-            raise ModelError(f"an expression holds a {cls.__name__}, which mapped expressions do not know. {REMEDY}")
+            raise ModelError(
+                f"an expression holds a {cls.__name__}, which the vectorised backend does not know. {REMEDY}"
+            )
         self[cls] = kind
         return kind
 
@@ -64,7 +66,7 @@ def function_name(node: Any) -> str:
     """
     name: str = node.getname()
     if name not in FLOAT_FUNCTIONS:
-        raise ModelError(f"'{node}': mapped expressions do not know the function '{name}'. {REMEDY}")
+        raise ModelError(f"'{node}': vectorised expressions do not know the function '{name}'. {REMEDY}")
     return name
 
 

@@ -72,7 +72,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
     Raises
     ------
     ModelError
-        When the model has several objectives, no free variables or discrete ones, or an expression that mapped
+        When the model has several objectives, no free variables or discrete ones, or an expression that vectorised
         functions cannot evaluate.
     """
     _refuse_unknown_components(model)

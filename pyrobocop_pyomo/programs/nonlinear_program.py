@@ -105,7 +105,7 @@ class ShiftedRows:
         if outside.size:
             raise IndexError(
                 f"row {outside[0]} cannot be shifted: the program has {nlp.m} rows, numbered from 0. "
-                "Take the numbers from WrittenModel.row_of."
+                "Take the numbers from CompiledModel.row_of."
             )
         self.delta: float | FloatArray = float(self.base.max(initial=0.0))
         self.derivatives = nlp.derivatives

@@ -1,18 +1,18 @@
 """Solving one model with complementarity: the procedure and its result."""
 
 from .pair_report import ActiveSide, PairReport
-from .persistent_program import KeptModel
-from .rungs import Rung
+from .persistent_nlp import PersistentNLP
 from .solve_result import Quality, SolveResult, StopReason
 from .step import Step
+from .strategies import Strategy
 
 __all__ = [
     "ActiveSide",
-    "KeptModel",
     "PairReport",
+    "PersistentNLP",
     "Quality",
-    "Rung",
     "SolveResult",
     "Step",
     "StopReason",
+    "Strategy",
 ]

@@ -10,8 +10,8 @@ from typing import Any
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, FollowBarrier, PairResidual, Schedule, pair_residuals
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .assessment import PointJudge
 from .progress import Progress
@@ -94,7 +94,7 @@ class AttemptedPoint:
     values: Values
     stationarity: float | None
     load_suffixes: Callable[[], None]
-    multipliers: Callable[[WrittenModel], tuple[FloatArray, FloatArray, FloatArray]]
+    multipliers: Callable[[CompiledModel], tuple[FloatArray, FloatArray, FloatArray]]
     rewind: Callable[[], None]
 
 

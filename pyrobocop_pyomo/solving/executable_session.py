@@ -21,11 +21,11 @@ from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.routes import NO_IPOPT
+from pyrobocop_pyomo.programs.compiled_model import WRITER_OPTIONS, CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.programs.written_model import WRITER_OPTIONS, WrittenModel
 
 from .relaxed_model import RelaxedModel
 from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
@@ -160,14 +160,14 @@ class ExecutableSession:
         mu = options.get("mu_target") or None
         return Run(label, delta, mu, status, iterations, time.perf_counter() - started)
 
-    def written(self, *, anew: bool = False) -> WrittenModel | None:
+    def written(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.written`."""
         try:
-            return WrittenModel(self._model)
+            return CompiledModel(self._model)
         except SolverNotFoundError:
             return None
 
-    def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def multipliers(self, written: CompiledModel) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `Session.multipliers`."""
         sign, own = written.sign, self._own
         rows = np.array([-sign * own.dual.get(row, 0.0) for row in written.constraints])

@@ -1,4 +1,4 @@
-"""The best point of a rung, and which of two is the better one."""
+"""The best point of a strategy, and which of two is the better one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Finding:
 
     Attributes
     ----------
-    rung : str
+    strategy : str
     values : list
         Of the user's free variables.
     step : Step
@@ -35,10 +35,10 @@ class Finding:
     explain : callable
         Looks for the multipliers of the pairs; None where there are none to be found.
     outdone : bool
-        Whether this rung has left another local solution for it: there are several then.
+        Whether this strategy has left another local solution for it: there are several then.
     """
 
-    rung: str
+    strategy: str
     values: Values
     step: Step
     reason: StopReason
@@ -58,7 +58,7 @@ class Finding:
         return Quality.OPTIMAL if shown else Quality.FEASIBLE
 
     def is_certain(self, tolerances: Tolerances, polished: bool) -> bool:
-        """Whether no further rung is needed."""
+        """Whether no further strategy is needed."""
         if self.quality(tolerances) is not Quality.OPTIMAL:
             return False
         strict = self.step.largest_natural_residual <= tolerances.natural

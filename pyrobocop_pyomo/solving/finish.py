@@ -1,4 +1,4 @@
-"""The end of a rung: exactly complementary, on the best branch around, with multipliers and a certificate."""
+"""The end of a strategy: exactly complementary, on the best branch around, with multipliers and a certificate."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from pyrobocop_pyomo.mpcc.branch import restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, lagrangian_residual
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .attempt import StepRecorder, stop_reason
 from .finding import Finding
@@ -62,7 +62,7 @@ class Finish:
     ----------
     settings : Settings
     relaxed : RelaxedModel
-    written : WrittenModel
+    written : CompiledModel
         Of the relaxed model.
     recorder : StepRecorder
     values : VariableValues
@@ -77,7 +77,7 @@ class Finish:
         self,
         settings: Settings,
         relaxed: RelaxedModel,
-        written: WrittenModel,
+        written: CompiledModel,
         recorder: StepRecorder,
         values: VariableValues,
         left: Callable[[], float | None],
@@ -100,14 +100,14 @@ class Finish:
         try:
             return self._improved(finding, multipliers)
         except EvaluationError as error:
-            logger.info("rung '%s': its point cannot be polished or certified: %s", finding.rung, error)
+            logger.info("strategy '%s': its point cannot be polished or certified: %s", finding.strategy, error)
             self._values.write(finding.values)
             return finding
 
     def _improved(self, finding: Finding, multipliers: tuple[FloatArray, FloatArray, FloatArray]) -> Finding:
         start = candidate_at(self._program, self.written.current_point(), self._without_relaxing_rows(multipliers))
         search = self._search()
-        # Far from feasible the nearest branch means nothing: that is for other rungs.
+        # Far from feasible the nearest branch means nothing: that is for other strategies.
         polished = search.polish(start) if start.violation <= POLISHED_VIOLATION else start
         return self._judged(finding, search, polished, start)
 
@@ -117,7 +117,7 @@ class Finish:
         nlp = self._program.nlp
         start = candidate_at(self._program, x, (np.zeros(nlp.m), np.ones(nlp.n), np.ones(nlp.n)))
         search = self._search()
-        return self._judged(replace(finding, rung="projection"), search, search.project(start), start)
+        return self._judged(replace(finding, strategy="projection"), search, search.project(start), start)
 
     def _judged(self, finding: Finding, search: ActiveSetSearch, found: Candidate, start: Candidate) -> Finding:
         best, certificate = self._certified(search, found)

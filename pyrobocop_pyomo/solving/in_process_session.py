@@ -13,13 +13,13 @@ from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, starting_multipliers
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import (
     FloatArray,
     NonlinearProgram,
     ShiftedRows,
     lagrangian_residual,
 )
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 from .relaxed_model import RelaxedModel
 from .session import DEFAULT_MU, WARM_START_OPTIONS, OnIteration, Run
@@ -31,7 +31,7 @@ class InProcessSession:
     Parameters
     ----------
     relaxed : RelaxedModel
-    derivatives : {"asl", "casadi", "mapped"} or None
+    derivatives : {"asl", "casadi", "vectorised"} or None
     options : mapping
         Ipopt's.
     output : sequence of text streams
@@ -61,7 +61,7 @@ class InProcessSession:
         self.derivatives = self._written.nlp.derivatives
 
     def _write(self) -> None:
-        self._written = WrittenModel(self._relaxed.model, self._derivatives)
+        self._written = CompiledModel(self._relaxed.model, self._derivatives)
         self._nlp = self._written.nlp
         rows = self._relaxed.shifted_rows
         if rows:
@@ -149,11 +149,11 @@ class InProcessSession:
         mu = outcome.records[-1].mu if outcome.records else None
         return Run(label, delta, mu, outcome.status, outcome.iterations, outcome.seconds, path or [])
 
-    def written(self, *, anew: bool = False) -> WrittenModel | None:
+    def written(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.written`."""
-        return WrittenModel(self._relaxed.model, self._derivatives) if anew else self._written
+        return CompiledModel(self._relaxed.model, self._derivatives) if anew else self._written
 
-    def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def multipliers(self, written: CompiledModel) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `Session.multipliers`."""
         if self._outcome is None or written is not self._written:
             nlp = written.nlp

@@ -1,4 +1,4 @@
-"""The ladder: rung after rung until a point is certain, and the best point of all rungs wins."""
+"""The ladder: strategy after strategy until a point is certain, and the best point of all strategies wins."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .attempt import FINAL_REASONS, Attempt, AttemptedPoint, StepRecorder
 from .finding import Finding
 from .finish import Finish
 from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
-from .rungs import CONTINUATION, LADDER, PROJECTION, TIGHT, Rung
 from .session import Session
 from .settings import Settings
+from .strategies import CONTINUATION, LADDER, PROJECTION, TIGHT, Strategy
 from .variable_values import VariableValues
 
 logger = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ logger = logging.getLogger(__name__)
 # Up to here a second solve from the user's guess costs little, and finds the better optimum now and then. Where it
 # does, it is quick; where it is not, it rarely does.
 CROSS_CHECKED_PAIRS = 100
-# A small problem that takes longer does not get anywhere; the next rung does.
+# A small problem that takes longer does not get anywhere; the next strategy does.
 SMALL_PROBLEM_ITERATIONS = {"barrier": 300, "tight": 100, "continuation": 200, "elastic": 100}
 # Where the polish fails. Ipopt's tolerance is absolute, and would hide products of this size.
 TIGHTENED = Geometric(first=1e-10, factor=1e-2, last=1e-12)
@@ -46,7 +46,7 @@ class _Workplace:
 
 
 class Ladder:
-    """Climbs the rungs on one model.
+    """Climbs the strategies on one model.
 
     Parameters
     ----------
@@ -90,51 +90,51 @@ class Ladder:
         self.decided = 0
         self.solver = self.derivatives = ""
 
-    def climb(self, rungs: Sequence[Rung] | None) -> Finding:
-        """Go through the rungs until one gives a point that is certain, and put the best point on the model.
+    def climb(self, strategies: Sequence[Strategy] | None) -> Finding:
+        """Go through the strategies until one gives a point that is certain, and put the best point on the model.
 
         Parameters
         ----------
-        rungs : sequence of Rung, optional
+        strategies : sequence of Strategy, optional
             By default the whole ladder.
         """
-        self._by_default = rungs is None
+        self._by_default = strategies is None
         with contextlib.ExitStack() as stack:
-            for rung in LADDER if rungs is None else rungs:
-                if self.best is not None and not self._needs(rung):
+            for strategy in LADDER if strategies is None else strategies:
+                if self.best is not None and not self._needs(strategy):
                     continue
-                self._move_to(rung, stack)
+                self._move_to(strategy, stack)
                 assert self._place is not None
                 if not self._place.relaxed.pairs:
-                    self._climb_to(Rung("solve", None))
+                    self._climb_to(Strategy("solve", None))
                     break
-                self._climb_to(rung)
+                self._climb_to(strategy)
         if self.best is None:
             raise ComplementarityError(
                 f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
                 f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
-                "that another rung left. Use schedule=Geometric(...) or Fixed(...), or other rungs."
+                "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
             )
         self._values.write(self.best.values)
         self.best.load_suffixes()
         forget_removed(self._model)
         return self.best
 
-    def _move_to(self, rung: Rung, stack: contextlib.ExitStack) -> None:
-        """Keep the workplace, or change it for one with the relaxation that the rung asks for."""
-        relaxation = self._settings.relaxation if rung.relaxation is None else rung.relaxation
-        if self._place is not None and (rung is PROJECTION or self._place.relaxation == relaxation):
+    def _move_to(self, strategy: Strategy, stack: contextlib.ExitStack) -> None:
+        """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
+        relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
+        if self._place is not None and (strategy is PROJECTION or self._place.relaxation == relaxation):
             return
         stack.close()
         self._values.write(self._guess)
-        self._place = stack.enter_context(self._workplace(relaxation, rung))
+        self._place = stack.enter_context(self._workplace(relaxation, strategy))
 
     @contextlib.contextmanager
-    def _workplace(self, relaxation: Any, rung: Rung) -> Iterator[_Workplace]:
-        delta = 1e-2 if rung.schedule is None else next(iter(rung.schedule.steps()))
+    def _workplace(self, relaxation: Any, strategy: Strategy) -> Iterator[_Workplace]:
+        delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
         with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
             self.decided = len(relaxed.decisions)
-            session = self._open_session(relaxed, {**rung.options, **self._settings.options})
+            session = self._open_session(relaxed, {**strategy.options, **self._settings.options})
             self.solver, self.derivatives = session.solver, session.derivatives
             values = VariableValues(self._model)
             try:
@@ -142,31 +142,31 @@ class Ladder:
             finally:
                 session.close()
 
-    def _climb_to(self, rung: Rung) -> None:
+    def _climb_to(self, strategy: Strategy) -> None:
         place = self._place
         assert place is not None
         self._recorder.pairs = place.relaxed.pairs
         finding: Finding | None
-        if rung is PROJECTION:
+        if strategy is PROJECTION:
             finding = self._projected(place)
         else:
-            finding = self._attempted(rung, place)
+            finding = self._attempted(strategy, place)
         if finding is None:
             return
         self._found.append(finding)
         if self.best is None or finding.is_better_than(self.best, self._settings.tolerances, self._judge.sign):
-            logger.info("'%s': rung '%s' has the best point so far", self._model.name, finding.rung)
+            logger.info("'%s': strategy '%s' has the best point so far", self._model.name, finding.strategy)
             self.best = finding
 
-    def _attempted(self, rung: Rung, place: _Workplace) -> Finding | None:
-        if isinstance(rung.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
+    def _attempted(self, strategy: Strategy, place: _Workplace) -> Finding | None:
+        if isinstance(strategy.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
             return None
-        if rung.from_guess:
+        if strategy.from_guess:
             place.values.write(place.start)
-        finding = self._polished(place, rung.name, rung.schedule, self._options_of(rung))
+        finding = self._polished(place, strategy.name, strategy.schedule, self._options_of(strategy))
         if self._settings.polish and place.relaxed.shifted_rows and self._is_loose(finding):
             # Where no branch could be solved, a smaller delta makes the pairs nearly as exact as a branch would.
-            tightened = self._polished(place, rung.name, TIGHTENED, TIGHTENED_OPTIONS, warm=True)
+            tightened = self._polished(place, strategy.name, TIGHTENED, TIGHTENED_OPTIONS, warm=True)
             if tightened.is_better_than(finding, self._settings.tolerances, self._judge.sign):
                 return tightened
         return finding
@@ -225,15 +225,15 @@ class Ladder:
             return None
         return Finish(self._settings, place.relaxed, written, self._recorder, self._values, self._left, self._explored)
 
-    def _options_of(self, rung: Rung) -> Mapping[str, Any]:
+    def _options_of(self, strategy: Strategy) -> Mapping[str, Any]:
         assert self._place is not None
-        limit = SMALL_PROBLEM_ITERATIONS.get(rung.name)
+        limit = SMALL_PROBLEM_ITERATIONS.get(strategy.name)
         if limit is None or not self._by_default or len(self._place.relaxed.pairs) > CROSS_CHECKED_PAIRS:
             return {}
         return {"max_iter": min(limit, self._settings.options["max_iter"])}
 
-    def _needs(self, rung: Rung) -> bool:
-        """Whether a rung is to be climbed to, after what the others have found."""
+    def _needs(self, strategy: Strategy) -> bool:
+        """Whether a strategy is to be climbed to, after what the others have found."""
         assert self.best is not None
         left = self._left()
         if self.best.reason in FINAL_REASONS or (left is not None and left <= 0.0):
@@ -242,14 +242,14 @@ class Ladder:
             return True
         assert self._place is not None
         small = len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
-        if rung is TIGHT:
+        if strategy is TIGHT:
             return small or not self._by_default
         # A certain point is a local solution. In large problems, which tend to have many, and where two solves have
         # disagreed, the slow way down from delta = 1 is worth its time: it finds the better one more often than not.
-        return rung is CONTINUATION and (not small or self._disagree()) and self._settings.polish
+        return strategy is CONTINUATION and (not small or self._disagree()) and self._settings.polish
 
     def _disagree(self) -> bool:
-        """Whether the rungs so far have found different solutions."""
+        """Whether the strategies so far have found different solutions."""
         if any(each.outdone for each in self._found):
             return True
         tolerances = self._settings.tolerances

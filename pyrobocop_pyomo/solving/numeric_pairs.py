@@ -13,12 +13,12 @@ from pyrobocop_pyomo.complementarity import LiftedPair, SideVariable
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds, WithoutRows
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 
 def numeric_pairs(
-    written: WrittenModel,
+    written: CompiledModel,
     pairs: Sequence[LiftedPair],
     left_out: Iterable[Any],
     crossed: Sequence[tuple[int, int]] = (),
@@ -27,7 +27,7 @@ def numeric_pairs(
 
     Parameters
     ----------
-    written : WrittenModel
+    written : CompiledModel
         Of the relaxed model.
     pairs : list of LiftedPair
     left_out : iterable of ConstraintData
@@ -68,7 +68,7 @@ def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]
     return replace(multipliers, nu=nu, xi=xi)
 
 
-def _rows(written: WrittenModel, rows: Iterable[Any]) -> np.ndarray:
+def _rows(written: CompiledModel, rows: Iterable[Any]) -> np.ndarray:
     """Numbers of the rows that are in the program; one without free variables is not."""
     found = [written.row_of[row] for row in rows if row in written.row_of]
     return np.array(sorted(found), dtype=np.intp)

@@ -13,8 +13,8 @@ from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
+from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
-from pyrobocop_pyomo.ipopt.routes import Route, available_routes, best_route
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.phases import PhaseBlockData
@@ -26,11 +26,11 @@ from .in_process_session import InProcessSession
 from .ladder import Ladder
 from .progress import Progress
 from .relaxed_model import RelaxedModel
-from .rungs import Rung, as_rungs
 from .session import Session
 from .settings import Settings
 from .solve_result import SolveResult
 from .step import STEP_HEADER
+from .strategies import Strategy, as_strategies
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +40,11 @@ DEFAULT_PAIR_OPTIONS = {"bound_relax_factor": 0.0}
 
 
 def climb(
-    model: Any, settings: Settings, rungs: Sequence[Rung] | None, bar: Progress, left: Callable[[], float | None]
+    model: Any,
+    settings: Settings,
+    strategies: Sequence[Strategy] | None,
+    bar: Progress,
+    left: Callable[[], float | None],
 ) -> SolveResult:
     """Climb the ladder on a model as it stands, and judge the best point of it.
 
@@ -48,7 +52,7 @@ def climb(
     ----------
     model : Block
     settings : Settings
-    rungs : sequence of Rung, optional
+    strategies : sequence of Strategy, optional
         By default the whole ladder.
     bar : Progress
     left : callable
@@ -58,7 +62,7 @@ def climb(
     judge = PointJudge(model)
     recorder = StepRecorder(judge, bar)
     ladder = Ladder(model, judge, settings, recorder, partial(_open_session, settings, bar), left)
-    best = ladder.climb(rungs)
+    best = ladder.climb(strategies)
     quality, multipliers = best.quality(settings.tolerances), best.explain()
     if multipliers is not None and multipliers.kind is Stationarity.S:
         best.certificate = Certificate.PROVEN
@@ -74,7 +78,7 @@ def climb(
         residuals=recorder.residuals(),
         steps=recorder.steps,
         best_step=recorder.steps.index(best.step),
-        rung=best.rung,
+        strategy=best.strategy,
         decided_pairs=ladder.decided,
         solver=ladder.solver,
         derivatives=ladder.derivatives,
@@ -83,34 +87,34 @@ def climb(
     )
 
 
-def _chosen_rungs(
-    schedule: Schedule | None, rungs: str | Rung | Iterable[str | Rung] | None
-) -> tuple[Rung, ...] | None:
-    if schedule is not None and rungs is not None:
-        raise ValueError("schedule= is a rung of its own; give it or rungs=, not both.")
+def _chosen_strategies(
+    schedule: Schedule | None, strategies: str | Strategy | Iterable[str | Strategy] | None
+) -> tuple[Strategy, ...] | None:
+    if schedule is not None and strategies is not None:
+        raise ValueError("schedule= is a strategy of its own; give it or strategies=, not both.")
     if schedule is not None:
-        return (Rung("schedule", schedule),)
-    return None if rungs is None else as_rungs(rungs)
+        return (Strategy("schedule", schedule),)
+    return None if strategies is None else as_strategies(strategies)
 
 
-def _find_route(route: Route | str | None) -> Route:
+def _find_backend(backend: Backend | str | None) -> Backend:
     words = {
-        "asl": Route.IN_PROCESS_ASL,
-        "casadi": Route.IN_PROCESS_CASADI,
-        "mapped": Route.IN_PROCESS_MAPPED,
-        "executable": Route.EXECUTABLE,
+        "asl": Backend.IN_PROCESS_ASL,
+        "casadi": Backend.IN_PROCESS_CASADI,
+        "vectorised": Backend.IN_PROCESS_VECTORISED,
+        "executable": Backend.EXECUTABLE,
     }
-    if route is None:
-        return best_route()
-    present = available_routes()
-    if route == "in process":
-        wanted = Route.IN_PROCESS_ASL if Route.IN_PROCESS_ASL in present else Route.IN_PROCESS_CASADI
-    elif isinstance(route, Route):
-        wanted = route
-    elif route in words:
-        wanted = words[route]
+    if backend is None:
+        return best_backend()
+    present = available_backends()
+    if backend == "in process":
+        wanted = Backend.IN_PROCESS_ASL if Backend.IN_PROCESS_ASL in present else Backend.IN_PROCESS_CASADI
+    elif isinstance(backend, Backend):
+        wanted = backend
+    elif backend in words:
+        wanted = words[backend]
     else:
-        raise ValueError(f"route = {route!r}; choose 'in process', {', '.join(map(repr, words))} or a Route.")
+        raise ValueError(f"backend = {backend!r}; choose 'in process', {', '.join(map(repr, words))} or a Backend.")
     if wanted not in present:
         found = "; ".join(each.value for each in present) or "none"
         raise SolverNotFoundError(
@@ -129,17 +133,17 @@ def _check_phases(model: Any) -> None:
 def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, options: Mapping[str, Any]) -> Session:
     name, output = relaxed.model.name, settings.output
     session: Session
-    if settings.route is Route.EXECUTABLE:
+    if settings.backend is Backend.EXECUTABLE:
         session = ExecutableSession(relaxed, options, output)
     else:
         live = None if output else _live_line(bar, name)
         try:
-            session = InProcessSession(relaxed, settings.route.derivatives, options, output, live)
+            session = InProcessSession(relaxed, settings.backend.derivatives, options, output, live)
         except ModelError as error:
             if settings.otherwise is None:
                 raise
-            logger.info("'%s': %s is not taken: %s", name, settings.route.value, error)
-            return _open_session(replace(settings, route=settings.otherwise, otherwise=None), bar, relaxed, options)
+            logger.info("'%s': %s is not taken: %s", name, settings.backend.value, error)
+            return _open_session(replace(settings, backend=settings.otherwise, otherwise=None), bar, relaxed, options)
     logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
     bar.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
     bar.line(STEP_HEADER)

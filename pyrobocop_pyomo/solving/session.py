@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from pyrobocop_pyomo.complementarity import FollowBarrier
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 # What lets Ipopt start where the last run ended instead of pushing the point back into the interior.
 WARM_START_OPTIONS = {
@@ -66,14 +66,14 @@ class Session(Protocol):
         """Solve with delta following the barrier parameter, from the current point."""
         ...
 
-    def written(self, *, anew: bool = False) -> WrittenModel | None:
+    def written(self, *, anew: bool = False) -> CompiledModel | None:
         """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives.
 
         It may have been written before, unless it is asked for as it is now.
         """
         ...
 
-    def multipliers(self, written: WrittenModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def multipliers(self, written: CompiledModel) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Multipliers of rows, lower and upper bounds after the last run, in the order of `written`."""
         ...
 

@@ -6,20 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TextIO
 
-from pyrobocop_pyomo.ipopt.routes import Route
+from pyrobocop_pyomo.ipopt.backends import Backend
 
 from .tolerances import Tolerances
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to solve; see `solve`. Where the route cannot take a model, ``otherwise`` is the one to take instead."""
+    """How to solve; see `solve`. Where the backend cannot take a model, ``otherwise`` is the one to take instead."""
 
     relaxation: Any
     grouping: Any
-    route: Route
+    backend: Backend
     options: Mapping[str, Any]
     output: Sequence[TextIO]
     tolerances: Tolerances
     polish: bool
-    otherwise: Route | None = None
+    otherwise: Backend | None = None

@@ -62,8 +62,8 @@ class SolveResult:
         Every run of Ipopt, in order.
     best_step : int
         Which of them gave the point.
-    rung : str
-        Which rung it belongs to.
+    strategy : str
+        Which strategy it belongs to.
     decided_pairs : int
         Pairs that bounds and fixed variables had decided before.
     solver : str
@@ -92,7 +92,7 @@ class SolveResult:
     residuals: list[PairResidual] = field(repr=False)
     steps: list[Step] = field(repr=False)
     best_step: int
-    rung: str
+    strategy: str
     decided_pairs: int
     solver: str
     derivatives: str

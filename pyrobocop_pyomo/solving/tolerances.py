@@ -16,7 +16,7 @@ class Tolerances:
     product : float
         Largest product ``a b`` of a pair.
     natural : float
-        Largest ``|min(a, b)|`` of a point that needs no further rung.
+        Largest ``|min(a, b)|`` of a point that needs no further strategy.
     stationarity : float
         Largest relative gradient of the Lagrangian.
     """

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.solving.variable_values import VariableValues
 from .data_path import DataPath
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
-FOLLOWING_RUNGS = ("tight", "barrier", "continuation")
+FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,8 @@ def homotopy(
     progress : bool, optional
         Show a line per problem; by default only on a terminal.
     **options
-        Passed to `solve`. Without ``rungs`` or ``schedule``, problems after the first go for the tight rung first.
+        Passed to `solve`. Without ``strategies`` or ``schedule``, problems after the first go for the tight strategy
+        first.
 
     Returns
     -------
@@ -212,8 +213,8 @@ class _Follower:
         self._path.put(position)
         left = None if self._time_limit is None else self._time_limit - (time.perf_counter() - self._started)
         options = {**self._options, "time_limit": None if left is None else max(left, 1e-3)}
-        if self._position >= 0.0 and not {"rungs", "schedule"} & options.keys():
-            options["rungs"] = FOLLOWING_RUNGS
+        if self._position >= 0.0 and not {"strategies", "schedule"} & options.keys():
+            options["strategies"] = FOLLOWING_STRATEGIES
         try:
             result = solve(self._model, progress=False, **options)
         except (ModelError, SolverNotFoundError):

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.controls import knots_of, variables_name
 from pyrobocop_pyomo.phases.declarations import is_held
-from pyrobocop_pyomo.solving.persistent_program import KeptModel
+from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.trajectories import Trajectory
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ class RecedingHorizon:
         self.phase = phase
         self._fixed = {name for name in phase.record.names_of_states if phase.component(name)[phase.initial_time].fixed}
         self._values = _Values(phase)
-        self._kept = KeptModel(model, options)
+        self._kept = PersistentNLP(model, options)
 
     def step(self, state: Mapping[str, float], advance: float = 0.0, *, mu: float = 1e-4) -> HorizonStep:
         """Plan from a measured state.

@@ -16,8 +16,8 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 from pyrobocop_pyomo.solving.assessment import PointJudge
 from pyrobocop_pyomo.solving.relaxed_model import TRANSFORMATION
 from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
@@ -167,7 +167,7 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
     chosen = _members(model, parameters)
     _check(model, result)
     built = ParametricBuilder(model, chosen).build()
-    written = WrittenModel(built.model, derivatives_by)
+    written = CompiledModel(built.model, derivatives_by)
     place = {id(each): i for i, each in enumerate(written.variables)}
     columns = np.array([place.get(id(each), -1) for each in built.stand_ins], dtype=np.intp)
     in_use = np.flatnonzero(columns >= 0)
@@ -228,7 +228,7 @@ def _check(model: Any, result: SolveResult) -> None:
         )
 
 
-def _with_moving_bounds(written: WrittenModel, built: ParametricModel) -> WithBounds:
+def _with_moving_bounds(written: CompiledModel, built: ParametricModel) -> WithBounds:
     """The program without the bounds that are rows; bounds of domains stay."""
     lower, upper = written.nlp.x_lower.copy(), written.nlp.x_upper.copy()
     place = {id(each): i for i, each in enumerate(written.variables)}
@@ -241,7 +241,7 @@ def _with_moving_bounds(written: WrittenModel, built: ParametricModel) -> WithBo
     return WithBounds(written.nlp, lower, upper)
 
 
-def _name(written: WrittenModel, built: ParametricModel, number: int) -> str:
+def _name(written: CompiledModel, built: ParametricModel, number: int) -> str:
     if number < written.nlp.m:
         return built.names[id(written.constraints[number])]
     return f"a bound of '{written.variables[number - written.nlp.m].name}'"

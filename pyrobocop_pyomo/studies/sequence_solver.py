@@ -14,7 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
-from pyrobocop_pyomo.ipopt.routes import best_route
+from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.solve_result import StopReason
@@ -68,7 +68,7 @@ def solve_sequences(
         raise ModelError("no sequences to solve; mode_sequences(...) makes them.")
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
         raise ModelError(f"workers = {workers!r}; expected a number of processes of at least 1.")
-    best_route()  # raises with the remedies where there is none, once and not for every sequence
+    best_backend()  # raises with the remedies where there is none, once and not for every sequence
     bar = Progress(progress)
     done: dict[int, SequenceOutcome] = {}
 

@@ -12,14 +12,14 @@ import pytest
 import pyrobocop_pyomo
 
 PUBLIC = """
-    ActiveSide Algebraic AllPairs AugmentedLagrangian Body BodyPath CarPath CarSearch Certificate
+    ActiveSide Algebraic AllPairs AugmentedLagrangian Backend Body BodyPath CarPath CarSearch Certificate
     ChenHarkerKanzowSmale Complementarity Containment Control Crossed Diagnosis Duration Elastic FischerBurmeister
     Fixed FollowBarrier Geometric GeometryError Grid HomotopyResult JoinedTrajectory Kadrani KanzowSchwartz
     LinFukushima Link Mesh MultistartResult ObstacleAvoidanceBlock ObstacleError PairReport Parameter Penalty
     PerElement PerPair PerPhase PhaseBlock Polytope Pose PyRobocopError Quality RecedingHorizon RefinedResult
-    RefinementEnd Route Rung SafetyReport Scheme Scholtes Sensitivity SequenceRanking SignedDistance SimulationFailed
-    SolveFailed SolveResult SquareSlider Start State Stationarity SteffensenUlbrich StopReason Superlinear Trajectory
-    TwoSided Verification __version__ active_pairs animate_avoidance animate_scene available_routes complements
+    RefinementEnd SafetyReport Scheme Scholtes Sensitivity SequenceRanking SignedDistance SimulationFailed SolveFailed
+    SolveResult SquareSlider Start State Stationarity SteffensenUlbrich StopReason Strategy Superlinear Trajectory
+    TwoSided Verification __version__ active_pairs animate_avoidance animate_scene available_backends complements
     dae_trajectory decompose diagnose draw_avoidance draw_linkage draw_planar_pushing draw_scene explicit find_scheme
     gauss_legendre homotopy hybrid_a_star join_trajectories label_measurements lobatto mode_sequences multistart
     planar_pose radau sensitivity signed_distance solve solve_refined solve_sequences spatial_pose waypoint_guess

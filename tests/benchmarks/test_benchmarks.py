@@ -37,7 +37,7 @@ def test_treatments_of_planar_pushing() -> None:
 @pytest.mark.asl
 def test_ways_to_state_the_cart_pole_agree() -> None:
     table = run_quick("cart_pole_transcription")
-    for way in ("phase, in process, ASL", "phase, executable", "pyomo.dae, executable", "CasADi by hand, mapped"):
+    for way in ("phase, in process, ASL", "phase, executable", "pyomo.dae, executable", "CasADi by hand, vectorised"):
         assert way in table
     assert "all objectives agree" in table
 
@@ -67,8 +67,8 @@ def test_models_of_pyomo_dae_are_more_accurate_and_leave_nothing_free() -> None:
 def test_growth_is_about_linear_and_a_phase_costs_less_than_pyomo_dae() -> None:
     lines = [line for line in run_quick("growth").splitlines() if line.startswith(("phase", "pyomo.dae"))]
     rows = {(line[:14].strip(), int(line[14:].split()[0])): line[14:].split() for line in lines}
-    assert set(rows) == {(way, n) for way in ("phase, mapped", "phase, ASL", "pyomo.dae") for n in (50, 200)}
-    assert float(rows["phase, mapped", 200][1]) < float(rows["pyomo.dae", 200][1])
+    assert set(rows) == {(way, n) for way in ("phase, vectorised", "phase, ASL", "pyomo.dae") for n in (50, 200)}
+    assert float(rows["phase, vectorised", 200][1]) < float(rows["pyomo.dae", 200][1])
 
 
 def test_a_re_solve_costs_little_beyond_ipopt() -> None:
@@ -97,7 +97,7 @@ def test_nonsmooth_problems_are_solved_by_default_and_softened_first() -> None:
 @pytest.mark.executable
 @pytest.mark.asl
 def test_a_continuation_is_shorter_warm_and_quicker_in_process() -> None:
-    seconds, iterations = run_quick("continuation_routes").split("iterations of Ipopt")
+    seconds, iterations = run_quick("continuation_backends").split("iterations of Ipopt")
     *_, files, _, _, warm_ratio, _ = next(line for line in seconds.splitlines() if line.startswith("sum")).split()
     assert float(files) > 0
     assert float(warm_ratio) > 1.0  # a busy machine; the real figure is that of the full run

@@ -55,7 +55,9 @@ def program(cost, start):
 
 def distance(problem, relaxation, delta):
     m, solution = problem()
-    result = rcp.solve(m, relaxation=relaxation, schedule=rcp.Fixed(delta), route="asl", options=OPTIONS, polish=False)
+    result = rcp.solve(
+        m, relaxation=relaxation, schedule=rcp.Fixed(delta), backend="asl", options=OPTIONS, polish=False
+    )
     assert result.constraint_violation <= 2 * delta + 1e-10
     return math.dist((m.a.value, m.b.value), solution)
 

@@ -250,7 +250,7 @@ def test_delta_lags_mu_by_one_iteration():
     m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
     m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
     schedule = rcp.FollowBarrier(floor=1e-8, factor=3.0)
-    result = rcp.solve(m, schedule=schedule, route="casadi")
+    result = rcp.solve(m, schedule=schedule, backend="casadi")
     path = result.steps[0].path
     assert len(path) > 5
     for (mu, _), (_, delta) in pairwise(path):
@@ -278,7 +278,7 @@ def test_path_through_the_executable():
     m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
     m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    steps = rcp.solve(m, schedule=rcp.FollowBarrier(factor=2.0), route="executable").steps
+    steps = rcp.solve(m, schedule=rcp.FollowBarrier(factor=2.0), backend="executable").steps
 
     def path(mu=0.1, tolerance=1e-8):
         while True:

@@ -8,7 +8,7 @@ from pyrobocop_pyomo import Scheme
 
 
 def chebyshev(stages: int) -> Scheme:
-    """Collocation at the roots of the Chebyshev polynomial of degree ``stages``, mapped to (0, 1).
+    """Collocation at the roots of the Chebyshev polynomial of degree ``stages``, vectorised to (0, 1).
 
     Points strictly increase in (0, 1]. A last point of exactly 1.0 makes the scheme stiffly accurate: it then
     needs no continuity rows. Weights, order and derivative matrix are computed from the points.

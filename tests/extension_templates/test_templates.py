@@ -50,7 +50,7 @@ def test_scheme_serves_a_phase():
     b.rate = rcp.Parameter(bounds=(1, 1))
     b.ode(lambda b, t: {b.x: -b.rate * b.x[t]})
     m.cost = pyo.Objective(expr=b.x[b.final_time] ** 2)
-    rcp.solve(m, route="casadi").raise_for_status()
+    rcp.solve(m, backend="casadi").raise_for_status()
     assert b.trajectory().x[-1] == pytest.approx(math.exp(-1), abs=1e-6)
 
 
@@ -67,7 +67,7 @@ def test_relaxation_accepts_the_same_points_as_the_product(a, b, delta):
 def test_relaxation_solves():
     assert isinstance(FischerBurmeister(), Relaxation)
     m = corner()
-    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.Geometric(), route="casadi")
+    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.Geometric(), backend="casadi")
     assert result.largest_product < 1e-7
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
@@ -87,7 +87,7 @@ def test_a_relaxation_keeps_numbers_between_solves():
 
 @pytest.mark.casadi
 def test_a_relaxation_that_keeps_numbers_solves():
-    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.Geometric(), route="casadi")
+    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.Geometric(), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
@@ -104,7 +104,7 @@ def test_schedule_never_increases_and_meets_its_last_value():
 
 @pytest.mark.casadi
 def test_schedule_solves():
-    result = rcp.solve(corner(), schedule=Superlinear(), route="casadi", polish=False)
+    result = rcp.solve(corner(), schedule=Superlinear(), backend="casadi", polish=False)
     result.raise_for_status()
     # After the schedule the nearest branch is solved, which has no delta.
     relaxed = [step.delta for step in result.steps if step.delta is not None]
@@ -129,6 +129,6 @@ def test_grouping_keeps_every_pair_once():
 
 @pytest.mark.casadi
 def test_grouping_solves():
-    result = rcp.solve(corner(), grouping=PerComponent(), route="casadi")
+    result = rcp.solve(corner(), grouping=PerComponent(), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)

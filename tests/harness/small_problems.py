@@ -93,24 +93,24 @@ ROUTES = {
     "ipopt_v2": pytest.mark.executable,
     "asl": pytest.mark.asl,
     "casadi": pytest.mark.casadi,
-    "mapped": pytest.mark.casadi,
+    "vectorised": pytest.mark.casadi,
 }
 
-every_route = pytest.mark.parametrize("route", [pytest.param(name, marks=mark) for name, mark in ROUTES.items()])
+every_backend = pytest.mark.parametrize("backend", [pytest.param(name, marks=mark) for name, mark in ROUTES.items()])
 every_derivative = pytest.mark.parametrize(
     "derivatives",
     [
         pytest.param("asl", marks=pytest.mark.asl),
         pytest.param("casadi", marks=pytest.mark.casadi),
-        pytest.param("mapped", marks=pytest.mark.casadi),
+        pytest.param("vectorised", marks=pytest.mark.casadi),
     ],
 )
 
 
-def solver(route: str) -> object:
-    """The solver of a route, in Pyomo's older interface, which all of them have."""
-    if route in ("asl", "casadi", "mapped"):
-        return pyo.SolverFactory("pyrobocop.ipopt", derivatives=route)
-    if route == "ipopt_v2":
-        return pyo.SolverFactory(route, writer_config={"linear_presolve": False, "scale_model": False})
-    return pyo.SolverFactory(route)
+def solver(backend: str) -> object:
+    """The solver of a backend, in Pyomo's older interface, which all of them have."""
+    if backend in ("asl", "casadi", "vectorised"):
+        return pyo.SolverFactory("pyrobocop.ipopt", derivatives=backend)
+    if backend == "ipopt_v2":
+        return pyo.SolverFactory(backend, writer_config={"linear_presolve": False, "scale_model": False})
+    return pyo.SolverFactory(backend)

@@ -15,9 +15,9 @@ from pyomo.contrib.pynumero.asl import AmplInterface
 
 import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
-from pyrobocop_pyomo.ipopt import build_asl, doctor, in_process, ipopt_executable, ipopt_library, routes
-from pyrobocop_pyomo.ipopt.routes import Route
-from pyrobocop_pyomo.programs import asl_program, written_model
+from pyrobocop_pyomo.ipopt import backends, build_asl, doctor, in_process, ipopt_executable, ipopt_library
+from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.programs import asl_program, compiled_model
 
 ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
 
@@ -133,9 +133,9 @@ def test_a_file_that_is_no_library_is_named(tmp_path):
 
 
 def test_without_any_ipopt_one_message_lists_the_remedies(machine):
-    assert routes.available_routes() == []
+    assert backends.available_backends() == []
     with pytest.raises(SolverNotFoundError) as caught:
-        routes.best_route()
+        backends.best_backend()
     for remedy in (
         "pip install 'pyrobocop_pyomo[ipopt]'", "conda install -c conda-forge ipopt",
         "python -m pyrobocop_pyomo build-asl", "PYROBOCOP_IPOPT_EXECUTABLE",
@@ -151,24 +151,24 @@ def test_without_any_ipopt_the_solver_says_so_and_does_not_fail_before(machine):
         solver.solve(hock_schittkowski_71()[0])
 
 
-@pytest.mark.parametrize("derivatives", [None, "asl", "casadi", "mapped"])
+@pytest.mark.parametrize("derivatives", [None, "asl", "casadi", "vectorised"])
 def test_missing_derivatives_are_named_with_remedies(machine, derivatives):
     with pytest.raises(SolverNotFoundError, match=r"build-asl|pip install"):
-        written_model.WrittenModel(hock_schittkowski_71()[0], derivatives)
+        compiled_model.CompiledModel(hock_schittkowski_71()[0], derivatives)
 
 
-def test_routes_are_ordered_by_preference(machine, monkeypatch):
+def test_backends_are_ordered_by_preference(machine, monkeypatch):
     machine.add(machine.prefix / "bin" / "ipopt")
-    assert routes.available_routes() == [Route.EXECUTABLE]
+    assert backends.available_backends() == [Backend.EXECUTABLE]
     machine.add(machine.prefix / "lib" / ipopt_library._NAMES[0])
-    assert routes.available_routes() == [Route.EXECUTABLE]  # a library alone has no derivatives
-    monkeypatch.setattr(routes, "casadi_available", lambda: True)
-    in_process = [Route.IN_PROCESS_CASADI, Route.IN_PROCESS_MAPPED]
-    assert routes.available_routes() == [*in_process, Route.EXECUTABLE]
+    assert backends.available_backends() == [Backend.EXECUTABLE]  # a library alone has no derivatives
+    monkeypatch.setattr(backends, "casadi_available", lambda: True)
+    in_process = [Backend.IN_PROCESS_CASADI, Backend.IN_PROCESS_VECTORISED]
+    assert backends.available_backends() == [*in_process, Backend.EXECUTABLE]
     machine.add(machine.prefix / "lib" / "libpynumero_ASL.so")
-    assert routes.available_routes() == list(Route)
-    assert routes.best_route() is Route.IN_PROCESS_ASL
-    assert [route.derivatives for route in Route] == ["asl", "casadi", "mapped", None]
+    assert backends.available_backends() == list(Backend)
+    assert backends.best_backend() is Backend.IN_PROCESS_ASL
+    assert [backend.derivatives for backend in Backend] == ["asl", "casadi", "vectorised", None]
 
 
 def test_finding_asl_does_not_touch_pyomo(machine):
@@ -189,7 +189,7 @@ class Hidden:
 sys.meta_path.insert(0, Hidden())
 import pyomo.environ
 before = set(sys.modules)
-import pyrobocop_pyomo.ipopt.in_process, pyrobocop_pyomo.ipopt.routes
+import pyrobocop_pyomo.ipopt.in_process, pyrobocop_pyomo.ipopt.backends
 assert "scipy.sparse" not in set(sys.modules) - before
 assert pyomo.environ.SolverFactory("pyrobocop.ipopt") is not None
 """
@@ -197,7 +197,7 @@ assert pyomo.environ.SolverFactory("pyrobocop.ipopt") is not None
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 
-def test_the_doctor_reports_every_route_and_remedy(machine, capsys):
+def test_the_doctor_reports_every_backend_and_remedy(machine, capsys):
     assert command_line.main([]) == 1
     text = capsys.readouterr().out
     assert text.count(": not found") == 5
@@ -208,7 +208,7 @@ def test_the_doctor_reports_every_route_and_remedy(machine, capsys):
 @pytest.mark.executable
 @pytest.mark.asl
 @pytest.mark.casadi
-def test_the_doctor_solves_on_every_route(capsys):
+def test_the_doctor_solves_on_every_backend(capsys):
     assert command_line.main(["doctor"]) == 0
     text = capsys.readouterr().out
     assert text.count(": works") == 5

@@ -16,15 +16,15 @@ from pyrobocop_pyomo.errors import EvaluationError, SolverOptionError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 OPTIMUM = 17.0140172891520542
 FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
 
 
-def written_71(derivatives: str) -> WrittenModel:
-    return WrittenModel(hock_schittkowski_71()[0], derivatives)
+def written_71(derivatives: str) -> CompiledModel:
+    return CompiledModel(hock_schittkowski_71()[0], derivatives)
 
 
 def run(nlp, options=None, **keywords):
@@ -73,9 +73,9 @@ def complementary_corner(base: float) -> pyo.ConcreteModel:
 
 @every_derivative
 def test_a_bound_that_follows_mu_takes_fewer_iterations_than_a_bound_of_zero(derivatives):
-    still = ShiftedRows(WrittenModel(complementary_corner(1e-2), derivatives).nlp, [0], 1e-2)
+    still = ShiftedRows(CompiledModel(complementary_corner(1e-2), derivatives).nlp, [0], 1e-2)
     still.delta = 0.0
-    written = WrittenModel(complementary_corner(1e-2), derivatives)
+    written = CompiledModel(complementary_corner(1e-2), derivatives)
     moving = ShiftedRows(written.nlp, [written.row_of[written.model.product]], 1e-2)
     pairs = []
 
@@ -177,7 +177,7 @@ def test_where_a_function_has_no_value_ipopt_shortens_the_step(how, derivatives)
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=10.0)
     m.cost = pyo.Objective(expr=m.x - pyo.log(m.x))
-    nlp = WrittenModel(m, derivatives).nlp
+    nlp = CompiledModel(m, derivatives).nlp
     refused = []
 
     def objective(x):
@@ -198,7 +198,7 @@ def test_an_asl_evaluation_error_is_survived_too():
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=10.0)
     m.cost = pyo.Objective(expr=m.x - pyo.log(m.x))
-    assert run(WrittenModel(m, "asl").nlp).x == pytest.approx([1.0], abs=1e-6)
+    assert run(CompiledModel(m, "asl").nlp).x == pytest.approx([1.0], abs=1e-6)
 
 
 @every_derivative
@@ -219,10 +219,10 @@ def test_infeasibility_and_too_few_freedoms_are_told_apart(derivatives):
     m.x = pyo.Var(initialize=1.0)
     m.cost = pyo.Objective(expr=m.x)
     m.row = pyo.Constraint(expr=m.x**2 <= -1)
-    assert run(WrittenModel(m, derivatives).nlp).status is IpoptStatus.INFEASIBLE
+    assert run(CompiledModel(m, derivatives).nlp).status is IpoptStatus.INFEASIBLE
     m.row.deactivate()
     m.equations = pyo.Constraint([1, 2], rule=lambda m, i: m.x**i == 1)
-    few = run(WrittenModel(m, derivatives).nlp)
+    few = run(CompiledModel(m, derivatives).nlp)
     assert few.status is IpoptStatus.TOO_FEW_FREEDOMS
     assert few.x.tolist() == [1.0]
     assert few.g == pytest.approx([1.0, 1.0])

@@ -143,19 +143,19 @@ def test_a_thrown_puck_gains_no_energy_and_ends_at_rest_on_the_floor() -> None:
     assert states[-1] == pytest.approx([0, 0, 0], abs=1e-4)
 
 
-def test_the_best_answer_of_all_rungs_wins() -> None:
+def test_the_best_answer_of_all_strategies_wins() -> None:
     """The barrier parameter leads to a dearer local solution; the way down from delta = 1 finds a better one."""
     problem = PROBLEMS["signum"]
     objectives = {}
-    for rungs in ("barrier", "continuation", None):
+    for strategies in ("barrier", "continuation", None):
         model = problem.build(20)
-        result = rcp.solve(model, rungs=rungs, progress=False)
+        result = rcp.solve(model, strategies=strategies, progress=False)
         assert result.solved
         assert problem.judge(model).solved
-        objectives[rungs] = result.objective
+        objectives[strategies] = result.objective
     assert objectives["continuation"] < objectives["barrier"] - 0.05
     assert objectives[None] == pytest.approx(objectives["continuation"], rel=1e-8)
-    assert result.rung == "continuation"
+    assert result.strategy == "continuation"
 
 
 def test_the_discs_give_way_symmetrically() -> None:

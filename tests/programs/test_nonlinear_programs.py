@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import AslProgram
 from pyrobocop_pyomo.programs.casadi_program import CasadiProgram
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
-from pyrobocop_pyomo.programs.written_model import WrittenModel
 
 STEP = 1e-6
 
@@ -41,7 +41,7 @@ MODELS = [transcendental, every_kind_of_row, lambda: square_system()[0], lambda:
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(point=points, multipliers=points, factor=st.floats(-2, 2))
 def test_derivatives_agree_with_finite_differences(build, derivatives, point, multipliers, factor):
-    nlp = WrittenModel(build(), derivatives).nlp
+    nlp = CompiledModel(build(), derivatives).nlp
     x, multipliers = point[: nlp.n], multipliers[: nlp.m]
 
     def lagrangian_gradient(at):
@@ -71,7 +71,7 @@ def differences(function, x):
 @pytest.mark.asl
 def test_the_hessian_is_taken_where_it_is_asked_for():
     """ASL by itself takes it where it last evaluated a function."""
-    nlp = WrittenModel(transcendental(), "asl").nlp
+    nlp = CompiledModel(transcendental(), "asl").nlp
     here, there = np.full(nlp.n, 0.2), np.full(nlp.n, -0.7)
     multipliers = np.ones(nlp.m)
     expected = nlp.hessian(here, 1.0, multipliers)
@@ -82,10 +82,10 @@ def test_the_hessian_is_taken_where_it_is_asked_for():
 
 @every_derivative
 def test_programs_do_not_disturb_each_other(derivatives):
-    first = WrittenModel(transcendental(), derivatives).nlp
+    first = CompiledModel(transcendental(), derivatives).nlp
     x = np.full(first.n, 0.4)
     value = first.constraints(x).copy()
-    second = WrittenModel(every_kind_of_row(), derivatives).nlp
+    second = CompiledModel(every_kind_of_row(), derivatives).nlp
     second.constraints(np.zeros(second.n))
     assert first.constraints(x) == pytest.approx(value)
     assert first.n == 5
@@ -95,7 +95,7 @@ def test_programs_do_not_disturb_each_other(derivatives):
 @every_derivative
 def test_rows_and_variables_are_in_the_order_of_the_model_lists(derivatives):
     model = transcendental()
-    written = WrittenModel(model, derivatives)
+    written = CompiledModel(model, derivatives)
     x = np.linspace(-0.5, 0.5, written.nlp.n)
     written.load_point(x)
     assert written.current_point() == pytest.approx(x)
@@ -116,7 +116,7 @@ def test_a_range_is_one_row_and_a_constant_row_is_none(derivatives):
     model = every_kind_of_row()
     model.x[0].fix(1.75)
     model.constant = pyo.Constraint(expr=model.x[0] <= 2)
-    written = WrittenModel(model, derivatives)
+    written = CompiledModel(model, derivatives)
     assert model.range_low in written.row_of
     assert model.constant not in written.row_of
     assert written.nlp.m == len(written.constraints) == 5
@@ -124,7 +124,7 @@ def test_a_range_is_one_row_and_a_constant_row_is_none(derivatives):
 
 @every_derivative
 def test_a_shift_moves_the_marked_rows_and_nothing_else(derivatives):
-    nlp = WrittenModel(transcendental(), derivatives).nlp
+    nlp = CompiledModel(transcendental(), derivatives).nlp
     shifted = ShiftedRows(nlp, [1, 3], 0.5)
     x = np.full(nlp.n, 0.3)
     assert shifted.constraints(x) == pytest.approx(nlp.constraints(x))  # first, delta is the base
@@ -141,7 +141,7 @@ def test_a_point_outside_of_the_domain_is_an_evaluation_error():
     model = pyo.ConcreteModel()
     model.x = pyo.Var(initialize=1.0)
     model.cost = pyo.Objective(expr=pyo.log(model.x))
-    nlp = WrittenModel(model, "asl").nlp
+    nlp = CompiledModel(model, "asl").nlp
     with pytest.raises(EvaluationError, match="objective"):
         nlp.objective(np.array([-1.0]))
 
@@ -175,8 +175,8 @@ def test_what_casadi_cannot_read_names_the_remedy(tmp_path):
 
 
 def test_the_source_of_derivatives_is_checked_by_name():
-    with pytest.raises(ValueError, match=r"'finite'; it must be 'asl', 'casadi', 'mapped' or None"):
-        WrittenModel(transcendental(), "finite")
+    with pytest.raises(ValueError, match=r"'finite'; it must be 'asl', 'casadi', 'vectorised' or None"):
+        CompiledModel(transcendental(), "finite")
 
 
 @pytest.mark.asl
@@ -185,7 +185,7 @@ def test_a_second_derivative_that_is_infinite_at_a_bound_does_not_end_the_proces
     m = pyo.ConcreteModel()
     m.x = pyo.Var(bounds=bounds, initialize=1.0)
     m.o = pyo.Objective(expr=(m.x if bounds[0] is not None else -m.x) ** 1.75)
-    nlp = WrittenModel(m, "asl").nlp
+    nlp = CompiledModel(m, "asl").nlp
     assert np.isfinite(nlp.hessian(np.zeros(1), 1.0, np.zeros(0))).all()
 
 
@@ -197,4 +197,4 @@ def test_an_infinite_derivative_is_an_error_and_not_the_end_of_the_process(deriv
     m.o = pyo.Objective(expr=pyo.sqrt(m.x))
     m.c = pyo.Constraint(expr=pyo.sqrt(m.x) <= 2)
     with pytest.raises(EvaluationError, match="ASL cannot evaluate the"):
-        getattr(WrittenModel(m, "asl").nlp, derivative)(np.zeros(1))
+        getattr(CompiledModel(m, "asl").nlp, derivative)(np.zeros(1))

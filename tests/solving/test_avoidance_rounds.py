@@ -261,12 +261,12 @@ def test_blocks_that_are_switched_off_take_no_part() -> None:
 
 
 @pytest.mark.parametrize(
-    "route",
+    "backend",
     [pytest.param(name, marks=getattr(pytest.mark, name)) for name in ("executable", "casadi", "asl")],
 )
-def test_every_route_plans_safely(route: str) -> None:
+def test_every_backend_plans_safely(backend: str) -> None:
     m = curved()
-    result = rcp.solve(m, route=route)
+    result = rcp.solve(m, backend=backend)
     assert result.solved
     assert result.objective == pytest.approx(rcp.solve(curved()).objective, rel=1e-4)
     assert closest(m, [WALL]) > 0.0495

@@ -30,7 +30,7 @@ def corner() -> pyo.ConcreteModel:
     return m
 
 
-QUICK = {"rungs": "tight"}
+QUICK = {"strategies": "tight"}
 
 
 @pytest.mark.casadi

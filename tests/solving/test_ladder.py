@@ -1,4 +1,4 @@
-"""The ladder: each rung alone, the best of all, what is certified, and nothing left behind."""
+"""The ladder: each strategy alone, the best of all, what is certified, and nothing left behind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving.finding import Finding
-from pyrobocop_pyomo.solving.rungs import RUNGS
+from pyrobocop_pyomo.solving.strategies import STRATEGIES
 from pyrobocop_pyomo.solving.tolerances import Tolerances
 
 pytestmark = pytest.mark.casadi
@@ -25,11 +25,12 @@ pytestmark = pytest.mark.casadi
 ROUTES = [
     pytest.param("asl", marks=pytest.mark.asl),
     "casadi",
-    "mapped",
+    "vectorised",
     pytest.param("executable", marks=pytest.mark.executable),
 ]
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
-# Small, with one optimum that every rung has to find: linear, biactive, badly scaled, bilevel, contact, no plain pair.
+# Small, with one optimum that every strategy has to find: linear, biactive, badly scaled, bilevel, contact, no plain
+# pair.
 KNOWN = ("kth2", "ralph1", "scholtes4", "scale3", "jr1", "only the corner", "nonlinear sides", "bard1", "gripper",
          "sliding step", "projection on a box", "stated twice")  # fmt: skip
 INFEASIBLE = [problem for problem in mpcc_problems() if not problem.feasible]
@@ -66,16 +67,16 @@ def everything(m: pyo.ConcreteModel) -> dict:
     }
 
 
-# ------------------------------------------------------------------------------------------------- rungs
+# ------------------------------------------------------------------------------------------------- strategies
 
 
-@pytest.mark.parametrize("rung", [name for name in RUNGS if name != "projection"])
+@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if name != "projection"])
 @pytest.mark.parametrize("name", KNOWN)
-def test_each_rung_alone_reaches_the_known_answer(name: str, rung: str) -> None:
+def test_each_strategy_alone_reaches_the_known_answer(name: str, strategy: str) -> None:
     problem = mpcc_problem(name)
-    result = rcp.solve(problem.build(), rungs=rung)
+    result = rcp.solve(problem.build(), strategies=strategy)
     assert result.solved, str(result)
-    assert result.rung == rung
+    assert result.strategy == strategy
     assert result.objective == pytest.approx(problem.best, rel=1e-6, abs=1e-6)
     assert result.largest_natural_residual <= 1e-6
 
@@ -83,16 +84,16 @@ def test_each_rung_alone_reaches_the_known_answer(name: str, rung: str) -> None:
 def test_the_projection_alone_has_nothing_to_start_from() -> None:
     m = trap()
     before = everything(m)
-    with pytest.raises(ComplementarityError, match="the projection starts from a point that another rung left"):
-        rcp.solve(m, rungs="projection")
+    with pytest.raises(ComplementarityError, match="the projection starts from a point that another strategy left"):
+        rcp.solve(m, strategies="projection")
     assert everything(m) == before
 
 
-def test_an_unknown_rung_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown rung 'stairs'. Known: 'barrier', 'tight'"):
-        rcp.solve(trap(), rungs=["barrier", "stairs"])
-    with pytest.raises(ValueError, match="no rung was chosen"):
-        rcp.solve(trap(), rungs=[])
+def test_an_unknown_strategy_is_refused() -> None:
+    with pytest.raises(ValueError, match="unknown strategy 'stairs'. Known: 'barrier', 'tight'"):
+        rcp.solve(trap(), strategies=["barrier", "stairs"])
+    with pytest.raises(ValueError, match="no strategy was chosen"):
+        rcp.solve(trap(), strategies=[])
 
 
 def finding(objective: float, natural: float, proven: bool) -> Finding:
@@ -118,10 +119,10 @@ def test_of_two_findings_at_most_one_is_better(one: Finding, other: Finding, sig
             )
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("backend", ROUTES)
 @pytest.mark.parametrize("problem", INFEASIBLE, ids=lambda problem: problem.name)
-def test_what_is_infeasible_is_never_called_solved(problem, route: str) -> None:
-    result = rcp.solve(problem.build(), route=route)
+def test_what_is_infeasible_is_never_called_solved(problem, backend: str) -> None:
+    result = rcp.solve(problem.build(), backend=backend)
     assert not result.solved
     assert result.quality is rcp.Quality.INFEASIBLE
     assert result.certificate is not Certificate.PROVEN
@@ -132,10 +133,10 @@ def test_what_is_infeasible_is_never_called_solved(problem, route: str) -> None:
 # ------------------------------------------------------------------------------------------------- certificates
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("backend", ROUTES)
 @pytest.mark.parametrize("name", ["ralph1", "scholtes4"])
-def test_b_stationary_without_strong_multipliers_is_proven(name: str, route: str) -> None:
-    result = rcp.solve(mpcc_problem(name).build(), route=route)
+def test_b_stationary_without_strong_multipliers_is_proven(name: str, backend: str) -> None:
+    result = rcp.solve(mpcc_problem(name).build(), backend=backend)
     assert result.solved
     assert result.certificate is Certificate.PROVEN
     assert result.multipliers is not None
@@ -143,19 +144,19 @@ def test_b_stationary_without_strong_multipliers_is_proven(name: str, route: str
     assert [each.name for each in result.biactive] == [each.name for each in result.residuals]
 
 
-@pytest.mark.parametrize("route", ROUTES)
-@pytest.mark.parametrize("rungs", [None, "tight", "elastic"])
-def test_a_trap_that_is_no_local_optimum_is_left(route: str, rungs: str | None) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("strategies", [None, "tight", "elastic"])
+def test_a_trap_that_is_no_local_optimum_is_left(backend: str, strategies: str | None) -> None:
     m = trap()
-    result = rcp.solve(m, route=route, rungs=rungs)
+    result = rcp.solve(m, backend=backend, strategies=strategies)
     assert result.certificate is Certificate.PROVEN
     assert (m.x.value, m.y.value) == pytest.approx((0.0, 1.0), abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["bard1", "gripper", "scholtes4", "kth3"])
-@pytest.mark.parametrize("route", ROUTES[1:])
-def test_certificate_and_multipliers_do_not_depend_on_the_route(name: str, route: str) -> None:
-    one, other = (rcp.solve(mpcc_problem(name).build(), route=each) for each in ("casadi", route))
+@pytest.mark.parametrize("backend", ROUTES[1:])
+def test_certificate_and_multipliers_do_not_depend_on_the_backend(name: str, backend: str) -> None:
+    one, other = (rcp.solve(mpcc_problem(name).build(), backend=each) for each in ("casadi", backend))
     assert one.certificate is other.certificate is Certificate.PROVEN
     assert one.multipliers is not None
     assert other.multipliers is not None
@@ -167,11 +168,11 @@ def test_certificate_and_multipliers_do_not_depend_on_the_route(name: str, route
             assert theirs.second_multiplier == pytest.approx(mine.second_multiplier, rel=1e-4, abs=1e-4)
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_without_polish_the_relaxed_point_stays(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_without_polish_the_relaxed_point_stays(backend: str) -> None:
     rough, polished = bent(), bent()
-    result = rcp.solve(rough, route=route, rungs="tight", polish=False)
-    exact = rcp.solve(polished, route=route, rungs="tight")
+    result = rcp.solve(rough, backend=backend, strategies="tight", polish=False)
+    exact = rcp.solve(polished, backend=backend, strategies="tight")
     assert [step.label for step in result.steps] == ["fixed delta"]
     assert result.certificate is Certificate.UNKNOWN
     assert result.multipliers is None
@@ -183,13 +184,13 @@ def test_without_polish_the_relaxed_point_stays(route: str) -> None:
 # ------------------------------------------------------------------------------------------------- the model afterwards
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("backend", ROUTES)
 @pytest.mark.parametrize("lift", [False, True], ids=["unlifted", "lifted"])
-def test_a_relaxation_of_the_users_own_is_used_and_kept(route: str, lift: bool) -> None:
+def test_a_relaxation_of_the_users_own_is_used_and_kept(backend: str, lift: bool) -> None:
     m = bent()
     token = RELAX.apply_to(m, delta=1e-3, lift=lift)
     before = everything(m)
-    result = rcp.solve(m, route=route)
+    result = rcp.solve(m, backend=backend)
     assert result.solved, str(result)
     assert (m.x.value, m.y.value) == pytest.approx((1.5, 0.0), abs=1e-6)
     assert everything(m) == before
@@ -202,9 +203,9 @@ def test_a_relaxation_of_the_users_own_is_used_and_kept(route: str, lift: bool) 
     assert m.pair.active
 
 
-@pytest.mark.parametrize("route", ROUTES)
-@pytest.mark.parametrize("rungs", [None, *RUNGS], ids=str)
-def test_nothing_but_values_differs_afterwards(route: str, rungs: str | None) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("strategies", [None, *STRATEGIES], ids=str)
+def test_nothing_but_values_differs_afterwards(backend: str, strategies: str | None) -> None:
     m = bent()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
@@ -214,15 +215,15 @@ def test_nothing_but_values_differs_afterwards(route: str, rungs: str | None) ->
     m.idle = pyo.Constraint(expr=m.x >= 5)
     m.idle.deactivate()
     before = everything(m)
-    rcp.solve(m, route=route, rungs=["barrier", rungs] if rungs == "projection" else rungs)
+    rcp.solve(m, backend=backend, strategies=["barrier", strategies] if strategies == "projection" else strategies)
     assert everything(m) == before
     assert [(each.name, factor) for each, factor in m.scaling_factor.items()] == [("cost", 2.0)]
     assert [each.name for each in m.dual] == ["limit"]
     assert m.dual[m.limit] == pytest.approx(-1.0, abs=1e-5)  # one more of x is worth 2 (2 - 1.5)
 
 
-@pytest.mark.parametrize("route", ["asl", "casadi", "mapped"])
-def test_an_interrupted_climb_keeps_the_best_point_and_the_model(route: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("backend", ["asl", "casadi", "vectorised"])
+def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     iterations = []
 
     def press(record) -> None:
@@ -233,7 +234,7 @@ def test_an_interrupted_climb_keeps_the_best_point_and_the_model(route: str, mon
     monkeypatch.setattr(procedure, "_live_line", lambda *arguments: press)
     m = mpcc_problem("bard1").build()
     before = everything(m)
-    result = rcp.solve(m, route=route, rungs="continuation")
+    result = rcp.solve(m, backend=backend, strategies="continuation")
     assert result.stop_reason is rcp.StopReason.INTERRUPTED
     assert [step.status for step in result.steps] == [IpoptStatus.SOLVED, IpoptStatus.INTERRUPTED]
     assert everything(m) == before
@@ -244,11 +245,11 @@ def test_an_interrupted_climb_keeps_the_best_point_and_the_model(route: str, mon
     )
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_hardly_any_time_gives_the_model_back(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_hardly_any_time_gives_the_model_back(backend: str) -> None:
     m = mpcc_problem("membrane 6x6").build()
     before = everything(m)
-    result = rcp.solve(m, route=route, time_limit=1e-6)
+    result = rcp.solve(m, backend=backend, time_limit=1e-6)
     assert result.stop_reason is rcp.StopReason.TIME_LIMIT
     assert len(result.steps) == 1
     assert everything(m) == before

@@ -241,7 +241,7 @@ def test_without_ipopt_nothing_is_tried(monkeypatch: Any) -> None:
     def none() -> Any:
         raise SolverNotFoundError("no Ipopt here")
 
-    monkeypatch.setattr(sequence_solver, "best_route", none)
+    monkeypatch.setattr(sequence_solver, "best_backend", none)
     with pytest.raises(SolverNotFoundError, match="no Ipopt here"):
         rcp.solve_sequences(build, [("slow",)])
 

@@ -103,11 +103,11 @@ def test_nothing_generated_stays_on_the_model():
 ROUTES = [pytest.param(word, marks=getattr(pytest.mark, word)) for word in ("asl", "casadi", "executable")]
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_duals_and_reduced_costs_are_prices(route):
+@pytest.mark.parametrize("backend", ROUTES)
+def test_duals_and_reduced_costs_are_prices(backend):
     m = two_corners()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    results = solver().solve(m, route=route)
+    results = solver().solve(m, backend=backend)
     assert m.dual[m.row] == pytest.approx(1.0, abs=1e-5)  # d/dr (r - 1)^2 at 3/2
     assert results.solution_loader.get_duals([m.row])[m.row] == m.dual[m.row]
     assert results.solution_loader.get_reduced_costs([m.y])[m.y] == pytest.approx(0.0, abs=1e-5)
@@ -217,16 +217,16 @@ def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     assert "EXIT: Optimal Solution Found" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("rung", ["barrier", "tight", "continuation", "elastic"])
-def test_a_rung_can_be_chosen_alone(rung):
-    results = solver().solve(two_corners(), rungs=rung)
-    assert results.extra_info.result.rung == rung
+@pytest.mark.parametrize("strategy", ["barrier", "tight", "continuation", "elastic"])
+def test_a_strategy_can_be_chosen_alone(strategy):
+    results = solver().solve(two_corners(), strategies=strategy)
+    assert results.extra_info.result.strategy == strategy
     assert results.incumbent_objective == pytest.approx(0.25, abs=1e-6)
 
 
 def test_choices_are_made_at_the_factory_for_the_older_interface():
     m = two_corners()
-    chosen = legacy(rungs="continuation", polish=False)
+    chosen = legacy(strategies="continuation", polish=False)
     pyo.assert_optimal_termination(chosen.solve(m))
     assert 0.0 < m.x.value < 1e-6, "without polish the pair is met as its relaxation has it"
     chosen.config.polish = True
@@ -234,7 +234,9 @@ def test_choices_are_made_at_the_factory_for_the_older_interface():
     assert m.x.value == 0.0
 
 
-@pytest.mark.parametrize(("choice", "words"), [({"rungs": "ladder"}, "unknown rung 'ladder'"), ({"polsh": 1}, "polsh")])
+@pytest.mark.parametrize(
+    ("choice", "words"), [({"strategies": "ladder"}, "unknown strategy 'ladder'"), ({"polsh": 1}, "polsh")]
+)
 def test_what_is_misspelt_is_refused(choice, words):
     with pytest.raises(ValueError, match=words):
         solver().solve(two_corners(), **choice)

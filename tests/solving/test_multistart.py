@@ -35,7 +35,7 @@ def two_valleys(sense=pyo.minimize) -> pyo.ConcreteModel:
     return m
 
 
-QUICK = {"rungs": "tight"}
+QUICK = {"strategies": "tight"}
 
 
 @pytest.mark.casadi

@@ -11,8 +11,8 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.programs import written_model
-from pyrobocop_pyomo.programs.mapped_program import MappedProgram
+from pyrobocop_pyomo.programs import compiled_model
+from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 
 pytestmark = pytest.mark.casadi
 
@@ -116,18 +116,18 @@ def test_a_continuous_set(transformation: str) -> None:
 
 
 @pytest.mark.asl
-def test_what_mapped_expressions_do_not_know_is_left_to_asl(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_vectorised_expressions_do_not_know_is_left_to_asl(monkeypatch: pytest.MonkeyPatch) -> None:
     m = build(elements=6, stages=2)
-    assert "mapped" in rcp.solve(m, progress=False).derivatives
+    assert "vectorised" in rcp.solve(m, progress=False).derivatives
 
-    # What mapped expressions do not know are external functions, which need a library of their own.
-    class Refusing(MappedProgram):
+    # What vectorised expressions do not know are external functions, which need a library of their own.
+    class Refusing(VectorisedProgram):
         def __init__(self, *_: Any) -> None:
             raise ModelError("an expression holds an external function")
 
-    monkeypatch.setattr(written_model, "MappedProgram", Refusing)
+    monkeypatch.setattr(compiled_model, "VectorisedProgram", Refusing)
     result = rcp.solve(build(elements=6, stages=2), progress=False)
     assert "ASL" in result.derivatives
     assert result.safe
     with pytest.raises(ModelError, match="external function"):
-        rcp.solve(build(elements=6, stages=2), route="mapped", progress=False)
+        rcp.solve(build(elements=6, stages=2), backend="vectorised", progress=False)

@@ -50,7 +50,7 @@ def compared_with_resolves(m: pyo.ConcreteModel, parameters, step: float = 1e-4)
             for variable, number in zip(found.variables, start, strict=True):
                 variable.set_value(number)
             parameter.set_value(middle + change)
-            again = rcp.solve(m, options=TIGHT, rungs=("tight", "barrier"))
+            again = rcp.solve(m, options=TIGHT, strategies=("tight", "barrier"))
             again.raise_for_status()
             ends.append(np.array([again.objective, *(v.value for v in found.variables)]))
         parameter.set_value(middle)
@@ -177,7 +177,7 @@ def test_multipliers_of_pairs_say_how_the_objective_gets_worse(a, b, coupling, m
     assert sign * found.objective_derivative(m.lift) == pytest.approx(multiplier, rel=1e-5, abs=1e-6)
     step = 1e-4
     m.lift.set_value(step)
-    again = rcp.solve(m, options=TIGHT, rungs=("tight", "barrier"))
+    again = rcp.solve(m, options=TIGHT, strategies=("tight", "barrier"))
     if again.pairs[0].active is not pair.active:
         return  # the other branch has become the better one
     assert sign * (again.objective - result.objective) / step == pytest.approx(multiplier, rel=1e-2, abs=1e-2)

@@ -1,4 +1,4 @@
-"""`solve` on every route: the same answers, the model given back, failures that keep their best point."""
+"""`solve` on every backend: the same answers, the model given back, failures that keep their best point."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pyomo.repn.plugins.nl_writer import NLWriter
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, SolverNotFoundError, TranscriptionError
-from pyrobocop_pyomo.ipopt import routes
+from pyrobocop_pyomo.ipopt import backends
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving import progress as progress_module
@@ -19,7 +19,7 @@ from pyrobocop_pyomo.solving import progress as progress_module
 ROUTES = [
     pytest.param("asl", marks=pytest.mark.asl),
     pytest.param("casadi", marks=pytest.mark.casadi),
-    pytest.param("mapped", marks=pytest.mark.casadi),
+    pytest.param("vectorised", marks=pytest.mark.casadi),
     pytest.param("executable", marks=pytest.mark.executable),
 ]
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
@@ -66,10 +66,10 @@ def written(model: pyo.ConcreteModel) -> str:
     return body if start < 0 else body[:start] + body[body.index("\nr", start) :]
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_every_route_finds_the_corner(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_every_backend_finds_the_corner(backend: str) -> None:
     m = corner()
-    result = rcp.solve(m, route=route)
+    result = rcp.solve(m, backend=backend)
     assert result.solved, str(result)
     result.raise_for_status()
     assert (m.x.value, m.y.value) == pytest.approx((2, 0), abs=1e-6)
@@ -78,10 +78,10 @@ def test_every_route_finds_the_corner(route: str) -> None:
     assert result.largest_product <= 1e-7
     assert min(step.delta for step in result.steps if step.delta is not None) == 1e-8
     assert "Ipopt" in result.solver
-    assert result.derivatives.startswith("CasADi" if route in ("casadi", "mapped") else "ASL")
+    assert result.derivatives.startswith("CasADi" if backend in ("casadi", "vectorised") else "ASL")
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("backend", ROUTES)
 @pytest.mark.parametrize(
     "treatment",
     [
@@ -95,24 +95,24 @@ def test_every_route_finds_the_corner(route: str) -> None:
     ],
     ids=["pair", "element", "pair-mu", "element-mu", "penalty", "penalty-continued", "geometric"],
 )
-def test_every_treatment_solves_the_mass_at_the_wall(route: str, treatment: dict) -> None:
+def test_every_treatment_solves_the_mass_at_the_wall(backend: str, treatment: dict) -> None:
     m = touching_mass()
-    result = rcp.solve(m, route=route, **treatment)
+    result = rcp.solve(m, backend=backend, **treatment)
     assert result.solved, str(result)
     assert result.largest_product <= 1e-7
     assert m.move.trajectory().verify().largest_violation <= 2e-4  # a pair at delta = 1e-8 may keep min(a, b) = 1e-4
     assert result.objective == pytest.approx(BEST_MASS, rel=1e-3)
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_the_model_comes_back_as_it_was_but_for_the_values(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_the_model_comes_back_as_it_was_but_for_the_values(backend: str) -> None:
     m = touching_mass()
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     before = list(m.component_map()), [str(c) for c in m.component_data_objects()]
     RELAX.apply_to(m, delta=1e-2)
     rows = written(m)
     RELAX.revert(m)
-    assert rcp.solve(m, route=route).solved
+    assert rcp.solve(m, backend=backend).solved
     assert (list(m.component_map()), [str(c) for c in m.component_data_objects()]) == before
     assert all(pair.active for pair in m.move.wall.values())
     assert m.dual.active
@@ -123,33 +123,33 @@ def test_the_model_comes_back_as_it_was_but_for_the_values(route: str) -> None:
     assert written(m) == rows
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_a_relaxation_of_the_users_own_is_used_and_kept(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_a_relaxation_of_the_users_own_is_used_and_kept(backend: str) -> None:
     m = corner()
     token = RELAX.apply_to(m, delta=1e-3, grouping="element")
-    assert rcp.solve(m, route=route).solved
+    assert rcp.solve(m, backend=backend).solved
     assert m.x.value == pytest.approx(2, abs=1e-6)
     assert token.block.active
     assert token.block.delta.value == 1e-3
     assert not m.pair.active
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_a_model_without_pairs_is_solved_by_one_run(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_a_model_without_pairs_is_solved_by_one_run(backend: str) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=3.0)
     m.cost = pyo.Objective(expr=pyo.exp(m.x) - 2 * m.x)
-    result = rcp.solve(m, route=route)
+    result = rcp.solve(m, backend=backend)
     assert result.solved
     assert len(result.steps) == 1
     assert m.x.value == pytest.approx(0.6931471805599453, abs=1e-7)
 
 
-@pytest.mark.parametrize("route", ROUTES[:2])
+@pytest.mark.parametrize("backend", ROUTES[:2])
 @pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_delta_follows_mu_inside_the_solve(route: str, factor: float) -> None:
+def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
     schedule = rcp.FollowBarrier(floor=1e-8, factor=factor)
-    (step,) = rcp.solve(touching_mass(), route=route, schedule=schedule, polish=False).steps
+    (step,) = rcp.solve(touching_mass(), backend=backend, schedule=schedule, polish=False).steps
     mus, deltas = zip(*step.path, strict=True)
     assert len(mus) == step.iterations + 1
     assert mus[0] == pytest.approx(0.1)
@@ -161,15 +161,15 @@ def test_delta_follows_mu_inside_the_solve(route: str, factor: float) -> None:
     assert list(deltas) == sorted(deltas, reverse=True)
 
 
-@pytest.mark.parametrize("route", ROUTES[:2])
-def test_following_mu_takes_fewer_iterations_than_no_relaxation(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES[:2])
+def test_following_mu_takes_fewer_iterations_than_no_relaxation(backend: str) -> None:
     m = corner()
-    followed = rcp.solve(m, route=route, schedule=rcp.FollowBarrier())
+    followed = rcp.solve(m, backend=backend, schedule=rcp.FollowBarrier())
     m = corner()
     RELAX.apply_to(m, delta=1e-8)
     RELAX.get_delta(m).set_value(0.0)
     solver = pyo.SolverFactory("pyrobocop.ipopt", solver_options={"bound_relax_factor": 0.0})
-    solver.config.derivatives = route
+    solver.config.derivatives = backend
     log: list = []
     solver.config.on_iteration = log.append
     solver.solve(m, load_solutions=False)
@@ -178,7 +178,7 @@ def test_following_mu_takes_fewer_iterations_than_no_relaxation(route: str) -> N
 
 @pytest.mark.executable
 def test_from_outside_delta_walks_down_with_mu() -> None:
-    result = rcp.solve(touching_mass(), route="executable", schedule=rcp.FollowBarrier(factor=1.0), polish=False)
+    result = rcp.solve(touching_mass(), backend="executable", schedule=rcp.FollowBarrier(factor=1.0), polish=False)
     deltas = [step.delta for step in result.steps]
     assert deltas == sorted(deltas, reverse=True)
     assert deltas[0] == pytest.approx(0.1)
@@ -188,11 +188,11 @@ def test_from_outside_delta_walks_down_with_mu() -> None:
     assert max(step.iterations for step in result.steps[2:]) <= result.steps[0].iterations
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_a_limit_is_told_apart_from_success_and_keeps_the_point(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_a_limit_is_told_apart_from_success_and_keeps_the_point(backend: str) -> None:
     m = touching_mass()
     start = m.move.push[m.move.final_time].value
-    result = rcp.solve(m, route=route, options={"max_iter": 4}, schedule=rcp.FollowBarrier(), polish=False)
+    result = rcp.solve(m, backend=backend, options={"max_iter": 4}, schedule=rcp.FollowBarrier(), polish=False)
     assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
     assert result.quality is rcp.Quality.INFEASIBLE
     assert m.move.push[m.move.final_time].value != start
@@ -200,19 +200,19 @@ def test_a_limit_is_told_apart_from_success_and_keeps_the_point(route: str) -> N
         result.raise_for_status()
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_a_contradiction_is_not_called_solved(route: str) -> None:
+@pytest.mark.parametrize("backend", ROUTES)
+def test_a_contradiction_is_not_called_solved(backend: str) -> None:
     m = corner()
     m.apart = pyo.Constraint([1, 2], rule=lambda m, i: (m.x if i == 1 else m.y) >= 1)
-    result = rcp.solve(m, route=route)
+    result = rcp.solve(m, backend=backend)
     assert result.quality is rcp.Quality.INFEASIBLE
-    assert len(result.steps) > 1  # other rungs were tried
+    assert len(result.steps) > 1  # other strategies were tried
     with pytest.raises(rcp.SolveFailed):
         result.raise_for_status()
 
 
-@pytest.mark.parametrize("route", ROUTES[:2])
-def test_ctrl_c_stops_cleanly_and_keeps_the_point(route: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("backend", ROUTES[:2])
+def test_ctrl_c_stops_cleanly_and_keeps_the_point(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def press(record):
         if record.iteration == 5:
             signal.raise_signal(signal.SIGINT)
@@ -220,7 +220,7 @@ def test_ctrl_c_stops_cleanly_and_keeps_the_point(route: str, monkeypatch: pytes
     monkeypatch.setattr(procedure, "_live_line", lambda *arguments: press)
     handler = signal.getsignal(signal.SIGINT)
     m = touching_mass()
-    result = rcp.solve(m, route=route)
+    result = rcp.solve(m, backend=backend)
     assert result.stop_reason is rcp.StopReason.INTERRUPTED
     assert len(result.steps) == 1
     assert 5 <= result.iterations <= 6
@@ -243,36 +243,36 @@ def test_ctrl_c_during_the_executable_keeps_the_last_step(monkeypatch: pytest.Mo
 
     original = Ipopt.solve
     monkeypatch.setattr(Ipopt, "solve", solve)
-    result = rcp.solve(touching_mass(), route="executable")
+    result = rcp.solve(touching_mass(), backend="executable")
     assert result.stop_reason is rcp.StopReason.INTERRUPTED
     assert [step.status for step in result.steps][-1] is IpoptStatus.INTERRUPTED
     assert len(calls) == 3
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_time_limit(route: str) -> None:
-    result = rcp.solve(touching_mass(100), route=route, time_limit=1e-3)
+@pytest.mark.parametrize("backend", ROUTES)
+def test_time_limit(backend: str) -> None:
+    result = rcp.solve(touching_mass(100), backend=backend, time_limit=1e-3)
     assert result.stop_reason is rcp.StopReason.TIME_LIMIT
     assert len(result.steps) == 1
 
 
 def test_no_ipopt_anywhere_is_one_clear_message_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("find_ipopt_library", "find_ipopt_executable"):
-        monkeypatch.setattr(routes, name, lambda: None)
+        monkeypatch.setattr(backends, name, lambda: None)
     m = corner()
     with pytest.raises(SolverNotFoundError, match=r"no Ipopt is found(.|\n)*pip install(.|\n)*conda(.|\n)*build-asl"):
         rcp.solve(m)
     with pytest.raises(SolverNotFoundError, match="the ipopt executable.*not found.*found: none"):
-        rcp.solve(m, route="executable")
+        rcp.solve(m, backend="executable")
     assert m.pair.active
     assert list(m.component_map()) == ["x", "y", "pair", "cost"]
 
 
-def test_an_unknown_route_is_refused() -> None:
+def test_an_unknown_backend_is_refused() -> None:
     with pytest.raises(
-        ValueError, match="route = 'amplify'; choose 'in process', 'asl', 'casadi', 'mapped', 'executable'"
+        ValueError, match="backend = 'amplify'; choose 'in process', 'asl', 'casadi', 'vectorised', 'executable'"
     ):
-        rcp.solve(corner(), route="amplify")
+        rcp.solve(corner(), backend="amplify")
 
 
 @pytest.mark.casadi
@@ -317,7 +317,7 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -
     for terminal in (True, False):
         stream = Terminal(terminal)
         monkeypatch.setattr(progress_module.sys, "stderr", stream)
-        rcp.solve(corner(), route="casadi")
+        rcp.solve(corner(), backend="casadi")
         assert ("delta follows mu" in stream.getvalue()) is terminal
 
 
@@ -326,5 +326,5 @@ def test_the_result_reads_well() -> None:
     assert str(step).split() == ["fixed", "delta", "1.0e-08", "12", "3.25", "1.0e-12", "2.0e-09", "0.50", "SOLVED"]
 
 
-# Found by all routes and treatments alike; a worse value would be a wrong path, a better one a discovery.
+# Found by all backends and treatments alike; a worse value would be a wrong path, a better one a discovery.
 BEST_MASS = 0.8070546

@@ -1,4 +1,4 @@
-"""The rungs of the procedure: each can be chosen alone, and together they make the ladder."""
+"""The strategies of the procedure: each can be chosen alone, and together they make the ladder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Sch
 
 
 @dataclass(frozen=True)
-class Rung:
+class Strategy:
     """One way to a nearly complementary point.
 
     Attributes
@@ -22,7 +22,7 @@ class Rung:
     relaxation : object, optional
         Instead of the one that the call asks for.
     options : mapping
-        Of Ipopt, for this rung; the caller's win.
+        Of Ipopt, for this strategy; the caller's win.
     from_guess : bool
         Whether it starts from the user's guess, or from the best point so far.
     """
@@ -36,30 +36,30 @@ class Rung:
 
 # With delta = 2 mu the central path of a relaxed pair that nothing else decides has a * b = mu (minimise
 # -mu log a - mu log b - mu log(delta - a b)): the path that interior-point methods for complementarity follow.
-BARRIER = Rung("barrier", FollowBarrier(factor=2.0))
-TIGHT = Rung("tight", Fixed(1e-8))
-CONTINUATION = Rung("continuation", Geometric(first=1.0, factor=0.1, last=1e-8))
-ELASTIC = Rung(
+BARRIER = Strategy("barrier", FollowBarrier(factor=2.0))
+TIGHT = Strategy("tight", Fixed(1e-8))
+CONTINUATION = Strategy("continuation", Geometric(first=1.0, factor=0.1, last=1e-8))
+ELASTIC = Strategy(
     "elastic", Geometric(first=1.0, factor=0.1, last=1e-8), relaxation="elastic", options={"mu_strategy": "adaptive"}
 )
-PROJECTION = Rung("projection", None, from_guess=False)
+PROJECTION = Strategy("projection", None, from_guess=False)
 
-RUNGS = {rung.name: rung for rung in (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)}
-LADDER = tuple(RUNGS.values())
+STRATEGIES = {strategy.name: strategy for strategy in (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)}
+LADDER = tuple(STRATEGIES.values())
 
 
-def as_rungs(choice: str | Rung | Iterable[str | Rung]) -> tuple[Rung, ...]:
-    """Turn a word, a rung or several of them into rungs.
+def as_strategies(choice: str | Strategy | Iterable[str | Strategy]) -> tuple[Strategy, ...]:
+    """Turn a word, a strategy or several of them into strategies.
 
     Raises
     ------
     ValueError
         If a word is not known, or nothing is chosen.
     """
-    chosen = [choice] if isinstance(choice, (str, Rung)) else list(choice)
+    chosen = [choice] if isinstance(choice, (str, Strategy)) else list(choice)
     for each in chosen:
-        if not isinstance(each, Rung) and each not in RUNGS:
-            raise ValueError(f"unknown rung {each!r}. Known: {', '.join(map(repr, RUNGS))}, or a Rung.")
+        if not isinstance(each, Strategy) and each not in STRATEGIES:
+            raise ValueError(f"unknown strategy {each!r}. Known: {', '.join(map(repr, STRATEGIES))}, or a Strategy.")
     if not chosen:
-        raise ValueError(f"no rung was chosen. Known: {', '.join(map(repr, RUNGS))}.")
-    return tuple(each if isinstance(each, Rung) else RUNGS[each] for each in chosen)
+        raise ValueError(f"no strategy was chosen. Known: {', '.join(map(repr, STRATEGIES))}.")
+    return tuple(each if isinstance(each, Strategy) else STRATEGIES[each] for each in chosen)

@@ -6,7 +6,7 @@ import pyomo.environ as pyo
 import pytest
 from harness.expression_zoo import cart_pole, parameters_everywhere
 
-from pyrobocop_pyomo.solving import KeptModel
+from pyrobocop_pyomo.solving import PersistentNLP
 
 pytestmark = pytest.mark.casadi
 
@@ -18,7 +18,7 @@ def at_start(model: pyo.ConcreteModel, q: float, omega: float) -> pyo.ConcreteMo
 
 
 def test_a_changed_initial_state_solves_as_a_model_built_anew():
-    kept = KeptModel(cart_pole(10))
+    kept = PersistentNLP(cart_pole(10))
     assert kept.solve().status.solved
     for q, omega in ((0.1, 0.0), (0.2, -0.1), (0.0, 0.05)):
         at_start(kept.model, q, omega)
@@ -31,7 +31,7 @@ def test_a_changed_initial_state_solves_as_a_model_built_anew():
         ):
             if not new.fixed:
                 new.set_value(old.value)  # both in the same valley
-        fresh = KeptModel(fresh_model).solve()
+        fresh = PersistentNLP(fresh_model).solve()
         assert warm.status.solved
         assert fresh.status.solved
         assert warm.objective == pytest.approx(fresh.objective, rel=1e-7)
@@ -41,7 +41,7 @@ def test_a_changed_initial_state_solves_as_a_model_built_anew():
 
 
 def test_a_warm_start_takes_fewer_iterations_than_a_cold_one():
-    kept = KeptModel(cart_pole(10))
+    kept = PersistentNLP(cart_pole(10))
     first = kept.solve()
     at_start(kept.model, 0.02, 0.0)
     assert kept.solve().iterations < first.iterations
@@ -50,7 +50,7 @@ def test_a_warm_start_takes_fewer_iterations_than_a_cold_one():
 
 
 def test_a_change_of_structure_prepares_the_model_again():
-    kept = KeptModel(parameters_everywhere())
+    kept = PersistentNLP(parameters_everywhere())
     kept.solve()
     kept.model.p[1] = 2.5
     kept.solve()
@@ -70,7 +70,7 @@ def test_a_change_of_structure_prepares_the_model_again():
 
 
 def test_options_time_limits_and_callbacks_reach_ipopt():
-    kept = KeptModel(cart_pole(10), {"max_iter": 2})
+    kept = PersistentNLP(cart_pole(10), {"max_iter": 2})
     assert kept.solve().iterations == 2
     records = []
     assert kept.solve({"max_iter": 1}, on_iteration=records.append).iterations == 1
@@ -81,5 +81,5 @@ def test_options_time_limits_and_callbacks_reach_ipopt():
 def test_declared_suffixes_are_filled():
     model = parameters_everywhere()
     model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    KeptModel(model).solve()
+    PersistentNLP(model).solve()
     assert model.linear in model.dual

@@ -26,10 +26,10 @@ from pyrobocop_pyomo.errors import SolverNotFoundError, StructureChanged
 
 from .asl_program import ASL_REMEDY, AslProgram, asl_available
 from .casadi_program import CasadiProgram, casadi_available
-from .mapped_program import MappedProgram
 from .model_checks import refuse_discrete, single_objective
 from .model_terms import collect_terms
 from .nonlinear_program import FloatArray, NonlinearProgram
+from .vectorised_program import VectorisedProgram
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ _SUFFIX_SEGMENT = re.compile(r"^S\d+ (\d+) .*\n", re.MULTILINE)
 _HEADER_LINES = 10
 
 
-class WrittenModel:
+class CompiledModel:
     """A Pyomo model with its nonlinear program, which can be solved many times without writing it again.
 
     What was fixed, active or the value of a mutable Param when the model was written stays as it was until `update`.
@@ -54,8 +54,8 @@ class WrittenModel:
     ----------
     model : Block
         The model, with at most one active objective; without any, the objective is zero.
-    derivatives : {"asl", "casadi", "mapped"}, optional
-        Where derivatives come from: a ``.nl`` file read by ASL or by CasADi, or without a file CasADi on mapped
+    derivatives : {"asl", "casadi", "vectorised"}, optional
+        Where derivatives come from: a ``.nl`` file read by ASL or by CasADi, or without a file CasADi on vectorised
         expressions. By default ASL where PyNumero's library is found, else CasADi.
 
     Attributes
@@ -93,7 +93,7 @@ class WrittenModel:
     seconds_building: float
 
     def __init__(self, model: BlockData, derivatives: str | None = None) -> None:
-        self._build = None if derivatives == "mapped" else _program_builder(derivatives)
+        self._build = None if derivatives == "vectorised" else _program_builder(derivatives)
         self.model = model
         self._prepare()
 
@@ -116,7 +116,7 @@ class WrittenModel:
         self.variables, self.constraints = terms.variables, terms.constraints
         self.seconds_writing = time.perf_counter() - started
         started = time.perf_counter()
-        self.nlp = MappedProgram(terms)
+        self.nlp = VectorisedProgram(terms)
         self.seconds_building = time.perf_counter() - started
 
     def _write(self, build: Callable[[Path, list[str]], NonlinearProgram]) -> None:
@@ -143,10 +143,10 @@ class WrittenModel:
     def update(self) -> None:
         """Bring the program up to date with the model: fixed values, Params and bounds.
 
-        With mapped expressions the numbers are read again, and only a change of structure (see
-        `MappedProgram.refresh`) needs another walk. A file is written again in any case.
+        With vectorised expressions the numbers are read again, and only a change of structure (see
+        `VectorisedProgram.refresh`) needs another walk. A file is written again in any case.
         """
-        if isinstance(self.nlp, MappedProgram):
+        if isinstance(self.nlp, VectorisedProgram):
             try:
                 self.nlp.refresh()
                 return
@@ -178,7 +178,7 @@ def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram
 def _program_builder(derivatives: str | None) -> Callable[[Path, list[str]], NonlinearProgram]:
     if derivatives not in (None, "asl", "casadi"):
         raise ValueError(
-            f"derivatives is {derivatives!r}; it must be 'asl', 'casadi', 'mapped' or None (the best present)."
+            f"derivatives is {derivatives!r}; it must be 'asl', 'casadi', 'vectorised' or None (the best present)."
         )
     if derivatives != "casadi" and asl_available():
         return _build_asl

@@ -23,52 +23,52 @@ or, for an Ipopt that is there already, one of these environment variables:
 'python -m pyrobocop_pyomo doctor' shows what is found and what is missing."""
 
 
-class Route(enum.Enum):
+class Backend(enum.Enum):
     """A way to Ipopt; the value is a description."""
 
     IN_PROCESS_ASL = "Ipopt in this process, derivatives by ASL through PyNumero"
     IN_PROCESS_CASADI = "Ipopt in this process, derivatives by CasADi"
-    IN_PROCESS_MAPPED = "Ipopt in this process, derivatives by CasADi on mapped expressions"
+    IN_PROCESS_VECTORISED = "Ipopt in this process, derivatives by CasADi on vectorised expressions"
     EXECUTABLE = "the ipopt executable, derivatives by ASL"
 
     @property
     def derivatives(self) -> str | None:
-        """What `WrittenModel` calls the source of derivatives; None for the executable."""
+        """What `CompiledModel` calls the source of derivatives; None for the executable."""
         return {
-            Route.IN_PROCESS_ASL: "asl",
-            Route.IN_PROCESS_CASADI: "casadi",
-            Route.IN_PROCESS_MAPPED: "mapped",
+            Backend.IN_PROCESS_ASL: "asl",
+            Backend.IN_PROCESS_CASADI: "casadi",
+            Backend.IN_PROCESS_VECTORISED: "vectorised",
         }.get(self)
 
 
-def available_routes() -> list[Route]:
-    """Routes that are present, best first; nothing is loaded or started."""
+def available_backends() -> list[Backend]:
+    """Backends that are present, best first; nothing is loaded or started."""
     in_process = _found(find_ipopt_library)
     present = {
-        Route.IN_PROCESS_ASL: in_process and asl_available(),
-        Route.IN_PROCESS_CASADI: in_process and casadi_available(),
-        Route.IN_PROCESS_MAPPED: in_process and casadi_available(),
-        Route.EXECUTABLE: _found(find_ipopt_executable),
+        Backend.IN_PROCESS_ASL: in_process and asl_available(),
+        Backend.IN_PROCESS_CASADI: in_process and casadi_available(),
+        Backend.IN_PROCESS_VECTORISED: in_process and casadi_available(),
+        Backend.EXECUTABLE: _found(find_ipopt_executable),
     }
-    return [route for route in Route if present[route]]
+    return [backend for backend in Backend if present[backend]]
 
 
-def best_route() -> Route:
-    """The best route that is present.
+def best_backend() -> Backend:
+    """The best backend that is present.
 
     Raises
     ------
     SolverNotFoundError
         When there is none; the message lists the remedies.
     """
-    routes = available_routes()
-    if not routes:
+    backends = available_backends()
+    if not backends:
         raise SolverNotFoundError(NO_IPOPT)
-    return routes[0]
+    return backends[0]
 
 
 def _found(find: Callable[[], str | None]) -> bool:
-    """A variable that names a missing file means: not found. Whoever then asks for that route gets the message."""
+    """A variable that names a missing file means: not found. Whoever then asks for that backend gets the message."""
     try:
         return find() is not None
     except SolverNotFoundError:

@@ -1,15 +1,16 @@
 """The same continuation in process and through files, warm and cold.
 
-    python benchmarks/continuation_routes.py [--quick] [--repeats N]
+    python benchmarks/continuation_backends.py [--quick] [--repeats N]
 
-delta goes from 1 to 1e-8 by 0.1 on every route; each run starts where the last one ended, "warm" with its multipliers
-and a small first barrier parameter, "cold" with the point alone. In process the model is written once and a new delta
-shifts the relaxed rows; "ASL", "CasADi" and "mapped" say where derivatives come from. "files" is the ipopt executable,
-with ASL: per delta one file is written, one process started, one answer read, and multipliers travel as suffixes.
+delta goes from 1 to 1e-8 by 0.1 on every backend; each run starts where the last one ended, "warm" with its
+multipliers and a small first barrier parameter, "cold" with the point alone. In process the model is written once and a
+new delta shifts the relaxed rows; "ASL", "CasADi" and "vectorised" say where derivatives come from. "files" is the
+ipopt executable, with ASL: per delta one file is written, one process started, one answer read, and multipliers travel
+as suffixes.
 
 Seconds from the stated model to the last answer, relaxing and writing included: the least of the repeats, which take
-turns. The ratios are files to ASL, which have the same derivatives. There is no polish and no second rung: all walk the
-same path, and "spread" compares where they end.
+turns. The ratios are files to ASL, which have the same derivatives. There is no polish and no second strategy: all walk
+the same path, and "spread" compares where they end.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ QUICK = ("bard2", "gripper", "sliding by step")
 WAYS = {
     "warm ASL": ("asl", True),
     "warm CasADi": ("casadi", True),
-    "warm mapped": ("mapped", True),
+    "warm vectorised": ("vectorised", True),
     "warm files": (None, True),
     "cold ASL": ("asl", False),
     "cold files": (None, False),

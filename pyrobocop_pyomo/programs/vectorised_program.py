@@ -16,8 +16,8 @@ from .nonlinear_program import FloatArray, IndexArray
 from .term_functions import TermFunction, term_functions
 
 
-class MappedProgram:
-    """The nonlinear program of a Pyomo model, whose repeated terms are functions mapped by CasADi.
+class VectorisedProgram:
+    """The nonlinear program of a Pyomo model, whose repeated terms are functions vectorised by CasADi.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class MappedProgram:
         When a row without free variables contradicts itself.
     """
 
-    derivatives = "CasADi on mapped expressions"
+    derivatives = "CasADi on vectorised expressions"
 
     def __init__(self, terms: ModelTerms) -> None:
         if not casadi_available():

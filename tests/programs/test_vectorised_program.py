@@ -1,4 +1,4 @@
-"""Mapped expressions against ASL and CasADi, against finite differences, and after changes of numbers."""
+"""Vectorised expressions against ASL and CasADi, against finite differences, and after changes of numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 from scipy.sparse import coo_matrix, csr_matrix, tril
 
 from pyrobocop_pyomo.errors import EvaluationError, StructureChanged
-from pyrobocop_pyomo.programs.written_model import WrittenModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 pytestmark = pytest.mark.casadi
 NEAR = {"rel": 1e-9, "abs": 1e-9}
@@ -28,7 +28,7 @@ class InModelOrder:
     """A program's values by names of variables and constraints, so that two programs can be compared."""
 
     def __init__(self, model: pyo.ConcreteModel, derivatives: str) -> None:
-        self.written = written = WrittenModel(model, derivatives)
+        self.written = written = CompiledModel(model, derivatives)
         self.nlp = written.nlp
         self.columns = np.argsort([v.name for v in written.variables])
         self.rows = np.argsort([c.name for c in written.constraints])
@@ -97,7 +97,7 @@ COMPARISONS = [
 
 @pytest.mark.parametrize(("build", "other"), COMPARISONS)
 def test_every_number_is_that_of_the_other_sources(build, other):
-    ours, theirs = InModelOrder(build(), "mapped"), InModelOrder(build(), other)
+    ours, theirs = InModelOrder(build(), "vectorised"), InModelOrder(build(), other)
     assert ours.names == theirs.names
     random = np.random.default_rng(7)
     for _ in range(3):
@@ -108,7 +108,7 @@ def test_every_number_is_that_of_the_other_sources(build, other):
 
 @pytest.mark.parametrize("build", [*ZOO, planar_pushing], ids=[*ZOO_NAMES, "planar-pushing"])
 def test_structures_hold_each_place_once_and_no_variable_is_unused(build):
-    nlp = WrittenModel(build(), "mapped").nlp
+    nlp = CompiledModel(build(), "vectorised").nlp
     for rows, columns in (nlp.jacobian_structure, nlp.hessian_structure):
         assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == rows.size
     assert (nlp.hessian_structure[0] >= nlp.hessian_structure[1]).all()
@@ -116,7 +116,7 @@ def test_structures_hold_each_place_once_and_no_variable_is_unused(build):
 
 @pytest.mark.parametrize("build", [*ZOO, planar_pushing], ids=[*ZOO_NAMES, "planar-pushing"])
 def test_derivatives_agree_with_finite_differences(build):
-    nlp = WrittenModel(build(), "mapped").nlp
+    nlp = CompiledModel(build(), "vectorised").nlp
     random = np.random.default_rng(11)
     x, multipliers, factor = random.uniform(0.05, 0.45, nlp.n), random.uniform(-1, 1, nlp.m), 0.7
     hessian = matrix(nlp.hessian(x, factor, multipliers), nlp.hessian_structure, (nlp.n, nlp.n))
@@ -155,7 +155,7 @@ def test_random_rows_have_the_derivatives_of_asl(rows, seed):
     for row in rows:
         MODEL.rows.add((-100, row + MODEL.x[0], 100))
     MODEL.cost = pyo.Objective(expr=sum(v**2 for v in MODEL.x.values()) + rows[0])
-    ours, theirs = InModelOrder(MODEL, "mapped"), InModelOrder(MODEL, "asl")
+    ours, theirs = InModelOrder(MODEL, "vectorised"), InModelOrder(MODEL, "asl")
     random = np.random.default_rng(seed)
     x, multipliers = random.uniform(-1, 1, ours.nlp.n), random.uniform(-2, 2, ours.nlp.m)
     assert_same(ours.everything(x, 0.7, multipliers), theirs.everything(x, 0.7, multipliers))
@@ -164,7 +164,7 @@ def test_random_rows_have_the_derivatives_of_asl(rows, seed):
 @pytest.mark.parametrize("build", [parameters_everywhere, lambda: cart_pole(4)], ids=["parameters", "cart-pole"])
 def test_refreshed_numbers_are_those_of_a_program_made_anew(build):
     model = build()
-    kept = InModelOrder(model, "mapped")
+    kept = InModelOrder(model, "vectorised")
     random = np.random.default_rng(3)
     for component in model.component_data_objects(pyo.Var):
         if component.fixed:
@@ -178,19 +178,19 @@ def test_refreshed_numbers_are_those_of_a_program_made_anew(build):
     free[1].setub(free[1].ub if free[1].ub is not None else 55)
     free[2].setub(model.component("p")[1] if model.component("p") is not None else 44)
     kept.nlp.refresh()
-    anew = InModelOrder(model, "mapped")
+    anew = InModelOrder(model, "vectorised")
     x, multipliers = random.uniform(0, 0.5, anew.nlp.n), random.uniform(-1, 1, anew.nlp.m)
     assert_same(kept.everything(x, 0.3, multipliers), anew.everything(x, 0.3, multipliers))
 
 
 def test_rows_without_variables_are_checked_at_each_refresh():
     model = parameters_everywhere()
-    nlp = WrittenModel(model, "mapped").nlp
+    nlp = CompiledModel(model, "vectorised").nlp
     model.p[0] = 9.0
     with pytest.raises(InfeasibleConstraintException, match="'only_numbers'"):
         nlp.refresh()
     with pytest.raises(InfeasibleConstraintException, match="'only_numbers'"):
-        WrittenModel(model, "mapped")
+        CompiledModel(model, "vectorised")
 
 
 CHANGES = {
@@ -209,14 +209,14 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 def test_changes_of_structure_are_noticed(change):
     model = parameters_everywhere()
-    written = WrittenModel(model, "mapped")
+    written = CompiledModel(model, "vectorised")
     before = written.nlp
     change(model)
     with pytest.raises(StructureChanged, match="'parameters': .* since it was prepared"):
         written.nlp.refresh()
     written.update()
     assert written.nlp is not before
-    anew = InModelOrder(model, "mapped")
+    anew = InModelOrder(model, "vectorised")
     assert [v.name for v in written.variables] == [v.name for v in anew.written.variables]
     assert written.row_of[written.constraints[-1]] == len(written.constraints) - 1
 
@@ -226,7 +226,7 @@ def test_a_changed_named_expression_is_noticed():
     model.x = pyo.Var(initialize=0.5)
     model.e = pyo.Expression(expr=model.x**2)
     model.row = pyo.Constraint(expr=pyo.sin(model.e) <= 1)
-    nlp = WrittenModel(model, "mapped").nlp
+    nlp = CompiledModel(model, "vectorised").nlp
     model.e.set_value(model.x**3)
     with pytest.raises(StructureChanged, match="named expressions"):
         nlp.refresh()
@@ -237,7 +237,7 @@ def test_a_point_outside_of_the_domain_is_an_evaluation_error():
     model.x = pyo.Var(initialize=1.0)
     model.cost = pyo.Objective(expr=pyo.log(model.x))
     model.row = pyo.Constraint(expr=pyo.sqrt(model.x) + model.x >= 0)
-    nlp = WrittenModel(model, "mapped").nlp
+    nlp = CompiledModel(model, "vectorised").nlp
     for evaluate in (nlp.objective, nlp.constraints, nlp.jacobian):
         with pytest.raises(EvaluationError, match="CasADi cannot evaluate the"):
             evaluate(np.array([-1.0]))
@@ -248,7 +248,7 @@ def test_a_point_outside_of_the_domain_is_an_evaluation_error():
 @pytest.mark.asl
 def test_a_transcribed_model_has_the_optimum_and_the_multipliers_of_asl():
     found = {}
-    for derivatives in ("asl", "mapped"):
+    for derivatives in ("asl", "vectorised"):
         model = cart_pole(10)
         model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
         model.ipopt_zL_out = pyo.Suffix(direction=pyo.Suffix.IMPORT)
@@ -259,4 +259,4 @@ def test_a_transcribed_model_has_the_optimum_and_the_multipliers_of_asl():
             **{f"dual {c.name}": dual for c, dual in model.dual.items()},
             **{f"lower {v.name}": dual for v, dual in model.ipopt_zL_out.items()},
         }
-    assert found["mapped"] == pytest.approx(found["asl"], rel=1e-6, abs=1e-6)
+    assert found["vectorised"] == pytest.approx(found["asl"], rel=1e-6, abs=1e-6)

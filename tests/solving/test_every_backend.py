@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import pyomo.environ as pyo
 import pytest
-from harness.small_problems import PROBLEMS, every_derivative, every_kind_of_row, every_route, solver
+from harness.small_problems import PROBLEMS, every_backend, every_derivative, every_kind_of_row, solver
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.programs.written_model import WrittenModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")
 
 
-@every_route
+@every_backend
 @pytest.mark.parametrize("build", PROBLEMS, ids=lambda build: build.__name__)
-def test_the_known_optimum_is_found(build, route):
+def test_the_known_optimum_is_found(build, backend):
     model, optimum = build()
-    result = solver(route).solve(model)
+    result = solver(backend).solve(model)
     assert result.solver.termination_condition == pyo.TerminationCondition.optimal
     objectives = list(model.component_data_objects(pyo.Objective, active=True))
     reached = pyo.value(objectives[0]) if objectives else 0.0
@@ -25,10 +25,10 @@ def test_the_known_optimum_is_found(build, route):
         assert row.slack() > -1e-6, row.name
 
 
-@every_route
-def test_the_square_system_has_its_solution(route):
+@every_backend
+def test_the_square_system_has_its_solution(backend):
     model, _ = PROBLEMS[2]()
-    solver(route).solve(model)
+    solver(backend).solve(model)
     assert (model.x.value, model.y.value) == pytest.approx((1.0, 1.0), abs=1e-6)
 
 
@@ -62,8 +62,8 @@ def test_reduced_costs_are_those_of_ipopt_v2(sense):
         assert in_process.rc[variable] == pytest.approx(expected, rel=1e-5, abs=1e-6)
 
 
-@every_route
-def test_a_dual_is_the_price_of_the_right_hand_side(route):
+@every_backend
+def test_a_dual_is_the_price_of_the_right_hand_side(backend):
     """The sign by its meaning: d(objective) / d(right-hand side), minimising and maximising."""
     for sense, direction in ((pyo.minimize, 1), (pyo.maximize, -1)):
         model = pyo.ConcreteModel()
@@ -71,19 +71,19 @@ def test_a_dual_is_the_price_of_the_right_hand_side(route):
         model.cost = pyo.Objective(expr=direction * model.x**2, sense=sense)
         model.row = pyo.Constraint(expr=model.x >= 3)
         model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-        solver(route).solve(model)
+        solver(backend).solve(model)
         assert model.dual[model.row] == pytest.approx(direction * 6, rel=1e-5)
 
 
-@every_route
-def test_a_warm_start_with_multipliers_saves_iterations(route):
+@every_backend
+def test_a_warm_start_with_multipliers_saves_iterations(backend):
     model, _ = PROBLEMS[0]()
     model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT_EXPORT)
     for name in ("ipopt_zL_out", "ipopt_zU_out"):
         model.add_component(name, pyo.Suffix(direction=pyo.Suffix.IMPORT))
     for name in ("ipopt_zL_in", "ipopt_zU_in"):
         model.add_component(name, pyo.Suffix(direction=pyo.Suffix.EXPORT))
-    solver(route).solve(model)
+    solver(backend).solve(model)
     model.ipopt_zL_in.update(model.ipopt_zL_out)
     model.ipopt_zU_in.update(model.ipopt_zU_out)
     warm = {
@@ -91,9 +91,9 @@ def test_a_warm_start_with_multipliers_saves_iterations(route):
         "warm_start_slack_bound_frac": 1e-9, "warm_start_slack_bound_push": 1e-9,
         "warm_start_mult_bound_push": 1e-9, "mu_init": 1e-9, "max_iter": 3,
     }  # fmt: skip
-    if route == "ipopt":  # the older interface knows these only through an option file
+    if backend == "ipopt":  # the older interface knows these only through an option file
         warm = {name if name in ("max_iter", "mu_init") else f"OF_{name}": value for name, value in warm.items()}
-    result = solver(route).solve(model, options=warm)
+    result = solver(backend).solve(model, options=warm)
     assert result.solver.termination_condition == pyo.TerminationCondition.optimal
 
 
@@ -149,8 +149,8 @@ def test_export_suffixes_of_other_solvers_do_no_harm(derivatives):
     assert pyo.value(model.cost) == pytest.approx(optimum, rel=1e-6)
 
 
-@every_route
-def test_scaling_factors_are_used_when_asked_for(route):
+@every_backend
+def test_scaling_factors_are_used_when_asked_for(backend):
     """Without the factors a cost of 1e-9 is flat to Ipopt: it stops where it starts."""
     model = pyo.ConcreteModel()
     model.x = pyo.Var([1, 2], initialize=0.0)
@@ -160,13 +160,13 @@ def test_scaling_factors_are_used_when_asked_for(route):
     model.scaling_factor[model.cost] = 1e9
     model.scaling_factor[model.x] = 0.5
     model.scaling_factor[model.row] = 0.1
-    option = "OF_nlp_scaling_method" if route == "ipopt" else "nlp_scaling_method"
-    solver(route).solve(model)
+    option = "OF_nlp_scaling_method" if backend == "ipopt" else "nlp_scaling_method"
+    solver(backend).solve(model)
     assert abs(model.x[1].value - 3) > 0.1
-    solver(route).solve(model, options={option: "user-scaling"})
+    solver(backend).solve(model, options={option: "user-scaling"})
     assert (model.x[1].value, model.x[2].value) == pytest.approx((3, 5), abs=1e-4)
 
 
 @pytest.mark.asl
 def test_asl_is_preferred_to_casadi():
-    assert WrittenModel(PROBLEMS[0]()[0]).nlp.derivatives == "ASL through PyNumero"
+    assert CompiledModel(PROBLEMS[0]()[0]).nlp.derivatives == "ASL through PyNumero"

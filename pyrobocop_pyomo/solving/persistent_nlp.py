@@ -1,4 +1,4 @@
-"""`KeptModel`: one model solved again and again, as a receding horizon does it."""
+"""`PersistentNLP`: one model solved again and again, as a receding horizon does it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
-from pyrobocop_pyomo.programs.written_model import WrittenModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 from .session import WARM_START_OPTIONS, OnIteration
 
 
-class KeptModel:
+class PersistentNLP:
     """A model that is prepared once and solved many times, each time from the last solution.
 
     Between two solves, change what is a number: values of fixed variables, mutable Params, bounds, values of
@@ -50,11 +50,11 @@ class KeptModel:
     Examples
     --------
     >>> import pyomo.environ as pyo
-    >>> from pyrobocop_pyomo.solving import KeptModel
+    >>> from pyrobocop_pyomo.solving import PersistentNLP
     >>> m = pyo.ConcreteModel()
     >>> m.start, m.x = pyo.Param(initialize=1.0, mutable=True), pyo.Var(initialize=0.0)
     >>> m.cost = pyo.Objective(expr=(m.x - m.start) ** 2)
-    >>> kept = KeptModel(m)
+    >>> kept = PersistentNLP(m)
     >>> for start in (1.0, 2.0):
     ...     m.start = start
     ...     print(kept.solve().status.solved, round(m.x.value, 6))
@@ -72,7 +72,7 @@ class KeptModel:
 
     def prepare(self) -> None:
         """Walk over the model again, whatever has changed on it; the next solve starts without multipliers."""
-        self._written = WrittenModel(self.model, "mapped")
+        self._written = CompiledModel(self.model, "vectorised")
         self.outcome = None
         self.preparations += 1
 
