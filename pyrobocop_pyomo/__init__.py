@@ -89,7 +89,3 @@ __all__ = [
 def __dir__() -> list[str]:
     """List the public names only, so that completion does not offer the folders of the implementation."""
     return sorted(__all__)
-
-
-# Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
-ipopt.configure_ipopt_executable()

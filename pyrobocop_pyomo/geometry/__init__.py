@@ -1,9 +1,9 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
-from .decompose import decompose
+from .decomposition import decompose
 from .distance import SignedDistance, signed_distance
 from .distance import distance_of_points as distance_of_points
-from .lockstep import distances_of_points as distances_of_points
+from .distance import distances_of_points as distances_of_points
 from .polytope import Polytope as Polytope
 from .poses import Pose
 from .poses import check_pose as check_pose
