@@ -42,8 +42,8 @@ PUBLIC = {
         KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
     """,
     "results": """
-        ActiveSide Certificate Diagnosis JoinedTrajectory Multipliers PairReport PairSafety SafetyReport Stationarity
-        Step Verification
+        ActiveSide BodyPairSafety Certificate Diagnosis JoinedTrajectory Multipliers PairReport SafetyReport
+        Stationarity Step Verification
     """,
     "schedules": "Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
