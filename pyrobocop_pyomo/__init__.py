@@ -36,6 +36,7 @@ from pyrobocop_pyomo.phases import (
     Start,
     State,
     label_measurements,
+    phases_of,
 )
 from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
@@ -75,6 +76,7 @@ __all__ = [
     "join_trajectories",
     "label_measurements",
     "mechanics",
+    "phases_of",
     "planar_pose",
     "relaxations",
     "results",

@@ -26,7 +26,8 @@ PUBLIC = {
     "": """
         Algebraic Body Complementarity Containment Control Duration Link ObstacleAvoidanceBlock Parameter PhaseBlock
         Polytope Quality SolveResult Start State StopReason Strategy Trajectory __version__ active_pairs complements
-        dae_trajectory diagnose join_trajectories label_measurements planar_pose solve spatial_pose
+        dae_trajectory diagnose join_trajectories label_measurements phases_of planar_pose solve
+        spatial_pose
     """,
     "drawing": """
         BodyPath animate_avoidance animate_scene draw_avoidance draw_linkage draw_planar_pushing draw_scene
@@ -45,7 +46,7 @@ PUBLIC = {
         ActiveSide BodyPairSafety Certificate Diagnosis JoinedTrajectory Multipliers PairReport SafetyReport
         Stationarity Step Verification
     """,
-    "schedules": "Fixed FollowBarrier Geometric Schedule Superlinear",
+    "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
         HomotopyResult HomotopyStep HorizonStep MultistartResult RecedingHorizon RefinedResult RefinementEnd
