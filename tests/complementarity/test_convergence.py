@@ -56,7 +56,7 @@ def program(cost, start):
 def distance(problem, relaxation, delta):
     m, solution = problem()
     result = rcp.solve(
-        m, relaxation=relaxation, schedule=rcp.Fixed(delta), backend="asl", options=OPTIONS, polish=False
+        m, relaxation=relaxation, schedule=rcp.schedules.Fixed(delta), backend="asl", options=OPTIONS, polish=False
     )
     assert result.constraint_violation <= 2 * delta + 1e-10
     return math.dist((m.a.value, m.b.value), solution)
@@ -99,7 +99,7 @@ def test_a_rounded_corner_is_exact_beyond_delta_and_linear_at_the_corner():
     assert observed_order(biactive, SteffensenUlbrich(), [1e-2, 3e-3, 1e-3]) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("choice", [Penalty(), rcp.Elastic()], ids=str)
+@pytest.mark.parametrize("choice", [Penalty(), rcp.relaxations.Elastic()], ids=str)
 def test_a_price_is_exact_where_it_exceeds_the_multiplier(choice):
     """At (0, 2) the product has the multiplier 1: the objective falls by 2 per unit of a, the product grows by 2."""
     assert distance(held_by_the_product, choice, 0.5) < 1e-6
