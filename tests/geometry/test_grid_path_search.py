@@ -1,4 +1,4 @@
-"""Shortest paths on grids: as long as steps across faces, edges and corners make them, and around what is impassable."""
+"""Shortest paths on grids have the length of steps across faces, edges and corners, and pass no impassable cell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pyrobocop_pyomo.geometry.grid_path_search import grid_distances, grid_path
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_distances_on_an_open_grid(dimension: int) -> None:
-    """Diagonal steps first: of the sorted offsets, each is one step along as many axes as are not done yet."""
+    """The longest diagonals come first: a step advances along all axes on which the cell is not reached yet."""
     start = (1, 2, 0)[:dimension]
     shape = (5, 6, 4)[:dimension]
     found = grid_distances(np.ones(shape), np.full(dimension, 0.5), start)
