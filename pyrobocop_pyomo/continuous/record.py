@@ -9,6 +9,7 @@ from typing import Any
 from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.numerics import Grid
 
@@ -70,8 +71,17 @@ class Discretisation:
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)
 
+    def state_ids(self) -> set[int]:
+        """The ids of all variables that have a value at every time of the set."""
+        return {id(data) for state in self.states for data in state.values()}
 
-class Record(AutoSlots.Mixin):
+    def generated_constraints(self) -> Iterator[Any]:
+        """The generated constraints of the set."""
+        for block in self.generated:
+            yield from block.component_map(Constraint).values()
+
+
+class DiscretisationRecord(AutoSlots.Mixin):
     """Private data of the block on which continuous sets live; follows clones and pickles.
 
     Attributes
@@ -89,10 +99,10 @@ class Record(AutoSlots.Mixin):
         self.integrands = ComponentMap()
 
 
-Block.register_private_data_initializer(Record)
+Block.register_private_data_initializer(DiscretisationRecord)
 
 
-def record_of(domain: Any) -> Record:
+def record_of(domain: Any) -> DiscretisationRecord:
     """The record of the block on which a continuous set lives."""
     return domain.parent_block().private_data()
 

@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.dae import ContinuousSet, DerivativeVar
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
-from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .absent import PAIRS
-from .derivatives import state_ids
+from .expansion import set_guess
 from .record import Discretisation, discretisation_of, discretisations_of
-from .structure import Spot, axes_of, axis_on, continuous_sets, label, spots
+from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, label, spots, variables_in
 
 Array = NDArray[np.float64]
 
@@ -91,7 +90,7 @@ def families(found: list[Spot], done: Discretisation) -> Iterator[tuple[Any, boo
             for domain, time in spot.points(index, axes):
                 if domain is done.domain:
                     along.setdefault(spot.family(index, axes, domain), {})[time] = data
-    states = state_ids(done)
+    states = done.state_ids()
     for family, data in along.items():
         yield family, id(next(iter(data.values()))) in states, data
 
@@ -164,3 +163,44 @@ def _pairs(found: list[Spot], done: Discretisation) -> dict[str, Array]:
                         sides = read.setdefault(name, np.full((2, len(position)), np.nan))
                         sides[:, position[time]] = side_values(pair)
     return read
+
+
+class Guess:
+    """The values that a discretised set has, for another mesh."""
+
+    def __init__(self, found: list[Spot], done: Discretisation) -> None:
+        self._done = Discretisation(done.domain, done.grid, done.points)
+        self._values = values_of(found, done)
+
+    def give_to(self, found: list[Spot], done: Discretisation) -> None:
+        """Interpolate onto the new mesh; what is fixed keeps its value."""
+        for family, _, data in families(found, done):
+            if family in self._values:
+                free = {time: each for time, each in data.items() if not each.fixed}
+                is_state, values = self._values[family]
+                guess = interpolate(self._done, is_state, values, np.array(list(free), dtype=float))
+                for each, number in zip(free.values(), guess.tolist(), strict=True):
+                    set_guess(each, number)
+
+
+def refuse_newcomers(done: Discretisation) -> None:
+    """Raise a `TranscriptionError` when something holds variables at points that go away with the mesh."""
+    found = list(spots(done.domain.model()))
+    kept = set(done.points)
+    leaving = {id(each) for _, _, data in families(found, done) for time, each in data.items() if time not in kept}
+    integrals = {id(each) for s in found if isinstance(s.component, Integral) for each in s.component.values()}
+    own = {id(block) for each in discretisations_of(continuous_sets(found)) for block in each.generated}
+    for spot in found:
+        component = spot.component
+        if not hasattr(component, "_rule") or isinstance(component, Integral) or id(component.parent_block()) in own:
+            continue
+        axes = axes_of(component)
+        for index, data in component.items():
+            if any(each is done.domain and time not in kept for each, time in spot.points(index, axes)):
+                continue
+            expression = getattr(data, "expr", None)
+            if any(id(each) in leaving for each in variables_in(expression, integrals)):
+                raise TranscriptionError(
+                    f"'{data.name}': was built on the mesh that '{done.domain.name}' has now. Delete it (revert a "
+                    "relaxation), apply the transformation again, and build it again."
+                )

@@ -19,17 +19,11 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
-from pyomo.mpec import Complementarity as MpecComplementarity
 
-from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
-from .derivatives import rows_of, state_ids
-from .expressions import variables_in
 from .record import Discretisation
-from .structure import Spot, axes_of
-
-PAIRS = (Complementarity, MpecComplementarity)
+from .structure import PAIRS, Spot, axes_of, variables_of
 
 
 class Absence:
@@ -46,8 +40,8 @@ class Absence:
         self._spots = spots
         self._done = {id(each.domain): each for each in discretisations}
         self._points = {key: frozenset(each.grid.points) for key, each in self._done.items()}
-        self._states = {key: state_ids(each) for key, each in self._done.items()}
-        self._generated = {id(rows) for each in self._done.values() for rows in rows_of(each)}
+        self._states = {key: each.state_ids() for key, each in self._done.items()}
+        self._generated = {id(rows) for each in self._done.values() for rows in each.generated_constraints()}
         self._absent: dict[int, tuple[Any, Any, float]] = {}
         self._held: dict[int, Any] = {}  # derivatives that the user fixed where nothing else is
         self._along: set[Any] | None = None
@@ -180,15 +174,3 @@ class Absence:
             data.fix(None, skip_validation=True)
             data.stale = True
         return voided
-
-
-def variables_of(data: Any) -> Iterable[Any]:
-    """Every variable of a row, an objective, an expression or a pair."""
-    if data.ctype is MpecComplementarity:
-        sides = data._args or ()
-    elif data.ctype is Complementarity:
-        sides = data.args
-    else:
-        sides = (data.expr,)
-    for side in sides:
-        yield from variables_in(side)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.transcription import quadrature
 
-from .absent import Absence
-from .derivatives import add_collocation, derivatives_along, remove_collocation, state_ids
-from .expansion import expand, refuse_what_cannot_grow
-from .inheritance import Family, declaration_of
-from .integrals import become_expression, integrals_along, integrate, remember_integrands
-from .record import Discretisation, discretisations_of, record_of
-from .remeshing import Guess
+from .absent_values import Absence
+from .derivatives import add_collocation, bring_back, derivatives_along, remove_collocation, substitute_derivatives
+from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
+from .record import Discretisation, DiscretisationRecord, discretisations_of, record_of
 from .structure import Spot, axes_of, axis_on, continuous_sets, spots
-from .substitution import bring_back, substitute_derivatives
-from .sums import find_suspects
+from .sums_over_sets import find_suspects
+from .values import Guess
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 
@@ -148,7 +148,7 @@ def _states_of(found: list[Spot], domain: Any) -> list[Any]:
 def _inherit(found: list[Spot], done: Discretisation) -> None:
     old, points = set(done.points), frozenset(done.grid.points)
     done.states = _states_of(found, done.domain)
-    states = state_ids(done)
+    states = done.state_ids()
     along: dict[Any, Family] = {}
     for spot in found:
         component = spot.component
@@ -220,3 +220,57 @@ def finish(done: Discretisation) -> None:
                 component.parent_block().reclassify_component_type(component, Var)
     for integral in integrals_along(found, domain):
         become_expression(integral)
+
+
+def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
+    """Every integral over a set."""
+    return [
+        spot.component
+        for spot in spots
+        if isinstance(spot.component, Integral) and spot.component.get_continuousset() is domain
+    ]
+
+
+def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None:
+    """Keep the user's own rules: those of the components are wrapped in the trapezoidal rule.
+
+    Raises
+    ------
+    TranscriptionError
+        When the rule cannot be found.
+    """
+    for spot in spots:
+        integral = spot.component
+        if not isinstance(integral, Integral) or integral in record.integrands:
+            continue
+        # pyomo.dae has no public way to the integrand; it lives in the environment of the wrapped rule.
+        wrapped = getattr(integral._rule, "_fcn", None)
+        rule = getattr(wrapped, "__globals__", {}).get("rule")
+        if not callable(rule):
+            raise TranscriptionError(
+                f"'{integral.name}': its integrand cannot be read; give it as rule=... a function."
+            )
+        record.integrands[integral] = rule
+
+
+def integrate(integral: Any, done: Discretisation, record: DiscretisationRecord) -> None:
+    """Give an integral its value as an expression at the collocation points."""
+    rule, block, place = record.integrands[integral], integral.parent_block(), integral.loc
+    indices = list(integral.index_set()) if integral.is_indexed() else [None]
+    for index in indices:
+        others = index if isinstance(index, tuple) else () if index is None else (index,)
+        before, after = others[:place], others[place:]
+        integrand = {time: rule(block, *before, time, *after) for time in done.grid.points}
+        value = quadrature(integrand.__getitem__, done.grid.quadrature_weights)
+        if index in integral._data:
+            integral._data[index].set_value(value)
+        else:
+            integral._setitem_when_not_present(index, value)
+
+
+def become_expression(integral: Any) -> None:
+    """An integral whose set is discretised is an expression like any other, as pyomo.dae has it."""
+    if integral.ctype is Integral:
+        integral.parent_block().reclassify_component_type(integral, Expression)
+    # The wrapped rule has done its work, and no pickle can hold it.
+    integral._rule = None
