@@ -1,4 +1,4 @@
-"""Discretising one continuous set of a model, and taking that back."""
+"""Discretising one continuous set of a model, and undoing that; integrals by the quadrature of the scheme."""
 
 from __future__ import annotations
 
@@ -13,19 +13,25 @@ from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
-from .absent_values import Absence
-from .derivatives import add_collocation, bring_back, derivatives_along, remove_collocation, substitute_derivatives
+from .absent_values import AbsentValues
+from .derivatives import (
+    add_collocation,
+    derivatives_along,
+    remove_collocation,
+    restore_derivatives,
+    substitute_derivatives,
+)
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
 from .record import Discretisation, DiscretisationRecord, discretisations_of, record_of
 from .structure import Spot, axes_of, axis_on, continuous_sets, spots
-from .sums_over_sets import find_suspects
-from .values import Guess
+from .sums_over_sets import find_possible_sums
+from .values import PreviousValues
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 
 
-def transcribe(
-    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, guess: Guess | None = None
+def discretise(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, previous: PreviousValues | None = None
 ) -> Discretisation:
     """Discretise one continuous set; on failure the model is as it was.
 
@@ -38,31 +44,31 @@ def transcribe(
         On a mesh with all of these points.
     substitutes : bool
         Whether right-hand sides take the place of derivatives.
-    guess : Guess, optional
+    previous : PreviousValues, optional
         Values to start from.
     """
-    others = [each for each in discretisations_on(domain.model()) if each.domain is not domain]
-    finished = [each for each in others if each.substitutions]
-    for each in others:
-        bring_back(each)
-        remove_collocation(each)  # they would need rows at points that are new
+    others = [other for other in discretisations_on(domain.model()) if other.domain is not domain]
+    finished = [other for other in others if other.substitutions]
+    for other in others:
+        restore_derivatives(other)
+        remove_collocation(other)  # they would need rows at points that are new
     try:
-        return _transcribe(domain, points, grid, substitutes, guess)
+        return _discretise(domain, points, grid, substitutes, previous)
     except BaseException:
-        settle(others, finished)
+        rebuild_rows(others, finished)
         raise
 
 
-def settle(others: list[Discretisation], finished: list[Discretisation]) -> None:
+def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -> None:
     """Build the rows of discretised sets for the points that the model has now; substitute again where it was done."""
-    for each in others:
-        bring_back(each)
-        remove_collocation(each)
-    for each in others:
-        add_collocation(each, list(spots(each.domain.model())))
-    for each in finished:
-        if each.substitutes:
-            substitute_derivatives(each, list(spots(each.domain.model())))
+    for other in others:
+        restore_derivatives(other)
+        remove_collocation(other)
+    for other in others:
+        add_collocation(other, list(spots(other.domain.model())))
+    for other in finished:
+        if other.substitutes:
+            substitute_derivatives(other, list(spots(other.domain.model())))
 
 
 def discretisations_on(root: Any) -> list[Discretisation]:
@@ -70,63 +76,63 @@ def discretisations_on(root: Any) -> list[Discretisation]:
     return list(discretisations_of(continuous_sets(list(spots(root)))))
 
 
-def _transcribe(
-    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, guess: Guess | None
+def _discretise(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, previous: PreviousValues | None
 ) -> Discretisation:
     root, record = domain.model(), record_of(domain)
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
     derivatives_along(found, domain)
-    suspects = find_suspects(found, domain)
+    possible_sums = find_possible_sums(found, domain)
     remember_integrands(found, record)
-    done = Discretisation(domain, grid, points, substitutes)
+    discretisation = Discretisation(domain, grid, points, substitutes)
     integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
-    done.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
+    discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     try:
         domain.update(sorted({*grid.times, *grid.points}.difference(points)))
         expand(found, domain)
         found = list(spots(root))
-        _inherit(found, done)
-        record.discretisations[domain] = done
+        _inherit(found, discretisation)
+        record.discretisations[domain] = discretisation
         everything = discretisations_on(root)
-        for each in everything:
-            remove_collocation(each)
-        if guess is not None:
-            guess.give_to(found, done)
-        for each in everything:
-            add_collocation(each, found)
-        if guess is not None:
-            guess.give_to(list(spots(root)), done)
-        for each in everything:
-            for integral in integrals_along(found, each.domain):
-                integrate(integral, each, record_of(each.domain))
-        for suspect in suspects:
-            suspect.check(domain)
-        absence = Absence(list(spots(root)), everything)
-        absence.silence(done.silenced)
-        done.voided = absence.void()
-        _mark_pairs(found, done)
+        for one in everything:
+            remove_collocation(one)
+        if previous is not None:
+            previous.give_to(found, discretisation)
+        for one in everything:
+            add_collocation(one, found)
+        if previous is not None:
+            previous.give_to(list(spots(root)), discretisation)
+        for one in everything:
+            for integral in integrals_along(found, one.domain):
+                integrate(integral, one, record_of(one.domain))
+        for possible_sum in possible_sums:
+            possible_sum.check(domain)
+        absent_values = AbsentValues(list(spots(root)), everything)
+        absent_values.deactivate_rows(discretisation.deactivated)
+        discretisation.cleared = absent_values.clear_variables()
+        _mark_pairs(found, discretisation)
     except BaseException:
-        take_back(done)
+        undo_discretisation(discretisation)
         raise
-    return done
+    return discretisation
 
 
-def take_back(done: Discretisation) -> None:
-    """Remove all that was added for a set, and revive what was put aside."""
-    domain = done.domain
-    bring_back(done)
-    remove_collocation(done)
-    for data in done.silenced:
+def undo_discretisation(discretisation: Discretisation) -> None:
+    """Remove everything that was added for a set, and reactivate what was deactivated."""
+    domain = discretisation.domain
+    restore_derivatives(discretisation)
+    remove_collocation(discretisation)
+    for data in discretisation.deactivated:
         data.activate()
-    for data, number in done.voided:
+    for data, number in discretisation.cleared:
         data.unfix()
         data.set_value(number, skip_validation=True)
-    for data in done.guessed:
+    for data in discretisation.initialised:
         data.set_value(None, skip_validation=True)
-    for data, formula in done.formulas:
+    for data, formula in discretisation.formulas:
         data.set_value(formula)
-    kept = set(done.points)
+    kept = set(discretisation.points)
     for spot in spots(domain.model()):
         axis = axis_on(spot.component, domain)
         if axis is not None and not spot.component.is_reference():
@@ -139,45 +145,45 @@ def take_back(done: Discretisation) -> None:
 
 def _states_of(found: list[Spot], domain: Any) -> list[Any]:
     return [
-        each
+        state
         for variable, by_order in derivatives_along(found, domain)
-        for each in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
+        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
     ]
 
 
-def _inherit(found: list[Spot], done: Discretisation) -> None:
-    old, points = set(done.points), frozenset(done.grid.points)
-    done.states = _states_of(found, done.domain)
-    states = done.state_ids()
+def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
+    old, points = set(discretisation.points), frozenset(discretisation.grid.points)
+    discretisation.states = _states_of(found, discretisation.domain)
+    states = discretisation.state_ids()
     along: dict[Any, Family] = {}
     for spot in found:
         component = spot.component
         if component.ctype not in (Var, DerivativeVar) or component.is_reference():
             continue
         axes = axes_of(component)
-        declared = None if axis_on(component, done.domain) is None else declaration_of(component)
+        declared = None if axis_on(component, discretisation.domain) is None else declaration_of(component)
         for index, data in component.items():
             for domain, time in spot.points(index, axes):
-                if domain is done.domain:
+                if domain is discretisation.domain:
                     key = spot.family(index, axes, domain)
                     family = along.get(key)
                     if family is None:
                         family = along[key] = Family(id(data) in states, declared, points)
                     (family.old if time in old else family.new).append((time, data))
     for family in along.values():
-        family.inherit(done.domain)
+        family.inherit(discretisation.domain)
 
 
-def _mark_pairs(found: list[Spot], done: Discretisation) -> None:
+def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
     """Tell pairs their element, their family and their quadrature weight, where the user has not."""
-    elements, weights = done.grid.element_of, done.grid.quadrature_weights
+    elements, weights = discretisation.grid.element_of, discretisation.grid.quadrature_weights
     for spot in found:
         if spot.component.ctype is not Complementarity:
             continue
         axes = axes_of(spot.component)
         for index, data in spot.component.items():
             for domain, time in spot.points(index, axes):
-                if domain is done.domain and time in elements:
+                if domain is discretisation.domain and time in elements:
                     if spot.component._group_rule is None:
                         data.set_group(elements[time])
                     if spot.component._family_rule is None:
@@ -196,18 +202,18 @@ class _Strong:
         return self.component
 
 
-def finish(done: Discretisation) -> None:
+def finalise(discretisation: Discretisation) -> None:
     """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
-    domain, scheme = done.domain, done.grid.scheme
-    if done.substitutes and not done.substitutions:
-        substitute_derivatives(done, list(spots(domain.model())))
+    domain, scheme = discretisation.domain, discretisation.grid.scheme
+    if discretisation.substitutes and not discretisation.substitutions:
+        substitute_derivatives(discretisation, list(spots(domain.model())))
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)
-    domain._fe = [time for time in domain if time in set(done.grid.mesh.boundaries)]
+    domain._fe = [time for time in domain if time in set(discretisation.grid.mesh.boundaries)]
     domain.get_discretization_info().update(
         scheme=DAE_NAMES.get(family, scheme.name),
-        nfe=done.grid.mesh.elements,
+        nfe=discretisation.grid.mesh.elements,
         ncp=scheme.stages,
         tau_points=scheme.state_nodes.tolist(),
     )
@@ -215,7 +221,7 @@ def finish(done: Discretisation) -> None:
         component = spot.component
         if isinstance(component, DerivativeVar):
             known = component.get_state_var()._derivative
-            known[tuple(sorted(str(each) for each in component.get_continuousset_list()))] = _Strong(component)
+            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _Strong(component)
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)
     for integral in integrals_along(found, domain):
@@ -253,15 +259,15 @@ def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None
         record.integrands[integral] = rule
 
 
-def integrate(integral: Any, done: Discretisation, record: DiscretisationRecord) -> None:
+def integrate(integral: Any, discretisation: Discretisation, record: DiscretisationRecord) -> None:
     """Give an integral its value as an expression at the collocation points."""
     rule, block, place = record.integrands[integral], integral.parent_block(), integral.loc
     indices = list(integral.index_set()) if integral.is_indexed() else [None]
     for index in indices:
         others = index if isinstance(index, tuple) else () if index is None else (index,)
         before, after = others[:place], others[place:]
-        integrand = {time: rule(block, *before, time, *after) for time in done.grid.points}
-        value = quadrature(integrand.__getitem__, done.grid.quadrature_weights)
+        integrand = {time: rule(block, *before, time, *after) for time in discretisation.grid.points}
+        value = quadrature(integrand.__getitem__, discretisation.grid.quadrature_weights)
         if index in integral._data:
             integral._data[index].set_value(value)
         else:

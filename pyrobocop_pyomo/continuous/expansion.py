@@ -1,4 +1,15 @@
-"""Giving every component that is indexed by a continuous set its data at the set's new points."""
+"""Components at the new points of a continuous set: their data, and what variables inherit from the old points.
+
+Bounds and domains of the declaration hold at every point; Pyomo sees to that. What was set afterwards, by
+``x.setub(3)`` or ``u.fix(0)``, exists at the first points only, and has to be told from a boundary condition. The
+rules, for each variable with its other indices:
+
+* changed at every point and equal: it was meant for all points;
+* changed at some points only: a condition at these points;
+* changed at every point and different: ambiguous, refused;
+* fixed at every point: a control or an algebraic is fixed everywhere, if at one value or at its declared ones; a state
+  is not, since fixing it at both ends is how boundary conditions are stated.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +40,7 @@ from .structure import PAIRS, Spot, axis_on
 ORDER = (Param, Var, DerivativeVar, Block, Expression, Constraint, Complementarity, MpecComplementarity)
 LEFT_ALONE = (Integral, Set, SetOf, Suffix)
 ATTRIBUTES = ("lower", "upper", "domain")
-WORDS = {"lower": "lower bounds", "upper": "upper bounds", "domain": "domains"}
+ATTRIBUTE_NAMES = {"lower": "lower bounds", "upper": "upper bounds", "domain": "domains"}
 
 
 def refuse_what_cannot_grow(spots: list[Spot], domain: Any) -> None:
@@ -82,10 +93,10 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 with _naming(component, index):
                     create(component, index)
                 if all_inactive and ctype is not Param and index in component._data and hasattr(component, "active"):
-                    _put_to_sleep(component._data[index])
+                    _deactivate(component._data[index])
 
 
-def _put_to_sleep(data: Any) -> None:
+def _deactivate(data: Any) -> None:
     if hasattr(data, "deactivate"):
         data.deactivate()
 
@@ -115,9 +126,9 @@ def _row(component: Any, index: Any) -> None:
 def _expression(component: Any, index: Any) -> None:
     if component._rule is None:
         return
-    answer = component._rule(component.parent_block(), index)
-    if answer is not Expression.Skip:
-        component._setitem_when_not_present(index, answer)
+    result = component._rule(component.parent_block(), index)
+    if result is not Expression.Skip:
+        component._setitem_when_not_present(index, result)
 
 
 def _parameter(component: Any, index: Any) -> None:
@@ -137,7 +148,7 @@ def _parameter(component: Any, index: Any) -> None:
 
 
 def _variable(component: Any, index: Any) -> None:
-    """As Pyomo makes it; a mapping of initial values that lacks the new point is a guess elsewhere only."""
+    """As Pyomo makes it; a mapping of initial values that lacks the new point says nothing here."""
     rule = component._rule_init
     if rule is not None and rule.contains_indices() and index not in set(rule.indices()):
         component._rule_init = None
@@ -196,7 +207,7 @@ class Family:
             return
         for attribute in ATTRIBUTES:
             self._inherit(attribute, domain)
-        self._guess()
+        self._interpolate_values()
         if not self.is_state:
             self._inherit_fixing(domain)
 
@@ -209,32 +220,33 @@ class Family:
     def _inherit(self, attribute: str, domain: Any) -> None:
         given = [getattr(data, attribute) for _, data in self.old]
         changed = [
-            not _same(each, self._declared_at(data, attribute)) for each, (_, data) in zip(given, self.old, strict=True)
+            not _same(bound, self._declared_at(data, attribute))
+            for bound, (_, data) in zip(given, self.old, strict=True)
         ]
         if not all(changed):
-            for (time, data), each in zip(self.old, changed, strict=True):
-                if each and not self.is_state and time not in self.points:
+            for (time, data), is_changed in zip(self.old, changed, strict=True):
+                if is_changed and not self.is_state and time not in self.points:
                     raise TranscriptionError(
-                        f"'{data.name}': has {WORDS[attribute]} of its own, but no value: the scheme has no "
+                        f"'{data.name}': has {ATTRIBUTE_NAMES[attribute]} of its own, but no value: the scheme has no "
                         f"collocation point at {domain.local_name} = {time:g}. Take them away, or choose a scheme with "
                         "a point there."
                     )
             return
         by_rule = {id(getattr(data, attribute)): getattr(data, attribute) for _, data in self.new}
-        if self.declared is None and not all(_same(each, next(iter(by_rule.values()))) for each in by_rule.values()):
+        if self.declared is None and not all(_same(bound, next(iter(by_rule.values()))) for bound in by_rule.values()):
             return  # the rule of a block gives each point its own
-        if not all(_same(each, given[0]) for each in given):
+        if not all(_same(bound, given[0]) for bound in given):
             (first, data), (last, other) = self.old[0], self.old[-1]
             raise TranscriptionError(
-                f"'{data.name}' and '{other.name}': their {WORDS[attribute]} were set to {_text(given[0])} and "
-                f"{_text(given[-1])}; what holds between {first:g} and {last:g} is unknown. Give the variable "
+                f"'{data.name}' and '{other.name}': their {ATTRIBUTE_NAMES[attribute]} were set to {_text(given[0])} "
+                f"and {_text(given[-1])}; what holds between {first:g} and {last:g} is unknown. Give the variable "
                 f"{'domain' if attribute == 'domain' else 'bounds'}=... as a function of '{domain.name}', or set them "
                 "after the transformation."
             )
         for _, data in self.new:
             setattr(data, attribute, given[0])
 
-    def _guess(self) -> None:
+    def _interpolate_values(self) -> None:
         known = [(time, data.value) for time, data in self.old if data.value is not None]
         if not known:
             return
@@ -245,15 +257,15 @@ class Family:
         if kept and all(data.value is not None for _, data in self.new):
             return
         known.sort()
-        times, values = np.array([time for time, _ in known], dtype=float), np.array([each for _, each in known])
-        for (_, data), guess in zip(self.new, np.interp([time for time, _ in self.new], times, values), strict=True):
-            set_guess(data, float(guess))
+        times, values = np.array([time for time, _ in known], dtype=float), np.array([number for _, number in known])
+        for (_, data), number in zip(self.new, np.interp([time for time, _ in self.new], times, values), strict=True):
+            set_initial_value(data, float(number))
 
     def _inherit_fixing(self, domain: Any) -> None:
         if not all(data.fixed for _, data in self.old):
             return
         values = [data.value for _, data in self.old]
-        if all(each == values[0] for each in values):
+        if all(number == values[0] for number in values):
             for _, data in self.new:
                 data.fix(values[0], skip_validation=True)
             return
@@ -292,14 +304,14 @@ def declaration_of(component: Any) -> Callable[[Any, str], Any]:
     return declared
 
 
-def set_guess(data: Any, guess: float) -> None:
+def set_initial_value(data: Any, number: float) -> None:
     """Give a variable a value to start from, moved onto the nearest bound if it lies outside."""
     lower, upper = data.bounds
-    if lower is not None and guess < lower:
-        guess = lower
-    if upper is not None and guess > upper:
-        guess = upper
-    data.set_value(guess, skip_validation=True)
+    if lower is not None and number < lower:
+        number = lower
+    if upper is not None and number > upper:
+        number = upper
+    data.set_value(number, skip_validation=True)
 
 
 def _same(one: Any, other: Any) -> bool:

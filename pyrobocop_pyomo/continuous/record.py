@@ -1,4 +1,4 @@
-"""What a model remembers of the discretisation of its continuous sets."""
+"""Records of how the continuous sets of a model were discretised."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pyrobocop_pyomo.numerics import Grid
 
 @dataclass(eq=False)
 class Substitution:
-    """A derivative that an expression stands in for, where it belongs, its rows and its values."""
+    """A derivative that an expression replaces, where it belongs, its rows and its values."""
 
     parent: Any
     name: str
@@ -40,12 +40,12 @@ class Discretisation:
         Whether right-hand sides take the place of derivatives.
     generated : list of Block
         Blocks with the collocation rows, one beside each group of derivatives.
-    silenced : list of component data
+    deactivated : list of component data
         Rows and pairs of the user's that were deactivated because they stand at no collocation point.
-    voided : list of (variable, value)
-        Variables of the user's that were taken out because they stand at no collocation point.
-    guessed : list of Var
-        Derivatives that had no value and were given one to start from.
+    cleared : list of (variable, value)
+        Variables of the user's that were fixed to None because they stand at no collocation point.
+    initialised : list of Var
+        Derivatives that had no value and were given an initial one.
     formulas : list of (integral, expression)
         What integrals were before.
     substitutions : list of Substitution
@@ -62,9 +62,9 @@ class Discretisation:
     points: tuple[float, ...]
     substitutes: bool = True
     generated: list[Any] = field(default_factory=list)
-    silenced: list[Any] = field(default_factory=list)
-    voided: list[tuple[Any, float | None]] = field(default_factory=list)
-    guessed: list[Any] = field(default_factory=list)
+    deactivated: list[Any] = field(default_factory=list)
+    cleared: list[tuple[Any, float | None]] = field(default_factory=list)
+    initialised: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: list[Substitution] = field(default_factory=list)
     states: list[Any] = field(default_factory=list)
@@ -115,6 +115,6 @@ def discretisation_of(domain: Any) -> Discretisation | None:
 def discretisations_of(domains: Any) -> Iterator[Discretisation]:
     """What was done for those of the sets that are discretised by this package."""
     for domain in domains:
-        done = discretisation_of(domain)
-        if done is not None:
-            yield done
+        discretisation = discretisation_of(domain)
+        if discretisation is not None:
+            yield discretisation

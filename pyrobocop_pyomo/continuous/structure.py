@@ -61,7 +61,7 @@ class Spot(NamedTuple):
     def family(self, index: Any, axes: tuple[Axis, ...], domain: Any = None) -> tuple[Any, ...]:
         """What identifies all that differs only in points of one continuous set, or of any."""
         parts = (*self.path, (self.component.local_name, index, axes))
-        return tuple((name, _without(each, along, domain)) for name, each, along in parts)
+        return tuple((name, _without(part_index, along, domain)) for name, part_index, along in parts)
 
     def points(self, index: Any, axes: tuple[Axis, ...]) -> list[tuple[Any, Any]]:
         """Each continuous set with the point at which one index stands."""
@@ -108,15 +108,15 @@ def spots(
 ) -> Iterator[Spot]:
     """Every component below a block, in the order of declaration; blocks come before what is in them."""
     for component in list(block.component_map().values()):
-        awake = active and getattr(component, "active", True)
-        yield Spot(component, path, outer, awake)
+        is_active = active and getattr(component, "active", True)
+        yield Spot(component, path, outer, is_active)
         if component.ctype not in BLOCK_TYPES or component.is_reference():
             continue
         axes = axes_of(component)
         for index, data in list(component.items()):
             inner = ((component.local_name, index, axes),)
             points = tuple((axis.domain, axis.time(index)) for axis in axes)
-            yield from spots(data, path + inner, outer + points, awake and data.active)
+            yield from spots(data, path + inner, outer + points, is_active and data.active)
 
 
 def continuous_sets(found: list[Spot]) -> list[Any]:

@@ -26,7 +26,7 @@ from .structure import Spot, axes_of, axis_on, variables_in
 
 
 @dataclass(frozen=True)
-class Suspect:
+class PossibleSum:
     """An expression at several points of the set whose rule can be run again."""
 
     component: Any
@@ -37,19 +37,19 @@ class Suspect:
     def check(self, domain: Any) -> None:
         """Raise a `TranscriptionError` when the rule now says something else."""
         try:
-            answer = self.component._rule(self.component.parent_block(), self.index)
+            result = self.component._rule(self.component.parent_block(), self.index)
         except Exception as error:
             raise TranscriptionError(
                 f"'{self.component.name}': holds variables at several points of '{domain.name}', and its rule fails "
                 f"now that the set has more: {type(error).__name__}: {error}"
             ) from error
-        parts = answer if isinstance(answer, (tuple, list)) else (answer,)
+        parts = result if isinstance(result, (tuple, list)) else (result,)
         parts = [part for part in parts if part.__class__ in native_types or hasattr(part, "is_expression_type")]
-        if {id(each) for part in parts for each in variables_in(part, self.leaves)} - self.variables:
+        if {id(variable) for part in parts for variable in variables_in(part, self.leaves)} - self.variables:
             raise _refusal(self.component, self.index, domain)
 
 
-def find_suspects(spots: list[Spot], domain: Any) -> list[Suspect]:
+def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
     """What has to be looked at again after the set has grown.
 
     Raises
@@ -62,25 +62,25 @@ def find_suspects(spots: list[Spot], domain: Any) -> list[Suspect]:
     # Expressions of their own are looked at by themselves.
     named = [spot.component for spot in spots if spot.component.ctype in (Integral, Expression)]
     leaves = frozenset(id(data) for component in named for data in component.values())
-    suspects = []
+    possible_sums = []
     for spot in spots:
         if spot.component.ctype not in (Objective, Constraint, Expression) or isinstance(spot.component, Integral):
             continue
         if spot.component.is_reference():
             continue
         axis = axis_on(spot.component, domain)
-        around = {time for each, time in spot.outer if each is domain}
+        around = {time for outer, time in spot.outer if outer is domain}
         for index, data in spot.component.items():
             own = around if axis is None else {axis.time(index)}
             variables = list(variables_in(data.expr, leaves))
-            times = {place[id(each)][1] for each in variables if id(each) in place}
+            times = {place[id(variable)][1] for variable in variables if id(variable) in place}
             if len(times | own) < 2:
                 continue
             if _can_be_asked(spot.component):
-                suspects.append(Suspect(spot.component, index, frozenset(map(id, variables)), leaves))
+                possible_sums.append(PossibleSum(spot.component, index, frozenset(map(id, variables)), leaves))
             elif _covers(repeated_times(data.expr, place, leaves), points):
                 raise _refusal(spot.component, index, domain)
-    return suspects
+    return possible_sums
 
 
 def _places(spots: list[Spot], domain: Any) -> Iterator[tuple[int, tuple[Any, float]]]:
@@ -89,8 +89,8 @@ def _places(spots: list[Spot], domain: Any) -> Iterator[tuple[int, tuple[Any, fl
             continue
         axes = axes_of(spot.component)
         for index, data in spot.component.items():
-            for each, time in spot.points(index, axes):
-                if each is domain:
+            for along, time in spot.points(index, axes):
+                if along is domain:
                     yield id(data), (spot.family(index, axes, domain), time)
 
 
@@ -101,7 +101,7 @@ def _can_be_asked(component: Any) -> bool:
 
 
 def _covers(times: set[float], points: tuple[float, ...]) -> bool:
-    return len(times) > 1 and times >= min(set(points[1:]), set(points[:-1]), key=lambda each: len(each - times))
+    return len(times) > 1 and times >= min(set(points[1:]), set(points[:-1]), key=lambda inner: len(inner - times))
 
 
 def _refusal(component: Any, index: Any, domain: Any) -> TranscriptionError:
@@ -139,8 +139,8 @@ class _Reader:
         if id(part) in self._leaves or not part.is_expression_type():
             family, time = self._place.get(id(part), (id(part), None))
             return family, frozenset() if time is None else frozenset([time])
-        read = [self.read(each) for each in part.args]
-        times = frozenset().union(*(each for _, each in read))
+        read = [self.read(argument) for argument in part.args]
+        times = frozenset().union(*(found for _, found in read))
         terms = [term for term, _ in read if term is not None]
         if isinstance(part, SumExpression):
             self._compare(read)
@@ -165,5 +165,9 @@ class _Reader:
     def _negative(part: Any) -> bool:
         if isinstance(part, NegationExpression):
             return True
-        numbers = [each for each in part.args if each.__class__ in native_types or not each.is_potentially_variable()]
-        return any((value(each, exception=False) or 0) < 0 for each in numbers)
+        numbers = [
+            argument
+            for argument in part.args
+            if argument.__class__ in native_types or not argument.is_potentially_variable()
+        ]
+        return any((value(argument, exception=False) or 0) < 0 for argument in numbers)

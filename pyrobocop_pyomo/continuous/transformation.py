@@ -1,4 +1,4 @@
-"""The transformation `pyrobocop.collocation`: models of pyomo.dae become finite, by the schemes of this package."""
+"""The transformation `pyrobocop.collocation`: discretises models of pyomo.dae by the schemes of this package."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from pyomo.dae import ContinuousSet
 from pyrobocop_pyomo.errors import MeshError, TranscriptionError
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
 
-from .discretisation import discretisations_on, finish, settle, take_back, transcribe
+from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
 from .record import discretisation_of
 from .structure import axes_of, continuous_sets, spots
-from .values import Guess, refuse_newcomers
+from .values import PreviousValues, refuse_later_components
 
 logger = logging.getLogger(__name__)
 
@@ -49,8 +49,7 @@ class Collocation(Transformation):
 
     Equations hold at the collocation points. At other points only states have a value: what else was indexed there is
     fixed to None, and rows that hold it are deactivated. Applied to a set that it has discretised before, the
-    transformation does so afresh, and interpolates the present values as the guess. A refusal leaves the model as it
-    was.
+    transformation does so afresh, and interpolates the present values. A refusal leaves the model as it was.
     """
 
     CONFIG = ConfigDict("pyrobocop.collocation")
@@ -83,45 +82,47 @@ class Collocation(Transformation):
             before = [(domain, discretisation_of(domain)) for domain in domains]
             finished: list[Any] = []
             try:
-                for domain, done in before:
-                    points = tuple(domain) if done is None else done.points
+                for domain, discretisation in before:
+                    points = tuple(domain) if discretisation is None else discretisation.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
-                    finished.append((domain, done))
-                    _discretise(domain, done, points, grid, config.derivatives == "substitute")
+                    finished.append((domain, discretisation))
+                    _discretise(domain, discretisation, points, grid, config.derivatives == "substitute")
             except BaseException:
                 # Those before the one that failed, which is as it was already.
-                for domain, done in reversed(finished[:-1]):
-                    _undo(domain, done)
+                for domain, discretisation in reversed(finished[:-1]):
+                    _undo(domain, discretisation)
                 raise
-            for done in discretisations_on(model.model()):
-                finish(done)
+            for discretisation in discretisations_on(model.model()):
+                finalise(discretisation)
         for domain in domains:
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
 
 
-def _discretise(domain: Any, done: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
-    if done is None:
-        transcribe(domain, points, grid, substitutes)
+def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
+    if discretisation is None:
+        discretise(domain, points, grid, substitutes)
         return
-    refuse_newcomers(done)
-    guess = Guess(list(spots(domain.model())), done)
-    take_back(done)
+    refuse_later_components(discretisation)
+    previous = PreviousValues(list(spots(domain.model())), discretisation)
+    undo_discretisation(discretisation)
     try:
-        transcribe(domain, points, grid, substitutes, guess)
+        discretise(domain, points, grid, substitutes, previous)
     except BaseException:
-        finish(transcribe(domain, points, done.grid, done.substitutes, guess))
+        finalise(discretise(domain, points, discretisation.grid, discretisation.substitutes, previous))
         raise
 
 
-def _undo(domain: Any, done: Any) -> None:
+def _undo(domain: Any, discretisation: Any) -> None:
     current = discretisation_of(domain)
     if current is not None:
-        guess = Guess(list(spots(domain.model())), current)
-        take_back(current)
+        previous = PreviousValues(list(spots(domain.model())), current)
+        undo_discretisation(current)
         others = discretisations_on(domain.model())
-        settle(others, [each for each in others if each.substitutions])
-        if done is not None:
-            finish(transcribe(domain, done.points, done.grid, done.substitutes, guess))
+        rebuild_rows(others, [other for other in others if other.substitutions])
+        if discretisation is not None:
+            finalise(
+                discretise(domain, discretisation.points, discretisation.grid, discretisation.substitutes, previous)
+            )
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
@@ -130,26 +131,27 @@ def _domains(model: Any, wrt: Any) -> list[Any]:
     own = continuous_sets(found)
     used = [axis.domain for spot in found for axis in axes_of(spot.component)]
     if wrt is None:
-        elsewhere = next((each for each in used if not any(each is domain for domain in own)), None)
+        elsewhere = next((domain for domain in used if not any(domain is inner for inner in own)), None)
         if elsewhere is not None:
             raise _lives_elsewhere(model, elsewhere)
-        chosen = [each for each in own if each.active and discretisation_of(each) is None] or own
+        chosen = [domain for domain in own if domain.active and discretisation_of(domain) is None] or own
         if not chosen:
             raise TranscriptionError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
     else:
         chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
-        for each in chosen:
-            if getattr(each, "ctype", None) is not ContinuousSet:
-                raise TranscriptionError(f"wrt: '{getattr(each, 'name', each)}' is no ContinuousSet.")
-            if not any(each is domain for domain in own):
-                raise _lives_elsewhere(model, each)
-    for each in chosen:
-        if discretisation_of(each) is None and "scheme" in each.get_discretization_info():
+        for chosen_set in chosen:
+            if getattr(chosen_set, "ctype", None) is not ContinuousSet:
+                raise TranscriptionError(f"wrt: '{getattr(chosen_set, 'name', chosen_set)}' is no ContinuousSet.")
+            if not any(chosen_set is domain for domain in own):
+                raise _lives_elsewhere(model, chosen_set)
+    for chosen_set in chosen:
+        if discretisation_of(chosen_set) is None and "scheme" in chosen_set.get_discretization_info():
+            by = chosen_set.get_discretization_info()["scheme"]
             raise TranscriptionError(
-                f"'{each.name}': was discretised by pyomo.dae ({each.get_discretization_info()['scheme']}) already. "
-                "Start from the model before that transformation."
+                f"'{chosen_set.name}': was discretised by pyomo.dae ({by}) already. Start from the model before that "
+                "transformation."
             )
-        _refuse_outsiders(model, each)
+        _refuse_outsiders(model, chosen_set)
     return chosen
 
 
