@@ -28,7 +28,7 @@ def written_71(derivatives: str) -> CompiledModel:
 
 
 def run(nlp, options=None, **keywords):
-    return run_ipopt(load_ipopt_library(), nlp, options or {}, **keywords)
+    return run_ipopt(nlp, options or {}, **keywords)
 
 
 @every_derivative
@@ -55,8 +55,7 @@ def test_a_program_is_solved_again_from_where_it_ended(derivatives):
     warm = {"warm_start_init_point": "yes", "mu_init": 1e-9}
     warm |= dict.fromkeys(("warm_start_bound_push", "warm_start_mult_bound_push", "warm_start_slack_bound_push"), 1e-9)
     again = run(
-        nlp, warm, x=first.x, g_multipliers=first.g_multipliers, lower_multipliers=first.lower_multipliers,
-        upper_multipliers=first.upper_multipliers,
+        nlp, warm, start=first.point,
     )  # fmt: skip
     assert again.status is IpoptStatus.SOLVED
     assert again.iterations < first.iterations / 2
@@ -261,4 +260,4 @@ def test_a_bad_option_is_named_with_the_reason(option, value, reason, capfd):
 @pytest.mark.casadi
 def test_wrong_sizes_are_named():
     with pytest.raises(ValueError, match=r"'x' has shape \(3,\); this problem needs \(4,\)"):
-        run(written_71("casadi").nlp, x=np.zeros(3))
+        run(written_71("casadi").nlp, start=PrimalDualPoint(np.zeros(3)))

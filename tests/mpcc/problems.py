@@ -42,12 +42,4 @@ def at_origin(program, branch=None):
 
 def ipopt(nlp, start, iterations=None):
     options = {"bound_relax_factor": 0.0, "warm_start_init_point": "yes", "mu_init": 1e-4}
-    return run_ipopt(
-        load_ipopt_library(),
-        nlp,
-        options,
-        x=start.x,
-        g_multipliers=start.g_multipliers,
-        lower_multipliers=start.lower_multipliers,
-        upper_multipliers=start.upper_multipliers,
-    )
+    return run_ipopt(nlp, options, start.point)
