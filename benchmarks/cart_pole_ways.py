@@ -21,6 +21,7 @@ import pyomo.dae as dae
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 CART, POLE, LENGTH, GRAVITY, HORIZON, STAGES = 1.0, 1.0, 0.75, 9.8, 3.3, 3
 STATES = ("position", "theta", "velocity", "omega")
@@ -190,7 +191,7 @@ def by_pyomo_dae(elements: int) -> Measured:
     transcribed = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         log_file = Path(folder) / "ipopt.log"
-        solver = pyo.SolverFactory("ipopt")
+        solver = pyo.SolverFactory("ipopt", executable=find_ipopt_executable())
         solver.options["max_iter"] = 3000
         solver.solve(m, logfile=str(log_file))
         ended = time.perf_counter()

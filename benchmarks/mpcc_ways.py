@@ -18,6 +18,7 @@ from pyomo.opt import SolverFactory as LegacySolverFactory
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.relaxations.words import RELAXATIONS
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ def ipopt(model: Any, backend: str, limit: float, options: dict[str, Any] | None
     """One cold solve by Ipopt from the values on the model; the last point is put on the model in any case."""
     options = {"max_iter": 3000, **(options or {})}
     if backend == "executable":
-        solver = SolverFactory("ipopt")
+        solver = SolverFactory("ipopt", executable=find_ipopt_executable())
         options["max_cpu_time"] = limit
         extra: dict[str, Any] = {"writer_config": {"linear_presolve": False, "scale_model": False}}
     else:

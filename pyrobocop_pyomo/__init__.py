@@ -39,7 +39,7 @@ from pyrobocop_pyomo.geometry import (
     signed_distance,
     spatial_pose,
 )
-from pyrobocop_pyomo.ipopt import Backend, available_backends, configure_ipopt_executable
+from pyrobocop_pyomo.ipopt import Backend, available_backends
 from pyrobocop_pyomo.mechanics import SquareSlider
 from pyrobocop_pyomo.motion import Body, SafetyReport
 from pyrobocop_pyomo.mpcc import Certificate, Stationarity
@@ -185,6 +185,3 @@ __all__ = [
     "spatial_pose",
     "waypoint_guess",
 ]
-
-# Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
-configure_ipopt_executable()

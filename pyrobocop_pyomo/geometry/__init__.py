@@ -1,8 +1,7 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
-from .decompose import decompose
-from .distance import SignedDistance, distance_of_points, signed_distance
-from .lockstep import distances_of_points
+from .decomposition import decompose
+from .distance import SignedDistance, distance_of_points, distances_of_points, signed_distance
 from .polytope import Polytope
 from .poses import Pose, check_pose, planar_pose, spatial_pose
 from .separation import gap, separating_directions

@@ -8,7 +8,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.phases.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 
 PoseRule = Callable[[Any, Any], Any]
 

@@ -15,12 +15,13 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import PairSafety, SafetyReport
 from pyrobocop_pyomo.motion.verification import verify_clearance
 
-from .building import BuiltWhole
+from .building import set_of_points
 from .formulations.rows import dot
 from .snapshot import variables_of
 
@@ -36,7 +37,7 @@ class ContainmentRecord:
     poses: dict[Any, Pose]
 
 
-class ContainmentData(BuiltWhole):
+class ContainmentData(BuiltBlockData):
     """One containment; see `Containment` for how to make one.
 
     Attributes
@@ -49,40 +50,33 @@ class ContainmentData(BuiltWhole):
         By time: added to the clearance, for what the motion does between the times.
     """
 
-    def __init__(self, component: Any) -> None:
-        super().__init__(component)
-        self._record: ContainmentRecord | None = None
+    _kind = "containment"
+    _error = ObstacleError
 
     @property
     def record(self) -> ContainmentRecord:
         """Body, region and poses behind this block."""
-        if self._record is None:
-            raise ObstacleError(f"{self._what} is not built yet: add it to a ConcreteModel.")
-        return self._record
-
-    @property
-    def is_built(self) -> bool:
-        """True once the rows are there."""
-        return self._record is not None
+        return self._record_if_built()
 
     @property
     def motion(self) -> Motion:
         """What happens at the points and between them."""
         return motion_of(self.record.points, self.parent_block())
 
-    @property
-    def _what(self) -> str:
-        return f"containment '{self.name}'"
+    def build(self, points: Any, **options: Any) -> None:
+        """State everything; for rules of indexed blocks, with the arguments of the class.
 
-    def _forget(self) -> None:
-        self._record = None
+        Raises
+        ------
+        ObstacleError
+            When the arguments contradict themselves; nothing is then left on the block.
+        """
+        self._build_once(points, **options)
 
-    def _build(self, points: Any, options: dict[str, Any]) -> None:
-        self._state(points, **options)
-
-    def _state(
+    def _build(
         self, points: Any, *, body: Any = None, pose: Any = None, region: Any = None, clearance: float = 0.0
     ) -> None:
+        points = set_of_points(self, points)
         moving = _checked_body(self._what, body, pose)
         sides, offsets = _checked_region(self._what, region, moving)
         if not (isinstance(clearance, (int, float)) and math.isfinite(clearance) and clearance >= 0):

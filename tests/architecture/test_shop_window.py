@@ -65,15 +65,45 @@ def test_import_registers_transformation_and_solvers() -> None:
 
 
 def test_import_leaves_pyomo_as_it_was() -> None:
-    """No logger, handler or warning filter is changed."""
+    """No logger, handler or warning filter is changed, and no path of an executable."""
     ended = in_a_fresh_process("""
         import logging, warnings
         import numpy, pyomo.environ  # which have filters of their own
-        before = (logging.getLogger("pyomo").level, logging.getLogger().handlers[:], warnings.filters[:])
+        from pyomo.common import Executable
+        def state():
+            loggers = logging.getLogger("pyomo").level, logging.getLogger().handlers[:]
+            return loggers, warnings.filters[:], Executable("ipopt").path()
+        before = state()
         import pyrobocop_pyomo
-        print(before == (logging.getLogger("pyomo").level, logging.getLogger().handlers[:], warnings.filters[:]))
+        print(before == state())
     """)
     assert ended.stdout.split() == ["True"]
+
+
+def test_import_survives_a_variable_that_names_no_executable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", "/nowhere/ipopt")
+    ended = in_a_fresh_process("import pyrobocop_pyomo")
+    assert (ended.stdout, ended.stderr) == ("", "")
+
+
+@pytest.mark.casadi
+def test_the_first_solve_does_not_import_statistics() -> None:
+    """Pyomo imports `scipy.stats`, which takes 0.6 s, whenever SciPy is found by its finder of modules."""
+    ended = in_a_fresh_process("""
+        import sys
+        import pyomo.environ as pyo
+        import pyrobocop_pyomo as rcp
+        m = pyo.ConcreteModel()
+        m.x, m.y = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
+        m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+        m.row = pyo.Constraint(expr=m.x + m.y >= 1.5)
+        m.cost = pyo.Objective(expr=m.x**2 + (m.y - 1) ** 2)
+        rcp.solve(m, backend="casadi").raise_for_status()
+        print("scipy.sparse" in sys.modules, "scipy.stats" in sys.modules)
+        from pyomo.common.dependencies import scipy
+        print(scipy.stats.norm is not None)  # what Pyomo itself wants of SciPy is still there
+    """)
+    assert ended.stdout.split() == ["True", "False", "True"]
 
 
 @pytest.mark.slow
