@@ -22,8 +22,8 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import reroute
 from pyrobocop_pyomo.obstacles.tightening import split_violated
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.point import Point
-from pyrobocop_pyomo.solving.quality import Quality
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 logger = logging.getLogger(__name__)

@@ -128,7 +128,7 @@ class ExecutableSession:
             suffix.clear()
             suffix.update(entries)
 
-    def _solve(self, label: str, delta: float | None, options: dict[str, Any], deadline: Deadline) -> Iterate:
+    def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
         limit = {} if deadline.left is None else {"max_wall_time": max(deadline.left, 1e-3)}
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()

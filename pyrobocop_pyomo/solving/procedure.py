@@ -232,9 +232,7 @@ class _Procedure:
         if compiled is None:
             return None, None
         settings = replace(self._settings, options=self._options())
-        polish = Polish(
-            settings, place.relaxed, compiled, self._log, self._values, self._check.sign, self._exploration
-        )
+        polish = Polish(settings, place.relaxed, compiled, self._log, self._values, self._check.sign, self._exploration)
         return polish, compiled
 
     # ---------------------------------------------------------------- where it is run
@@ -267,7 +265,7 @@ class _Procedure:
 
     def _open_session(self, relaxed: RelaxedModel) -> Session:
         """A session of the first backend that takes the model."""
-        name, output, progress = self._model.name, self._settings.output, self._settings.progress
+        name, progress = self._model.name, self._settings.progress
         while True:
             try:
                 session = _session(self._backends[0], relaxed, self._settings)

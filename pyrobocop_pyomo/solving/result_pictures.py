@@ -11,8 +11,8 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.plotting import plot_history, plot_pair_sides
 from pyrobocop_pyomo.plotting import plot_products as plot_product_arrays
 
-from .pair_report import ZERO_SIDE, PairReport
 from .iterates import Iterate
+from .pair_report import ZERO_SIDE, PairReport
 
 
 def draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) -> Any:

@@ -176,10 +176,9 @@ class SolveResult:
         """The runs as a data frame, numbered from 1."""
         columns = ("label", "delta", "mu", "status", "iterations", "seconds", "objective")
         residuals = ("constraint_violation", "largest_product", "largest_natural_residual")
-        rows = [
-            {**{name: getattr(step, name) for name in (*columns, *residuals)}, "status": "" if step.status is None else step.status.name}
-            for step in self.steps
-        ]
+        rows = [{name: getattr(step, name) for name in (*columns, *residuals)} for step in self.steps]
+        for row in rows:
+            row["status"] = "" if row["status"] is None else row["status"].name
         return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
 
     def report(self, worst: int = 5) -> str:

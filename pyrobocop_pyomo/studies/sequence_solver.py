@@ -16,8 +16,8 @@ from typing import Any
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import StopReason
 
 from .sequence_ranking import SequenceOutcome, SequenceRanking, sense_of, values_of
 

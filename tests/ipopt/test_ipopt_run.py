@@ -13,11 +13,10 @@ import pytest
 from harness.small_problems import every_derivative, hock_schittkowski_71
 
 from pyrobocop_pyomo.errors import EvaluationError, SolverOptionError
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
 
 OPTIMUM = 17.0140172891520542
 FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
