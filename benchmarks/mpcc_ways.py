@@ -148,7 +148,7 @@ def _relaxed(model: Any, delta: float) -> Iterator[Any]:
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     token = relax.apply_to(model, delta=delta)
     try:
-        yield relax.get_delta(model)
+        yield relax.delta_of(model)
     finally:
         relax.revert(model, token)
 

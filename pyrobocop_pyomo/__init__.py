@@ -62,6 +62,7 @@ from pyrobocop_pyomo.phases import (
     State,
     Verification,
     label_measurements,
+    phases_of,
 )
 from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
@@ -175,6 +176,7 @@ __all__ = [
     "lobatto",
     "mode_sequences",
     "multistart",
+    "phases_of",
     "planar_pose",
     "radau",
     "sensitivity",

@@ -65,11 +65,11 @@ def refuse_second_delta(model: Any) -> None:
             )
 
 
-def refuse_other_options(model: Any, record: Record, config: Any, given: dict[str, Any]) -> None:
-    """Refuse a relaxation, a grouping or a lifting that differs from the one in use."""
-    for option in ("relaxation", "grouping", "lift"):
-        known, wanted = getattr(record, option), config[option]
-        if option in given and wanted != known:
+def refuse_other_options(model: Any, record: Record, options: dict[str, Any]) -> None:
+    """Refuse a relaxation, a grouping or a lifting that differs from the one in use; None asks for none."""
+    for option, wanted in options.items():
+        known = getattr(record, option)
+        if wanted is not None and wanted != known:
             raise ComplementarityError(
                 f"'{model.name}': is relaxed with {option} {known}; {wanted} cannot be added beside it. "
                 "Revert first, or leave the option out."

@@ -13,8 +13,8 @@ from pyomo.core.base.set import Set
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
-from pyrobocop_pyomo.motion.verification import verify_clearance
 
 from .avoidance_options import AvoidanceOptions
 from .building import set_of_points

@@ -17,9 +17,9 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
-from pyrobocop_pyomo.motion.safety_report import PairSafety, SafetyReport
-from pyrobocop_pyomo.motion.verification import verify_clearance
+from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
 from .building import set_of_points
 from .formulations.rows import dot
@@ -137,10 +137,14 @@ class ContainmentData(BuiltBlockData):
             scene[beyond.name] = Body(beyond)
         pairs = {("body", name): asked + moved for name in scene if name != "body"}
         report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance)
-        return replace(report, pairs=tuple(_brought_back(pair, moved) for pair in report.pairs)) if moved else report
+        return (
+            replace(report, body_pairs=tuple(_brought_back(pair, moved) for pair in report.body_pairs))
+            if moved
+            else report
+        )
 
 
-def _brought_back(pair: PairSafety, moved: float) -> PairSafety:
+def _brought_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:
     """What was found about a side, before it was moved outwards."""
     return replace(
         pair,

@@ -41,7 +41,7 @@ def _choices() -> dict[str, tuple[Any, str]]:
             names = line.partition(" : ")[0].split(", ")
             meanings.update((name, []) for name in names)
     found = {
-        name: (parameter.default, " ".join(meanings[name]))
+        name: (parameter.default, " ".join(meanings.get(name, ())))
         for name, parameter in parameters.items()
         if name not in _OF_EVERY_SOLVER
     }

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.solving.iterates import Quality, Standing
-from pyrobocop_pyomo.solving.point import Point
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 
@@ -114,7 +114,7 @@ def _way_back(
     model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData]
 ) -> Callable[[], None]:
     """What puts back the point, margins and norms of now; planes that are new by then start at the point."""
-    point = Point(model)
+    point = VariableValues.of_free(model)
     margins = [{index: value(block.margin[index]) for index in block.planes} for block in blocks]
     norms = [block.record.norm_now for block in blocks]
     room = [{time: value(region.margin[time]) for time in region.times} for region in regions]

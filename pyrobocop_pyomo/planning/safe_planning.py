@@ -13,15 +13,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from pyomo.core.base.block import Block
-
+from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
 from pyrobocop_pyomo.solving.ipopt_options import SOLVE_AGAIN
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
-from pyrobocop_pyomo.solving.point import Point
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
@@ -39,20 +38,12 @@ FIRST_SPLIT = 3
 
 def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
     """The active `ObstacleAvoidanceBlock` of a model, wherever they are."""
-    return [
-        block
-        for block in model.block_data_objects(active=True, descend_into=Block)
-        if isinstance(block, ObstacleAvoidanceBlockData)
-    ]
+    return blocks_of_kind(model, ObstacleAvoidanceBlockData)
 
 
 def containments(model: Any) -> list[ContainmentData]:
     """The active `Containment` of a model, wherever they are."""
-    return [
-        block
-        for block in model.block_data_objects(active=True, descend_into=Block)
-        if isinstance(block, ContainmentData)
-    ]
+    return blocks_of_kind(model, ContainmentData)
 
 
 class SafePlanning:
@@ -148,7 +139,7 @@ class SafePlanning:
 
     def _made_safe(self, result: SolveResult) -> SolveResult:
         """Tighten and solve again until the motion is safe, or it does not seem to become so."""
-        point = Point(self._model)
+        point = VariableValues.of_free(self._model)
         reports = self._reports
         for number in range(1, MOST_ROUNDS):
             if joined_report(reports).safe or not self.may_go_on(result):
@@ -161,7 +152,7 @@ class SafePlanning:
                 # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
                 point.restore()
             else:
-                point, reports = Point(self._model), self._reports
+                point, reports = VariableValues.of_free(self._model), self._reports
         return result
 
     @property

@@ -8,8 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TextIO
 
-from pyomo.core.base.block import Block
-
 from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
@@ -20,7 +18,7 @@ from pyrobocop_pyomo.obstacles.initial_checks import (
     check_fixed_inside,
     check_motion,
 )
-from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Tolerances
 from pyrobocop_pyomo.solving.procedure import solve_model
@@ -142,9 +140,8 @@ def solve(
     )
     if not exploration >= 0.0:
         raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
-    for phase in model.block_data_objects(active=True, descend_into=Block):
-        if isinstance(phase, PhaseBlockData):
-            phase.check()
+    for phase in phases_of(model):
+        phase.check()
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
         check_motion(block)

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import FollowBarrier, Schedule
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 
 from .ipopt_options import IpoptOptions, inexact, warm_continuation
 from .iterate_log import IterateLog
 from .iterates import Iterate
 from .session import Session
 from .settings import Settings
-from .variable_values import VariableValues
 
 # So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
 SHORTENED_STEPS = 4
@@ -76,18 +76,19 @@ class Continuation:
         """
         if schedule is None:
             self._take(self._session.run(None, self._options.resolve(), self._deadline))
-        elif isinstance(schedule, FollowBarrier):
+        elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule)
         else:
             self._shrink(schedule, start, purpose or {})
         return self.best
 
-    def _follow(self, schedule: FollowBarrier) -> None:
+    def _follow(self, schedule: BarrierSchedule) -> None:
         for iterate in self._session.follow(schedule, self._options, self._deadline):
             self._take(iterate)
         # The rows may have moved in the very last iterations; products above their final bound say so.
-        if self.last.converged and self.last.largest_product > 10 * schedule.floor:
-            self._run(schedule.floor, self.last, {})
+        final = list(schedule.steps())[-1]
+        if self.last.converged and self.last.largest_product > 10 * final:
+            self._run(final, self.last, {})
 
     def _shrink(self, schedule: Schedule, start: Iterate | None, purpose: Mapping[str, Any]) -> None:
         """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""

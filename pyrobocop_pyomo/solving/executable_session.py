@@ -20,7 +20,7 @@ from pyomo.contrib.solver.solvers.ipopt import Ipopt
 from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
 
-from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
@@ -99,7 +99,7 @@ class ExecutableSession:
         self._hand_over({} if start is None else start.multipliers)
         return self._solve("fixed delta" if delta is not None else "solve", delta, options, deadline)
 
-    def follow(self, schedule: FollowBarrier, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
+    def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
         first = options.resolve()
         tolerance = float(first.get("tol", IPOPT_TOLERANCE))

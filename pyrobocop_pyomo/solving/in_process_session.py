@@ -8,7 +8,7 @@ from typing import Any, TextIO
 
 from pyomo.common.collections import ComponentMap
 
-from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IterationRecord
@@ -77,7 +77,7 @@ class InProcessSession:
     def _row_multipliers(self, start: Iterate) -> ComponentMap:
         return ComponentMap(zip(self._compiled.constraints, start.multipliers.g_multipliers.tolist(), strict=True))
 
-    def follow(self, schedule: FollowBarrier, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
+    def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
         nlp = self._nlp
         if not isinstance(nlp, ShiftedRows):

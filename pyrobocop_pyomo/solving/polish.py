@@ -14,6 +14,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, Limits
 from pyrobocop_pyomo.mpcc.branch import restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
@@ -28,7 +29,6 @@ from .iterates import Iterate, Quality, StopReason
 from .numeric_pairs import numeric_pairs, without_crossed
 from .relaxed_model import RelaxedModel
 from .settings import Settings
-from .variable_values import VariableValues
 
 logger = logging.getLogger(__name__)
 

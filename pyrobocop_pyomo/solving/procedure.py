@@ -9,11 +9,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import FollowBarrier, Geometric
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Geometric
 from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError, ModelError, PyRobocopError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 
@@ -30,7 +31,6 @@ from .session import OnIteration, Session
 from .settings import Settings
 from .solve_result import SolveResult
 from .strategies import CONTINUATION, DEFAULT_SEQUENCE, PROJECTION, TIGHT, Strategy
-from .variable_values import Values, VariableValues
 
 logger = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ class _Procedure:
         self._started = time.perf_counter()
         self._check = ModelCheck(model)
         self._log = IterateLog(self._check, settings.progress)
-        self._values = VariableValues(model)
+        self._values = VariableValues.of_free(model)
         self._initial = self._values.read()
         self._exploration = Exploration(settings.exploration, self._started)
         self._backends = [settings.backend, *settings.fallbacks]
@@ -143,7 +143,7 @@ class _Procedure:
             return self._polished(place, Strategy("solve", None))
         if strategy is PROJECTION:
             return self._projected(place)
-        if isinstance(strategy.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
+        if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
             return None
         if strategy.from_initial_guess:
             place.values.write(place.start)
@@ -224,8 +224,8 @@ class _Procedure:
         """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
         if not self._settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
             return None, None
-        if place.relaxed.charges:
-            with place.relaxed.uncharged():
+        if place.relaxed.has_penalty:
+            with place.relaxed.without_penalty():
                 compiled = place.session.compiled(anew=True)
         else:
             compiled = place.session.compiled()
@@ -257,7 +257,7 @@ class _Procedure:
             self._decided = len(relaxed.decisions)
             session = self._open_session(relaxed)
             self._solver, self._derivatives = session.solver, session.derivatives
-            values = VariableValues(self._model)
+            values = VariableValues.of_free(self._model)
             try:
                 yield _Workplace(relaxation, relaxed, session, values, values.read())
             finally:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
-from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -37,7 +37,7 @@ class Session(Protocol):
         """Solve with a fixed delta from the point on the model, with the multipliers of `start` where it is given."""
         ...
 
-    def follow(self, schedule: FollowBarrier, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
+    def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """Solve with delta following the barrier parameter, from the point on the model."""
         ...
 

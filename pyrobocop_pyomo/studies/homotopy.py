@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, PyRobocopError, SolverNotFoundError
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.variable_values import VariableValues
 
 from .data_path import DataPath
 
@@ -175,7 +175,7 @@ class _Follower:
     ) -> None:
         self._model, self._path, self._bar, self._options = model, path, bar, options
         self._longest, self._shortest, self._time_limit = 1.0 / steps, smallest_step, time_limit
-        self._values = VariableValues(model)
+        self._values = VariableValues.of_free(model)
         self._good = self._values.read()
         self._steps: list[HomotopyStep] = []
         self._position = -1.0  # nothing solved yet

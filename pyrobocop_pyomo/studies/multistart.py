@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.variable_values import Values, VariableValues
 
 from .random_starts import RandomStarts
 
@@ -192,7 +192,7 @@ def multistart(
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
     started = time.perf_counter()
-    values = VariableValues(model)
+    values = VariableValues.of_free(model)
     sign = ModelCheck(model).sign
     guess = values.read()
     draws = RandomStarts(model, seed, spread) if starts > 1 else None

@@ -22,7 +22,8 @@ PUBLIC = """
     TwoSided Verification __version__ active_pairs animate_avoidance animate_scene available_backends complements
     dae_trajectory decompose diagnose draw_avoidance draw_linkage draw_planar_pushing draw_scene explicit find_scheme
     gauss_legendre homotopy hybrid_a_star join_trajectories label_measurements lobatto mode_sequences multistart
-    planar_pose radau sensitivity signed_distance solve solve_refined solve_sequences spatial_pose waypoint_guess
+    phases_of planar_pose radau sensitivity signed_distance solve solve_refined solve_sequences spatial_pose
+    waypoint_guess
 """
 
 EXTRAS = ("casadi", "highspy", "matplotlib", "pandas", "xarray", "dask", "mpi4py", "shapely", "trimesh", "coal")

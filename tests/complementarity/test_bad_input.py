@@ -282,7 +282,7 @@ def test_the_same_pair_twice_is_no_error() -> None:
     m.again = Complementarity(expr=complements(m.x[1] >= 0, m.y[1] >= 0))
     m.swapped = Complementarity(expr=complements(m.y[1], m.x[1]))
     relaxation().apply_to(m)
-    assert len(relaxation().relaxed_rows(m)) == 5
+    assert len(relaxation().shifted_rows_of(m)) == 5
     nl_text(m)
 
 
@@ -290,7 +290,7 @@ def test_a_variable_may_be_at_either_of_its_bounds() -> None:
     m = right_model()
     m.either = Complementarity(expr=complements(m.box, m.box, first_bound="lower", second_bound="upper"))
     relaxation().apply_to(m)
-    assert pyo.value(relaxation().get_rows(m.either)[0].body) == 0.25
+    assert pyo.value(relaxation().rows_of(m.either)[0].body) == 0.25
 
 
 def test_a_fixed_integer_is_a_number() -> None:

@@ -114,7 +114,7 @@ def test_multipliers_make_the_products_vanish_at_a_constant_delta():
     for _ in range(12):
         pyo.SolverFactory("pyrobocop.ipopt").solve(m)
         errors.append(math.dist((m.a.value, m.b.value), solution))
-        relax.advance(m, 1.0)
+        relax.update_parameters(m, 1.0)
     assert errors[0] > 1e-2
     assert errors[-1] < 1e-3 * errors[0]
 
@@ -129,13 +129,13 @@ def test_of_a_two_sided_relaxation_what_decides_goes_on_and_the_other_one_stays(
     relax.apply_to(m, relaxation="two-sided", delta=1e-1)
     for delta in (1e-2, 1e-3):
         pyo.SolverFactory("pyrobocop.ipopt").solve(m)
-        relax.advance(m, delta)
-    product, sign, _ = relax.get_rows(m.pair)
+        relax.update_parameters(m, delta)
+    product, sign, _ = relax.rows_of(m.pair)
     assert product.ub == bound
     assert sign.lb == -slack
     pyo.SolverFactory("pyrobocop.ipopt").solve(m)
     assert math.dist((m.a.value, m.b.value), solution) < 2e-3
-    relax.restart(m, 0.5)
+    relax.reset_parameters(m, 0.5)
     assert (product.ub, sign.lb) == (0.5, -0.5)
 
 
@@ -144,4 +144,4 @@ def test_without_multipliers_a_two_sided_relaxation_asks_for_them():
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     relax.apply_to(m, relaxation="two-sided")
     with pytest.raises(ValueError, match=r"'toy': TwoSided.*no suffix 'dual'.*Suffix\.IMPORT"):
-        relax.advance(m, 1e-3)
+        relax.update_parameters(m, 1e-3)

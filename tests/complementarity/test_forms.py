@@ -251,13 +251,13 @@ def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
     m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
     relax = relaxation()
     relax.apply_to(m, delta=delta)
-    *products, lower, upper, parts = relax.get_rows(m.cc)
+    *products, lower, upper, parts = relax.rows_of(m.cc)
     for row, residual in zip(products, relax.residuals(m), strict=True):
         assert pyo.value(row.body) == pytest.approx(residual.product)
     assert pyo.value(parts.body) == pytest.approx(0.0) == parts.ub
     assert (lower.lb, upper.ub) == (-1, 2)
     assert lower.body is upper.body is m.f
-    assert [row.ub for row in relax.relaxed_rows(m)] == [delta, delta]
+    assert [row.ub for row in relax.shifted_rows_of(m)] == [delta, delta]
 
 
 def mixed() -> Any:
@@ -288,14 +288,14 @@ def test_every_form_is_relaxed_and_reverted_in_any_order():
         tokens = [relax.apply_to(m, targets=[m.range, m.equal, m.part[1]])]
         tokens.append(relax.apply_to(m, targets=[m.family[2], m.signed, m.maybe]))
         tokens.append(relax.apply_to(m))
-        rows = list(relax.relaxed_rows(m))
+        rows = list(relax.shifted_rows_of(m))
         # Two for each of the six ranges, one for the signed and one for the single pair.
         assert len(rows) == 14
-        assert {relax.get_source(row)[0].name for row in rows} == {
+        assert {relax.sources_of(row)[0].name for row in rows} == {
             *("family[1]", "family[2]", "range", "signed", "single"),
             *("part[1].cc[2]", "part[2].cc[2]", "maybe.cc"),
         }
-        (equal,) = relax.get_rows(m.maybe.equal)
+        (equal,) = relax.rows_of(m.maybe.equal)
         assert equal.parent_block().parent_block() is m.maybe
         for number in order:
             relax.revert(m, tokens[number])
@@ -308,9 +308,9 @@ def test_a_clone_and_the_original_write_the_same_and_answer_for_themselves():
     relax.apply_to(m)
     copy = m.clone()
     assert nl_text(copy) == nl_text(m)
-    assert [source.model() for row in relax.get_rows(copy.range) for source in relax.get_source(row)] == [copy] * 5
+    assert [source.model() for row in relax.rows_of(copy.range) for source in relax.sources_of(row)] == [copy] * 5
     relax.revert(copy)
-    assert len(relax.relaxed_rows(m)) == 12
+    assert len(relax.shifted_rows_of(m)) == 12
 
 
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
@@ -325,6 +325,6 @@ def test_the_products_of_a_range_are_summed_and_charged_like_others(options):
     if options.get("relaxation") == "penalty":
         assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
     else:
-        assert sum(pyo.value(row.body) for row in relax.relaxed_rows(m)) == pytest.approx(total)
+        assert sum(pyo.value(row.body) for row in relax.shifted_rows_of(m)) == pytest.approx(total)
     relax.revert(m, token)
     assert state(m) == before

@@ -329,7 +329,7 @@ def test_margins_are_sags_and_what_was_missing() -> None:
         each.unfix()
     avoid.initialize()
     report = avoid.verify()
-    (pair,) = report.pairs
+    (pair,) = report.body_pairs
     before = {index: 0.001 * number for number, index in enumerate(avoid.planes, start=1)}
     for index, margin in before.items():
         avoid.set_margin(*index, margin)

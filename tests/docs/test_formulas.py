@@ -192,9 +192,9 @@ def three_pairs(grouping, choice="scholtes", delta=1e-2, sense=pyo.minimize):
 
 def test_rows_of_pairs_and_groups():
     products = [0.15, 0.2, 4.0]
-    rows = relaxation().relaxed_rows(three_pairs("pair"))
+    rows = relaxation().shifted_rows_of(three_pairs("pair"))
     assert [pyo.value(row.body) - row.ub for row in rows] == pytest.approx([p - 1e-2 for p in products])
-    (row,) = relaxation().relaxed_rows(three_pairs("element"))
+    (row,) = relaxation().shifted_rows_of(three_pairs("element"))
     assert pyo.value(row.body) - row.ub == pytest.approx(sum(products) - 1e-2)  # delta itself, not n or n^2 times
 
 

@@ -88,7 +88,7 @@ def test_the_rows_that_are_built_are_those_of_the_page(word, a, b, delta):
 @given(a=sides, b=sides, delta=deltas)
 def test_equalities(word, formula, a, b, delta):
     m = pair(relaxation=word, delta=delta)
-    (row,) = relax().get_relaxation_rows(m)
+    (row,) = relax().relaxation_rows_of(m)
     m.a.set_value(a)
     m.b.set_value(b)
     assert row.equality
@@ -119,12 +119,12 @@ def test_prices(a, b, delta):
     t = m.relaxed_complementarity.excess
     t.set_value(0.7)
     assert objective(m) == pytest.approx(a + 0.7 / delta)
-    (row,) = relax().get_relaxation_rows(m)
+    (row,) = relax().relaxation_rows_of(m)
     assert (row.lb, t.lb, t.ub) == (None, 0, rcp.Elastic().excess_bound)
     assert pyo.value(row.body) - pyo.value(row.upper) == pytest.approx(a * b - 0.7)
     m = pair(relaxation="augmented-lagrangian", delta=delta)
     assert objective(m) == pytest.approx(a + 0.5 * (a * b) ** 2 / (2 * delta))
-    relax().advance(m, delta)
+    relax().update_parameters(m, delta)
     multiplier = a * b / delta
     assert objective(m) == pytest.approx(a + 0.5 * (multiplier * a * b + (a * b) ** 2 / (2 * delta)))
 
@@ -157,7 +157,7 @@ def test_multipliers_of_relaxed_points(delta):
     relax().apply_to(m, delta=delta)
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     pyo.SolverFactory("pyrobocop.ipopt").solve(m, options={"tol": 1e-10})
-    (row,) = relax().get_relaxation_rows(m)
+    (row,) = relax().relaxation_rows_of(m)
     multiplier, a, b = abs(m.dual[row]), m.a.value, m.b.value
     nu, xi = -multiplier * b, -multiplier * a
     assert [nu, xi] == pytest.approx([2 * (a - 2), 2 * (b - 1)], rel=1e-4, abs=1e-6)
@@ -212,7 +212,7 @@ def test_sums_and_crossed_products(values, delta):
         rcp.Crossed("element", left_end="first"): [np.sum(left[e]) * b[e].sum() for e in (0, 1)],
     }
     for grouping, products in expected.items():
-        rows = relax().relaxed_rows(stages(values, grouping=grouping, delta=delta))
+        rows = relax().shifted_rows_of(stages(values, grouping=grouping, delta=delta))
         assert [pyo.value(row.body) for row in rows] == pytest.approx(products, abs=1e-9)
         assert [row.ub for row in rows] == [delta] * len(rows)
 
@@ -260,7 +260,7 @@ def test_lifting(x):
     m.range = rcp.Complementarity(expr=rcp.complements(pyo.inequality(-1, m.F, 2), m.x - m.y))
     m.cost = pyo.Objective(expr=m.y)
     relax().apply_to(m, lift=True)
-    lifted, lower, upper = relax().get_lifted_pairs(m)
+    lifted, lower, upper = relax().lifted_pairs_of(m)
     assert (lifted.a.variable.lb, lifted.a.variable.value) == (0, pytest.approx(max(x**3 - 1, 0)))
     assert lifted.b.variable is m.y
     plus, minus = lower.b.variable, upper.b.variable

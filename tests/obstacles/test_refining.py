@@ -80,7 +80,7 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     assert index in avoid.planes
     assert avoid.restore("arrow", "far", 2) == []
     # All pairs are judged, those left out as well.
-    assert {(pair.first, pair.second) for pair in avoid.verify().pairs} == {("arrow", "near"), ("arrow", "far")}
+    assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
 
 
 def test_broad_phase_follows_the_guess():

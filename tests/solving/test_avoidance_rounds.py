@@ -220,7 +220,7 @@ def test_two_blocks_in_one_model() -> None:
     )
     result = rcp.solve(m)
     assert result.safe
-    assert {pair.second for pair in result.safety.pairs} == {"wall", "other"}
+    assert {pair.second for pair in result.safety.body_pairs} == {"wall", "other"}
     assert closest(m, [WALL, other]) > 0.0495
     for avoid in (m.move.avoid, m.move.second):
         assert_hard(avoid)
@@ -237,7 +237,7 @@ def test_indexed_blocks() -> None:
     m.move.avoid = rcp.ObstacleAvoidanceBlock(list(obstacles), rule=each)
     result = rcp.solve(m)
     assert result.safe
-    assert {pair.second for pair in result.safety.pairs} == set(obstacles)
+    assert {pair.second for pair in result.safety.body_pairs} == set(obstacles)
     assert closest(m, obstacles.values()) > 0.0495
 
 

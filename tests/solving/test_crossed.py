@@ -41,7 +41,7 @@ def test_crossed_pairs_are_couples_of_different_pairs_of_an_element() -> None:
     for grouping, expected in (("pair", []), ("element", []), ("crossed", [(1, 2), (2, 1)])):
         m = two_stages()
         relax.apply_to(m, grouping=grouping, lift=True)
-        found = [(a.source.index(), b.source.index()) for a, b in relax.get_crossed_pairs(m)]
+        found = [(a.source.index(), b.source.index()) for a, b in relax.crossed_pairs_of(m)]
         assert found == expected
 
 

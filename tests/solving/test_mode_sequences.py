@@ -20,7 +20,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
-from pyrobocop_pyomo.motion import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.studies import sequence_solver
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
@@ -320,7 +320,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     solved = sequence_solver.solve
-    pair = PairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+    pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model: Any, **options: Any) -> Any:
         return replace(solved(model, **options), safety=SafetyReport((pair,) if model.name == "fast" else ()))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.motion import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.studies.random_starts import RandomStarts
 
@@ -142,7 +142,7 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
     solved = module.solve
-    pair = PairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+    pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model, **options):
         result = solved(model, **options)

@@ -69,8 +69,8 @@ def fine_times(trajectory: Any) -> list[np.ndarray]:
 
 def check_agreement(safety: rcp.SafetyReport, sampled: dict[str, np.ndarray]) -> None:
     """Verdicts and bounds against the samples: for each obstacle the least distance in each interval, 0 in overlap."""
-    assert {pair.second for pair in safety.pairs} == set(sampled)
-    for pair in safety.pairs:
+    assert {pair.second for pair in safety.body_pairs} == set(sampled)
+    for pair in safety.body_pairs:
         least, enough = sampled[pair.second], pair.clearance - pair.tolerance
         assert not pair.undecided
         # What is proven is true, and what is sampled too close is found, interval by interval.
@@ -80,7 +80,7 @@ def check_agreement(safety: rcp.SafetyReport, sampled: dict[str, np.ndarray]) ->
         assert (least[list(pair.violated)] < pair.clearance).all()
         assert pair.safe is bool(least.min() >= enough - 1e-7)
         assert max(pair.distance, 0.0) <= least.min() + 1e-4
-    worst = min(safety.pairs, key=lambda pair: sampled[pair.second].min())
+    worst = min(safety.body_pairs, key=lambda pair: sampled[pair.second].min())
     assert sampled[worst.second].min() == pytest.approx(max(worst.distance, 0.0), abs=1e-3)
 
 

@@ -43,7 +43,7 @@ def test_a_body_is_held_inside_between_the_points(obstacle: bool) -> None:
     assert result.safe
     assert m.turn.inside.verify().safe
     assert not result.rounds[0].safe  # what the points alone give is not
-    assert {pair.second for pair in result.safety.pairs} == {"side 1", "side 2"} | ({"far"} if obstacle else set())
+    assert {pair.second for pair in result.safety.body_pairs} == {"side 1", "side 2"} | ({"far"} if obstacle else set())
 
 
 def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:

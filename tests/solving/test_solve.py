@@ -168,7 +168,7 @@ def test_following_mu_takes_fewer_iterations_than_no_relaxation(backend: str) ->
     followed = rcp.solve(m, backend=backend, schedule=rcp.FollowBarrier())
     m = corner()
     RELAX.apply_to(m, delta=1e-8)
-    RELAX.get_delta(m).set_value(0.0)
+    RELAX.delta_of(m).set_value(0.0)
     solver = pyo.SolverFactory("pyrobocop.ipopt", solver_options={"bound_relax_factor": 0.0})
     solver.config.derivatives = backend
     log: list = []
