@@ -137,7 +137,7 @@ def test_what_is_infeasible_is_never_called_solved(problem, backend: str) -> Non
     assert not result.solved
     assert result.quality is rcp.Quality.INFEASIBLE
     assert result.certificate is not Certificate.PROVEN
-    with pytest.raises(rcp.SolveFailed):
+    with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()
 
 
