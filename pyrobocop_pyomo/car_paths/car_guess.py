@@ -12,7 +12,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.phases.horizon_fractions import fraction_of
+from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 if TYPE_CHECKING:
     from .car_path import CarPath
@@ -36,7 +36,7 @@ def car_guess(
     duration = timing.duration if free is None else _within(timing.duration, free.bounds)
     real = duration if free is not None else float(value(phase.duration))
     stretch = timing.duration / real
-    fraction = fraction_of(phase)
+    fraction = horizon_fraction(phase)
     turned = _whole_turns(path, phase, known.get("theta"))
     blend = BLEND * timing.duration if "steering_rate" in known else 0.0
     steering, steering_rate = _blended_steering(path, timing.way_at, timing.duration, blend)
