@@ -72,7 +72,7 @@ def run_example(
         for avoid in model.block_data_objects(active=True):
             if arguments.animate and isinstance(avoid, ObstacleAvoidanceBlockData):
                 film = arguments.output / f"{source.stem}_{name}.gif"
-                print(f"animation: {rcp.animate_avoidance(avoid, film, title=model.name)}")
+                print(f"animation: {rcp.drawing.animate_avoidance(avoid, film, title=model.name)}")
         print()
         draw(place, model)
         solved = solved and result.solved
