@@ -48,7 +48,7 @@ class KeptRound:
         report: SafetyReport,
     ) -> KeptRound:
         """The round that has just been judged."""
-        margins = [{index: value(block.margin[index]) for index in block.planes} for block in blocks]
+        margins = [{index: value(block.margin[index]) for index in block.separations} for block in blocks]
         room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
         return cls(result, report, Point(model), margins, [block.record.norm_now for block in blocks], room)
 
@@ -68,9 +68,9 @@ class KeptRound:
         """Put the point back, with the margins and norms of its round; planes that are new since start at the point."""
         self.point.restore()
         for block, margins, norm in zip(blocks, self.margins, self.norms, strict=True):
-            for index in block.planes:
+            for index in block.separations:
                 block.margin[index] = margins.get(index, 0.0)
-            if set(block.planes) == set(margins):
+            if set(block.separations) == set(margins):
                 if block.record.norm_now != norm:
                     block.set_norm(norm)
             else:
