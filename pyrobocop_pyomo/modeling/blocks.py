@@ -220,6 +220,12 @@ class _OfOneBlock:
         )
 
 
+def blocks_of_kind(model: Any, kind: type[BuiltBlockData]) -> list[Any]:
+    """The active blocks of a kind on a model, wherever they are; the model itself may be one."""
+    found = model.block_data_objects(active=True, descend_into=Block)
+    return [block for block in found if isinstance(block, kind)]
+
+
 def check_keywords(what: str, given: Iterable[str], known: Iterable[str], error: type[ModelError]) -> None:
     """Refuse a keyword that does not exist, and name the nearest one.
 

@@ -12,6 +12,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import LinkError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.modeling.row_violations import largest_violation
 
 from .continuing import listed, omitted_states, shared_parameter, states_given, states_of_both
 from .jumps import sort_jump
@@ -67,14 +68,7 @@ class LinkData(BuiltBlockData):
     @property
     def violation(self) -> float:
         """Largest violation of a row of this link at the current values; NaN where a variable has none."""
-        worst = 0.0
-        for row in self.component_data_objects(Constraint, active=True):
-            body = value(row.body, exception=False)
-            if body is None:
-                return float("nan")
-            worst = max(worst, (row.lb or 0.0) - body if row.has_lb() else 0.0)
-            worst = max(worst, body - (row.ub or 0.0) if row.has_ub() else 0.0)
-        return worst
+        return largest_violation(self.component_data_objects(Constraint, active=True))
 
     @property
     def _ends(self) -> _Ends:

@@ -11,7 +11,7 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
-from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
@@ -327,3 +327,14 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
         add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, moving)
+
+
+def phases_of(model: Any) -> list[PhaseBlockData]:
+    """The active phases of a model, in the order of their declaration, wherever they are.
+
+    Parameters
+    ----------
+    model : Block
+        A model, a block of it, or a phase itself.
+    """
+    return blocks_of_kind(model, PhaseBlockData)

@@ -80,7 +80,9 @@ def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
 def test_solved_and_back(choice, grouping):
     m = two_elements()
     before = state(m)
-    result = rcp.solve(m, relaxation=choice, grouping=grouping, schedule=rcp.Geometric(), backend="asl", polish=False)
+    result = rcp.solve(
+        m, relaxation=choice, grouping=grouping, schedule=rcp.schedules.Geometric(), backend="asl", polish=False
+    )
     # Where a relaxation leaves a pair to its signs alone, the product is as small as the barrier makes it.
     assert result.largest_product <= (1e-6 if choice == "two-sided" else 1e-7)
     assert result.constraint_violation <= 1e-6

@@ -55,7 +55,7 @@ class PlacedShape:
 class Formulation(Protocol):
     """Adds the variables and rows of separations to an avoidance block, and sets their start values.
 
-    The block has ``required[index]``, an Expression of the gap to be proven: clearance, radii and margin, less any slack.
+    The block has ``required[index]``, an Expression of the gap to be proven: clearance, radii, margin, less the slack.
     Every formulation gives it ``normal[index, axis]``, a variable or an expression.
     """
 
