@@ -61,7 +61,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
             bodies = (record.scene.parts[name].body for name in (pair.first, pair.second))
             restored = block.restore(*bodies, interval)
             if restored:
-                done["pruned separations restored"] = done.get("pruned separations restored", 0) + len(restored)
+                done["separations restored"] = done.get("separations restored", 0) + len(restored)
                 continue
             missing = pair.clearance - float(np.nan_to_num(pair.interval_distance[interval], nan=pair.clearance))
             unsafe |= {segment.index: missing for segment in _segments(record, pair, interval)}
@@ -134,7 +134,7 @@ def _restore_at_points(block: Any, report: SafetyReport) -> list[str]:
         for place in pair.unproven:
             times = motion.intervals[place] if motion.intervals else (motion.points[place],)
             count += sum(len(block.restore(*bodies, time)) for time in times)
-    return _logged(block, [f"{count} pruned separations restored"] if count else [])
+    return _logged(block, [f"{count} separations restored"] if count else [])
 
 
 def _logged(block: Any, done: list[str]) -> list[str]:

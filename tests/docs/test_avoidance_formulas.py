@@ -86,7 +86,7 @@ def test_depth_is_the_least_translation_that_separates(seed: int, length: float)
 
 @given(seed=seeds)
 def test_reach_by_weights_of_facets(seed: int) -> None:
-    """eq-support: the linear program, its dual, and the weights that certificates start from."""
+    """eq-support: the linear program, its dual, and the weights that separations start from."""
     random, shape, _, _ = two_shapes(seed)
     normals, offsets = shape.halfspaces
     v = random.normal(size=2)
@@ -136,7 +136,7 @@ def kept_block(formulation: str) -> Any:
 
 @pytest.mark.parametrize("formulation", ["plane", "dual", "mixed"])
 @given(seed=seeds)
-def test_started_certificates_prove_the_distance(formulation: str, seed: int) -> None:
+def test_started_separations_prove_the_distance(formulation: str, seed: int) -> None:
     """eq-plane, eq-dual and eq-mixed: what the started rows leave is the distance less what is required."""
     pose = tuple(np.random.default_rng(seed).normal(size=3) * [2, 2, 1] + [2, 0, 0])
     m, avoid = kept_block(formulation)
@@ -299,7 +299,7 @@ def test_bounded_normals_collapse_in_overlap(seed: int, required: float) -> None
 
 @given(seed=seeds, ends=st.tuples(st.booleans(), st.booleans()))
 def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
-    """eq-sides: no other choice of candidates costs less."""
+    """eq-normals: no other choice of candidates costs less."""
     random = np.random.default_rng(seed)
     segments = []
     for _ in range(3):
@@ -323,7 +323,7 @@ def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
 
 
 def test_margins_are_sags_and_what_was_missing() -> None:
-    """eq-measured-sag and eq-margin, for a body that turns beside the wall while its states are straight in time."""
+    """eq-measured-deviation and eq-margin, for a body that turns beside the wall while its states are straight in time."""
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m)
     set_poses(m.move, np.array([(0.92, -0.5, -0.6), (0.92, -0.5, 0.8), (0.75, -0.5, -0.6)]))

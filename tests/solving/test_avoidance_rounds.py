@@ -408,7 +408,7 @@ def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_
     avoid.initialize()
     assert avoid.record.pruned
     result = rcp.solve(m)
-    assert any("brought back" in each.purpose for each in result.rounds)
+    assert any("restored" in each.purpose for each in result.rounds)
     assert not result.rounds[0].safe
     report = result.safety
     assert report.safe is (closest(m, [WALL]) >= 0.0495)
