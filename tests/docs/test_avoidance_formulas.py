@@ -323,7 +323,7 @@ def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
 
 
 def test_margins_are_sags_and_what_was_missing() -> None:
-    """eq-measured-deviation and eq-margin, for a body that turns beside the wall while its states are straight in time."""
+    """eq-measured-deviation and eq-margin, for a body that turns beside the wall at constant rates."""
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m)
     set_poses(m.move, np.array([(0.92, -0.5, -0.6), (0.92, -0.5, 0.8), (0.75, -0.5, -0.6)]))
