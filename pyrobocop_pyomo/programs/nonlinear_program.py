@@ -11,6 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyrobocop_pyomo.errors import EvaluationError
+
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int32]
 
@@ -19,8 +21,9 @@ class NonlinearProgram(Protocol):
     """Minimise f(x) subject to g_lower <= g(x) <= g_upper and x_lower <= x <= x_upper.
 
     Always a minimisation: an evaluator of a maximised objective returns its negative. Every method returns a
-    fresh array (or one that nobody else writes to) and raises `EvaluationError` where a function has no value. The
-    arrays that a method receives may be Ipopt's own memory: copy what is kept beyond the call.
+    fresh array (or one that nobody else writes to) and raises `EvaluationError`, and nothing else, where a value or
+    a derivative does not exist or is not finite. The arrays that a method receives may be Ipopt's own memory: copy
+    what is kept beyond the call.
 
     Attributes
     ----------
@@ -73,6 +76,19 @@ class NonlinearProgram(Protocol):
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of objective_factor * f + multipliers @ g in the order of `hessian_structure`."""
         ...
+
+
+def finite(values: FloatArray, derivatives: str, what: str) -> FloatArray:
+    """Values as they are.
+
+    Raises
+    ------
+    EvaluationError
+        When one of them is not finite.
+    """
+    if not np.isfinite(values).all():
+        raise EvaluationError(f"{derivatives} cannot evaluate the {what} at this point: a value is not finite.")
+    return values
 
 
 class ShiftedRows:
@@ -138,12 +154,20 @@ def lagrangian_residual(
         Point, and multipliers of the variables' bounds in Ipopt's signs.
     g_multipliers : float array, shape (m,)
         Multipliers of the rows.
+
+    Raises
+    ------
+    EvaluationError
+        When a derivative does not exist at the point, or the multipliers are not finite.
     """
-    residual = nlp.gradient(x) - lower + upper
+    gradient, jacobian = nlp.gradient(x), nlp.jacobian(x)
     rows, columns = nlp.jacobian_structure
-    np.add.at(residual, columns, nlp.jacobian(x) * g_multipliers[rows])
     free = nlp.x_lower < nlp.x_upper
-    # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
-    total = np.abs(g_multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
-    scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
-    return float(np.abs(residual[free]).max(initial=0.0)) / scale
+    with np.errstate(all="ignore"):  # what overflows is noticed in the result
+        residual = gradient - lower + upper
+        np.add.at(residual, columns, jacobian * g_multipliers[rows])
+        # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
+        total = np.abs(g_multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
+        scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
+        sizes = finite(np.abs(residual[free]) / scale, nlp.derivatives, "gradient of the Lagrangian")
+    return float(sizes.max(initial=0.0))
