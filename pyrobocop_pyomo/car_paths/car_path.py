@@ -14,7 +14,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.phases.horizon_fractions import fraction_of
+from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 from .car_kinematics import follow_arc
 
@@ -231,7 +231,7 @@ def _initial_guess(
     duration = timing.duration if free is None else _within(timing.duration, free.bounds)
     real = duration if free is not None else float(value(phase.duration))
     time_scaling = timing.duration / real
-    fraction = fraction_of(phase)
+    fraction = horizon_fraction(phase)
     turned = _whole_turns(path, phase, known.get("theta"))
     blend = BLEND * timing.duration if "steering_rate" in known else 0.0
     steering, steering_rate = _blended_steering(path, timing.arc_length_at, timing.duration, blend)

@@ -14,11 +14,12 @@ from harness.small_problems import every_derivative, every_kind_of_row, maximisa
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import AslProgram
 from pyrobocop_pyomo.programs.casadi_program import CasadiProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows, lagrangian_residual
 
 STEP = 1e-6
 
@@ -231,7 +232,7 @@ def test_what_does_not_exist_is_an_evaluation_error_and_nothing_else(derivatives
     x = np.array([point])
     for evaluate in (
         nlp.objective, nlp.gradient, nlp.constraints, nlp.jacobian, lambda x: nlp.hessian(x, 1.0, np.ones(1)),
-        lambda x: lagrangian_residual(nlp, x, np.ones(1), np.zeros(1), np.zeros(1)),
+        lambda x: lagrangian_residual(nlp, PrimalDualPoint(x, np.ones(1), np.zeros(1), np.zeros(1))),
     ):  # fmt: skip
         with contextlib.suppress(EvaluationError):
             assert np.isfinite(evaluate(x)).all()
@@ -245,7 +246,7 @@ def test_what_does_not_exist_is_an_evaluation_error_and_nothing_else(derivatives
 def test_multipliers_that_overflow_are_an_evaluation_error(derivatives):
     nlp = CompiledModel(one_function(pyo.exp), derivatives).nlp
     with pytest.raises(EvaluationError, match="gradient of the Lagrangian"):
-        lagrangian_residual(nlp, np.array([700.0]), np.array([1e300]), np.zeros(1), np.zeros(1))
+        lagrangian_residual(nlp, PrimalDualPoint(np.array([700.0]), np.array([1e300])))
 
 
 @pytest.mark.asl
@@ -319,3 +320,10 @@ def test_a_python_function_is_refused_before_a_file_is_written(derivatives):
 def test_a_library_that_asl_would_not_find_is_refused(library):
     with pytest.raises(ModelError, match=rf"calls 'function', whose library '{library}' cannot be loaded"):
         CompiledModel(calling(pyo.ExternalFunction(library=library, function="nothing")), "asl")
+
+
+@pytest.mark.executable
+def test_the_executable_is_not_started_with_a_python_function():
+    m = calling(pyo.ExternalFunction(function=lambda x: x**2, gradient=lambda x: [2 * x], hessian=lambda x: [2]))
+    with pytest.raises(ModelError, match=r"'inner\.row' calls the Python function 'function'"):
+        rcp.solve(m, backend="executable")
