@@ -156,7 +156,7 @@ class ComponentProxy:
     def __getitem__(self, key: Any) -> Any:
         keys = key if isinstance(key, tuple) else (key,)
         marked = tuple([INDEX if self._signals.is_index(index) else index for index in keys])
-        if INDEX in marked:
+        if any(index is INDEX for index in marked):
             if self._rule is None:
                 return self._signals.value_of(Signal(self._component, marked))
             # A named expression at t: its own rule, evaluated with proxies too.
