@@ -28,16 +28,16 @@ OURS = "phase, in process, ASL"
 
 def ways() -> dict[str, Callable[[int], Measured]]:
     """What can be measured on this machine."""
-    found = rcp.available_backends()
+    found = rcp.ipopt.available_backends()
     chosen: dict[str, Callable[[int], Measured]] = {}
-    if rcp.Backend.IN_PROCESS_ASL in found:
+    if rcp.ipopt.Backend.IN_PROCESS_ASL in found:
         chosen[OURS] = lambda n: as_phase(n, "asl")
         chosen["phase, derivatives kept"] = lambda n: as_phase(n, "asl", keep_derivatives=True)
-    if rcp.Backend.IN_PROCESS_CASADI in found:
+    if rcp.ipopt.Backend.IN_PROCESS_CASADI in found:
         chosen["phase, in process, CasADi"] = lambda n: as_phase(n, "casadi")
-    if rcp.Backend.IN_PROCESS_VECTORISED in found:
+    if rcp.ipopt.Backend.IN_PROCESS_VECTORISED in found:
         chosen["phase, in process, vectorised"] = lambda n: as_phase(n, "vectorised")
-    if rcp.Backend.EXECUTABLE in found:
+    if rcp.ipopt.Backend.EXECUTABLE in found:
         chosen["phase, executable"] = lambda n: as_phase(n, "executable")
         chosen["pyomo.dae, executable"] = by_pyomo_dae
     chosen["CasADi by hand, vectorised"] = by_hand_in_casadi

@@ -21,6 +21,7 @@ import pyomo.dae as dae
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 CART, POLE, LENGTH, GRAVITY, HORIZON, STAGES = 1.0, 1.0, 0.75, 9.8, 3.3, 3
 STATES = ("position", "theta", "velocity", "omega")
@@ -159,7 +160,7 @@ def stated_with_pyomo_dae() -> pyo.ConcreteModel:
 def transcribed_by_pyomo_dae(m: pyo.ConcreteModel, elements: int) -> pyo.ConcreteModel:
     """The same model after ``dae.collocation``, with cost and guess."""
     pyo.TransformationFactory("dae.collocation").apply_to(m, wrt=m.t, nfe=elements, ncp=STAGES, scheme="LAGRANGE-RADAU")
-    weights = rcp.radau(STAGES).b
+    weights = rcp.schemes.radau(STAGES).b
     points = [t for t in m.t if t > 0]
     # pyomo.dae's own Integral is the trapezoid rule; the scheme's quadrature makes the problems the same.
     m.cost = pyo.Objective(
@@ -190,7 +191,7 @@ def by_pyomo_dae(elements: int) -> Measured:
     transcribed = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         log_file = Path(folder) / "ipopt.log"
-        solver = pyo.SolverFactory("ipopt")
+        solver = pyo.SolverFactory("ipopt", executable=find_ipopt_executable())
         solver.options["max_iter"] = 3000
         solver.solve(m, logfile=str(log_file))
         ended = time.perf_counter()
@@ -212,7 +213,7 @@ def by_pyomo_dae(elements: int) -> Measured:
 def by_hand_in_casadi(elements: int) -> Measured:
     """The program that an expert writes: one element as a function, vectorised over the mesh."""
     started = time.perf_counter()
-    scheme, h = rcp.radau(STAGES), HORIZON / elements
+    scheme, h = rcp.schemes.radau(STAGES), HORIZON / elements
     first, stages, forces = casadi.SX.sym("first", 4), casadi.SX.sym("x", 4, STAGES), casadi.SX.sym("u", 1, STAGES)
     slopes = casadi.mtimes(casadi.horzcat(first, stages), casadi.DM(scheme.D.T)) / h
     residuals, cost = [], 0

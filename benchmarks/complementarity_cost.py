@@ -72,7 +72,7 @@ def least(runs: int, prepare: Callable[[], Any], do: Callable[[Any], Any]) -> fl
 
 def product(a: Any, b: Any, roots: bool) -> Any:
     """What bounds the product of a pair."""
-    return rcp.FischerBurmeister().residual(a, b, 1e-2) <= 0 if roots else a * b <= 1e-2
+    return rcp.relaxations.FischerBurmeister().residual(a, b, 1e-2) <= 0 if roots else a * b <= 1e-2
 
 
 def bare(m: Any, affine: bool, lifted: bool, roots: bool) -> list[Any]:

@@ -122,7 +122,7 @@ def main() -> None:
     table.header()
     for scheme, most in (("radau", 5), ("gauss", 5), ("lobatto", 5), ("explicit", 3)):
         for stages in range(2 if scheme == "lobatto" else 1, min(most, 2 if arguments.quick else most) + 1):
-            order = rcp.find_scheme(scheme, stages).order
+            order = rcp.schemes.find_scheme(scheme, stages).order
             # High orders reach rounding on a few elements already; low ones need many to show their slope.
             meshes = [40, 80, 160, 320] if order <= 2 else [12, 18, 26, 38] if order <= 5 else [6, 8, 10, 12, 14]
             errors = []

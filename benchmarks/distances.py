@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pyrobocop_pyomo import Polytope, planar_pose, signed_distance, spatial_pose
-from pyrobocop_pyomo.geometry import distances_of_points
+from pyrobocop_pyomo import Polytope, planar_pose, spatial_pose
+from pyrobocop_pyomo.geometry import distances_of_points, signed_distance
 
 
 def median_microseconds(run: Callable[[], object], repetitions: int = 300) -> float:

@@ -65,7 +65,7 @@ def best_uniform(build: Callable[[Any], Any], tolerance: float, first: int) -> t
         show_progress(f"{elements} uniform elements")
         horizon = build(None).phase.grid.mesh.boundaries[-1]
         started = time.perf_counter()
-        m = build(rcp.Mesh.uniform(0, horizon, elements))
+        m = build(rcp.schemes.Mesh.uniform(0, horizon, elements))
         result = rcp.solve(m, progress=False)
         seconds = time.perf_counter() - started
         error = m.phase.trajectory().verify().element_error
@@ -92,7 +92,7 @@ def main() -> None:
     )  # fmt: skip
     table.header()
     for build, tolerance, first in cases:
-        refined = rcp.solve_refined(build, tolerance, progress=False)
+        refined = rcp.studies.solve_refined(build, tolerance, progress=False)
         refined.raise_for_status()
         last = refined.steps[-1]
         verified = refined.trajectory.verify().element_error

@@ -138,7 +138,7 @@ def main() -> None:
     logging.getLogger("pyomo").setLevel(logging.CRITICAL)  # what a method says about a point is in the table
 
     words = {"IN_PROCESS_ASL": "asl", "IN_PROCESS_CASADI": "casadi", "IN_PROCESS_VECTORISED": "vectorised"}
-    backend = arguments.backend or words.get(rcp.available_backends()[0].name, "executable")
+    backend = arguments.backend or words.get(rcp.ipopt.available_backends()[0].name, "executable")
     problems = chosen(arguments.problems, mpcc_problems(), lambda problem: [problem.name, *problem.tags])
     if arguments.quick:
         problems = [problem for problem in problems if problem.name in QUICK]

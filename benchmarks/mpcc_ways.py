@@ -18,6 +18,7 @@ from pyomo.opt import SolverFactory as LegacySolverFactory
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity.relaxations.words import RELAXATIONS
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ def ipopt(model: Any, backend: str, limit: float, options: dict[str, Any] | None
     """One cold solve by Ipopt from the values on the model; the last point is put on the model in any case."""
     options = {"max_iter": 3000, **(options or {})}
     if backend == "executable":
-        solver = SolverFactory("ipopt")
+        solver = SolverFactory("ipopt", executable=find_ipopt_executable())
         options["max_cpu_time"] = limit
         extra: dict[str, Any] = {"writer_config": {"linear_presolve": False, "scale_model": False}}
     else:
@@ -120,7 +121,7 @@ def cold_continuation(model: Any, backend: str, limit: float) -> Effort:
     until = time.perf_counter() + limit
     iterations = 0
     with _relaxed(model, delta=1.0) as delta:
-        for step in rcp.Geometric(1.0, 0.1, 1e-8).steps():
+        for step in rcp.schedules.Geometric(1.0, 0.1, 1e-8).steps():
             delta.set_value(step)
             effort = ipopt(model, backend, max(0.1, until - time.perf_counter()), {"bound_relax_factor": 0.0})
             iterations += effort.iterations
@@ -129,12 +130,12 @@ def cold_continuation(model: Any, backend: str, limit: float) -> Effort:
 
 def warm_continuation(model: Any, backend: str, limit: float) -> Effort:
     """The same path, warm-started with multipliers, by ``rcp.solve``."""
-    return _solve(model, backend, limit, schedule=rcp.Geometric())
+    return _solve(model, backend, limit, schedule=rcp.schedules.Geometric())
 
 
 def tight(model: Any, backend: str, limit: float) -> Effort:
     """One solve with delta = 1e-8 from the given start."""
-    return _solve(model, backend, limit, schedule=rcp.Fixed(1e-8))
+    return _solve(model, backend, limit, schedule=rcp.schedules.Fixed(1e-8))
 
 
 def _solve(model: Any, backend: str, limit: float, **choices: Any) -> Effort:
@@ -147,14 +148,14 @@ def _relaxed(model: Any, delta: float) -> Iterator[Any]:
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     token = relax.apply_to(model, delta=delta)
     try:
-        yield relax.get_delta(model)
+        yield relax.delta_of(model)
     finally:
         relax.revert(model, token)
 
 
 def _with_relaxation(word: str) -> Callable[..., Effort]:
     def method(model: Any, backend: str, limit: float) -> Effort:
-        return _solve(model, backend, limit, relaxation=word, schedule=rcp.Geometric())
+        return _solve(model, backend, limit, relaxation=word, schedule=rcp.schedules.Geometric())
 
     return method
 

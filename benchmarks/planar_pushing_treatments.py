@@ -23,18 +23,18 @@ import pyrobocop_pyomo as rcp
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from planar_pushing import GOALS, build
 
-FOLLOW_MU = rcp.FollowBarrier(factor=1.0)
-CONTINUED = rcp.Geometric(first=1e-4, factor=0.1, last=1e-8)
+FOLLOW_MU = rcp.schedules.FollowBarrier(factor=1.0)
+CONTINUED = rcp.schedules.Geometric(first=1e-4, factor=0.1, last=1e-8)
 
 TREATMENTS = {
-    "(i)   pair, 1e-4": {"grouping": "pair", "schedule": rcp.Fixed(1e-4)},
+    "(i)   pair, 1e-4": {"grouping": "pair", "schedule": rcp.schedules.Fixed(1e-4)},
     "(i)   pair, 1e-4 to 1e-8": {"grouping": "pair", "schedule": CONTINUED},
-    "(ii)  element, 1e-4": {"grouping": "element", "schedule": rcp.Fixed(1e-4)},
+    "(ii)  element, 1e-4": {"grouping": "element", "schedule": rcp.schedules.Fixed(1e-4)},
     "(ii)  element, 1e-4 to 1e-8": {"grouping": "element", "schedule": CONTINUED},
     "(iii) pair, delta = mu": {"grouping": "pair", "schedule": FOLLOW_MU},
     "(iv)  element, delta = mu": {"grouping": "element", "schedule": FOLLOW_MU},
-    "(v)   penalty, weight 1e4": {"relaxation": "penalty", "schedule": rcp.Fixed(1e-4)},
-    "(v)   penalty, weight 10": {"relaxation": "penalty", "schedule": rcp.Fixed(0.1)},
+    "(v)   penalty, weight 1e4": {"relaxation": "penalty", "schedule": rcp.schedules.Fixed(1e-4)},
+    "(v)   penalty, weight 10": {"relaxation": "penalty", "schedule": rcp.schedules.Fixed(0.1)},
     "default of rcp.solve": {},
 }
 
@@ -48,7 +48,7 @@ def main() -> None:
     arguments = parser.parse_args()
     elements, repeat = (20, 1) if arguments.quick else (arguments.elements, arguments.repeat)
     goals = {"turn": GOALS["turn"]} if arguments.quick else GOALS
-    backends = rcp.available_backends()[:1] if arguments.quick else rcp.available_backends()
+    backends = rcp.ipopt.available_backends()[:1] if arguments.quick else rcp.ipopt.available_backends()
 
     print(f"planar pushing, {elements} elements of implicit Euler, fastest of {repeat}; seconds include writing\n")
     table = Table(

@@ -52,7 +52,7 @@ def resolve(elements: int, repeats: int) -> tuple[list[float], list[float]]:
 def steps(elements: int, repeats: int) -> tuple[list[float], list[float], list[int]]:
     """Milliseconds of each step of a receding horizon, of Ipopt in it, and iterations."""
     m = build(elements)
-    controller = rcp.RecedingHorizon(m, m.ahead)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
     done = [controller.step(disturbed(k), advance=0.04 if k else 0.0) for k in range(repeats + 1)][1:]
     assert all(each.solved for each in done)
     return [1e3 * each.seconds for each in done], [1e3 * each.ipopt_seconds for each in done], [

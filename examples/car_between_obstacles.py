@@ -85,7 +85,7 @@ def build(case: str = "one", elements: int | None = None) -> pyo.ConcreteModel:
 
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """The car among the obstacles."""
-    rcp.draw_avoidance(m.drive.avoid, title=m.name, figure=figure)
+    rcp.drawing.draw_avoidance(m.drive.avoid, title=m.name, figure=figure)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def plant(t, x, force):
 def run(elements: int = 50, seconds: float = 4.0) -> dict[str, np.ndarray]:
     """The closed loop; what was measured, applied and spent at each step."""
     m = build(elements)
-    controller = rcp.RecedingHorizon(m, m.ahead)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
     state = np.array([0.8, pi + 0.4, 0.0, 0.0])
     log: dict[str, list] = {name: [] for name in ("time", "state", "force", "seconds", "ipopt", "iterations")}
     for k in range(round(seconds / STEP)):
@@ -85,7 +85,7 @@ def draw(log: dict[str, np.ndarray]) -> Figure:
     left, right = figure.subfigures(1, 2)
     cart = np.stack([log["state"][:, 0], np.zeros(len(log["time"]))], axis=-1)
     tip = cart + LENGTH * np.stack([np.sin(log["state"][:, 1]), -np.cos(log["state"][:, 1])], axis=-1)
-    rcp.draw_linkage(log["time"], np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title="balance", figure=left)
+    rcp.drawing.draw_linkage(log["time"], np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title="balance", figure=left)
     angle, force, spent = right.subplots(3, 1, sharex=True)
     angle.plot(log["time"], log["state"][:, 1] - pi)
     angle.set_ylabel("lean [rad]")

@@ -21,7 +21,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-SLIDER = rcp.SquareSlider()
+SLIDER = rcp.mechanics.SquareSlider()
 FRICTION = 0.3
 LONGEST_PUSH = 10.0
 # Direction of the push, out of the finger and into the face, in the slider's frame.
@@ -82,8 +82,10 @@ def force(into, normal, tangential):
 
 def search(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 20, workers: int = 2, **options):
     """Solve all sequences of one or two faces; print how they rank."""
-    sequences = rcp.mode_sequences(FACES, range(1, 3), allowed=lambda before, after: before != after)
-    ranking = rcp.solve_sequences(partial(build, goal=goal, elements=elements), sequences, workers=workers, **options)
+    sequences = rcp.studies.mode_sequences(FACES, range(1, 3), allowed=lambda before, after: before != after)
+    ranking = rcp.studies.solve_sequences(
+        partial(build, goal=goal, elements=elements), sequences, workers=workers, **options
+    )
     print(ranking)
     return ranking.best, ranking[0].result
 
@@ -93,7 +95,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     joined = rcp.join_trajectories(m.pushes.values())
     touched = [contact(FACES[face], push.place.value) for (_, face), push in m.pushes.items()]
     above, below = figure.subfigures(2, 1, height_ratios=(1.7, 1))
-    rcp.draw_planar_pushing(
+    rcp.drawing.draw_planar_pushing(
         joined.time,
         np.column_stack([joined.x, joined.y, joined.theta]),
         np.concatenate(

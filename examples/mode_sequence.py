@@ -18,7 +18,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-SLIDER = rcp.SquareSlider()
+SLIDER = rcp.mechanics.SquareSlider()
 FRICTION = 0.3
 POSE_BOUNDS = {"x": (-5, 5), "y": (-5, 5), "theta": (-2 * pi, 2 * pi)}
 CONTACTS = {"first": (-SLIDER.half_side, 0.0), "second": (0.0, SLIDER.half_side)}  # in the slider's frame
@@ -73,7 +73,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     for phase, snapshots, (above, below) in zip((m.first, m.second), (10, 5), places.T, strict=True):
         trajectory = phase.trajectory()
         pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
-        rcp.draw_planar_pushing(
+        rcp.drawing.draw_planar_pushing(
             trajectory.time,
             pose,
             np.tile(CONTACTS[phase.local_name], (len(pose), 1)),

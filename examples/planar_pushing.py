@@ -17,7 +17,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-SLIDER = rcp.SquareSlider()
+SLIDER = rcp.mechanics.SquareSlider()
 FRICTION = 0.3
 GOALS = {"turn": (0.0, 0.0, pi), "turn-and-shift": (0.0, 0.5, pi)}
 
@@ -83,7 +83,9 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
     contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
-    rcp.draw_planar_pushing(trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above)
+    rcp.drawing.draw_planar_pushing(
+        trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above
+    )
     trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)
 
 

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.phases import PhaseBlockData
 
 Case = Mapping[str, Any]
 
@@ -68,13 +67,12 @@ def run_example(
         else:
             model, result = search(**case, **options)
         print(result)
-        for phase in model.block_data_objects(active=True):
-            if isinstance(phase, PhaseBlockData):
-                print(f"\nphase '{phase.name}', recomputed from its equations:\n{phase.trajectory().verify()}")
+        for phase in rcp.phases_of(model):
+            print(f"\nphase '{phase.name}', recomputed from its equations:\n{phase.trajectory().verify()}")
         for avoid in model.block_data_objects(active=True):
             if arguments.animate and isinstance(avoid, ObstacleAvoidanceBlockData):
                 film = arguments.output / f"{source.stem}_{name}.gif"
-                print(f"animation: {rcp.animate_avoidance(avoid, film, title=model.name)}")
+                print(f"animation: {rcp.drawing.animate_avoidance(avoid, film, title=model.name)}")
         print()
         draw(place, model)
         solved = solved and result.solved

@@ -1,56 +1,31 @@
-"""Plan motion through contact and around obstacles, as ordinary Pyomo models."""
+"""Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
+What nearly every script uses is here. The rest is in namespaces: `drawing`, `errors`, `formulations`, `geometry`,
+`groupings`, `initial_guesses`, `ipopt`, `mechanics`, `relaxations`, `results`, `schedules`, `schemes` and `studies`.
+"""
+
+from pyrobocop_pyomo import (
+    drawing,
+    errors,
+    formulations,
+    geometry,
+    groupings,
+    initial_guesses,
+    ipopt,
+    mechanics,
+    relaxations,
+    results,
+    schedules,
+    schemes,
+    studies,
+)
 from pyrobocop_pyomo._version import __version__
-from pyrobocop_pyomo.car_paths import CarPath, CarSearch, hybrid_a_star
-from pyrobocop_pyomo.complementarity import (
-    AllPairs,
-    AugmentedLagrangian,
-    ChenHarkerKanzowSmale,
-    Complementarity,
-    Crossed,
-    Elastic,
-    FischerBurmeister,
-    Fixed,
-    FollowBarrier,
-    Geometric,
-    Kadrani,
-    KanzowSchwartz,
-    LinFukushima,
-    Penalty,
-    PerElement,
-    PerPair,
-    PerPhase,
-    Scholtes,
-    SteffensenUlbrich,
-    Superlinear,
-    TwoSided,
-    active_pairs,
-    complements,
-)
+from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
 from pyrobocop_pyomo.continuous import dae_trajectory
-from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
-from pyrobocop_pyomo.errors import GeometryError, ObstacleError, PyRobocopError, SimulationFailed, SolveFailed
-from pyrobocop_pyomo.geometry import (
-    Polytope,
-    Pose,
-    SignedDistance,
-    decompose,
-    planar_pose,
-    signed_distance,
-    spatial_pose,
-)
-from pyrobocop_pyomo.ipopt import Backend, available_backends, configure_ipopt_executable
-from pyrobocop_pyomo.mechanics import SquareSlider
-from pyrobocop_pyomo.motion import Body, SafetyReport
-from pyrobocop_pyomo.mpcc import Certificate, Stationarity
-from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
-from pyrobocop_pyomo.obstacles import (
-    Containment,
-    ObstacleAvoidanceBlock,
-    animate_avoidance,
-    draw_avoidance,
-    waypoint_guess,
-)
+from pyrobocop_pyomo.diagnosis import diagnose
+from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
+from pyrobocop_pyomo.motion import Body
+from pyrobocop_pyomo.obstacles import Containment, ObstacleAvoidanceBlock
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
@@ -60,131 +35,59 @@ from pyrobocop_pyomo.phases import (
     PhaseBlock,
     Start,
     State,
-    Verification,
     label_measurements,
+    phases_of,
 )
 from pyrobocop_pyomo.planning import solve
-from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_linkage, draw_planar_pushing, draw_scene
-from pyrobocop_pyomo.solving import ActiveSide, PairReport, Quality, SolveResult, StopReason, Strategy
-from pyrobocop_pyomo.studies import (
-    HomotopyResult,
-    MultistartResult,
-    RecedingHorizon,
-    RefinedResult,
-    RefinementEnd,
-    Sensitivity,
-    SequenceRanking,
-    homotopy,
-    mode_sequences,
-    multistart,
-    sensitivity,
-    solve_refined,
-    solve_sequences,
-)
-from pyrobocop_pyomo.trajectories import JoinedTrajectory, Trajectory, join_trajectories
+from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
+from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
 
 __all__ = [
-    "ActiveSide",
     "Algebraic",
-    "AllPairs",
-    "AugmentedLagrangian",
-    "Backend",
     "Body",
-    "BodyPath",
-    "CarPath",
-    "CarSearch",
-    "Certificate",
-    "ChenHarkerKanzowSmale",
     "Complementarity",
     "Containment",
     "Control",
-    "Crossed",
-    "Diagnosis",
     "Duration",
-    "Elastic",
-    "FischerBurmeister",
-    "Fixed",
-    "FollowBarrier",
-    "Geometric",
-    "GeometryError",
-    "Grid",
-    "HomotopyResult",
-    "JoinedTrajectory",
-    "Kadrani",
-    "KanzowSchwartz",
-    "LinFukushima",
     "Link",
-    "Mesh",
-    "MultistartResult",
     "ObstacleAvoidanceBlock",
-    "ObstacleError",
-    "PairReport",
     "Parameter",
-    "Penalty",
-    "PerElement",
-    "PerPair",
-    "PerPhase",
     "PhaseBlock",
     "Polytope",
-    "Pose",
-    "PyRobocopError",
     "Quality",
-    "RecedingHorizon",
-    "RefinedResult",
-    "RefinementEnd",
-    "SafetyReport",
-    "Scheme",
-    "Scholtes",
-    "Sensitivity",
-    "SequenceRanking",
-    "SignedDistance",
-    "SimulationFailed",
-    "SolveFailed",
     "SolveResult",
-    "SquareSlider",
     "Start",
     "State",
-    "Stationarity",
-    "SteffensenUlbrich",
     "StopReason",
     "Strategy",
-    "Superlinear",
     "Trajectory",
-    "TwoSided",
-    "Verification",
     "__version__",
     "active_pairs",
-    "animate_avoidance",
-    "animate_scene",
-    "available_backends",
     "complements",
     "dae_trajectory",
-    "decompose",
     "diagnose",
-    "draw_avoidance",
-    "draw_linkage",
-    "draw_planar_pushing",
-    "draw_scene",
-    "explicit",
-    "find_scheme",
-    "gauss_legendre",
-    "homotopy",
-    "hybrid_a_star",
+    "drawing",
+    "errors",
+    "formulations",
+    "geometry",
+    "groupings",
+    "initial_guesses",
+    "ipopt",
     "join_trajectories",
     "label_measurements",
-    "lobatto",
-    "mode_sequences",
-    "multistart",
+    "mechanics",
+    "phases_of",
     "planar_pose",
-    "radau",
-    "sensitivity",
-    "signed_distance",
+    "relaxations",
+    "results",
+    "schedules",
+    "schemes",
     "solve",
-    "solve_refined",
-    "solve_sequences",
     "spatial_pose",
-    "waypoint_guess",
+    "studies",
 ]
 
-# Pyomo's own interfaces then find an executable that sits in this Python environment; nothing is started.
-configure_ipopt_executable()
+
+def __dir__() -> list[str]:
+    """List the public names only, so that completion does not offer the folders of the implementation."""
+    return sorted(__all__)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.ipopt.build_asl import build_asl
-from pyrobocop_pyomo.ipopt.doctor import pyomo_silenced, report
+from pyrobocop_pyomo.ipopt.doctor import pyomo_warnings_off, report
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.write(f"build-asl: {error}\n")
             return 1
         return 0
-    with pyomo_silenced():
+    with pyomo_warnings_off():
         text, works = report()
     _say(text)
     return 0 if works else 1

@@ -7,6 +7,12 @@ use raises a `ModuleNotFoundError` that names the extra to install.
 
 from __future__ import annotations
 
+import importlib
+import sys
+from importlib.machinery import PathFinder
+from importlib.util import module_from_spec
+from types import ModuleType
+
 from pyomo.common.dependencies import attempt_import
 
 
@@ -29,9 +35,28 @@ trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("tr
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
 
-# Required, but deferred all the same: with Pyomo loaded, the first import of SciPy takes half a second.
+
+def _import_scipy() -> ModuleType:
+    """Import SciPy without its statistics.
+
+    Pyomo's finder of modules imports ``scipy.stats`` (0.6 s) as soon as anybody imports SciPy. Found by the ordinary
+    finder instead, SciPy comes alone; Pyomo still imports the statistics when it uses SciPy itself.
+    """
+    spec = None if "scipy" in sys.modules else PathFinder.find_spec("scipy")
+    if spec is not None and spec.loader is not None:
+        module = sys.modules["scipy"] = module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules["scipy"]
+            raise
+    return importlib.import_module("scipy")
+
+
+# Required, but deferred all the same: the parts of SciPy that are used take a tenth of a second and more to import.
 networkx, _ = attempt_import("networkx")
 scipy, _ = attempt_import(
     "scipy",
+    importer=_import_scipy,
     deferred_submodules=["integrate", "optimize", "sparse", "sparse.csgraph", "sparse.linalg", "spatial", "special"],
 )

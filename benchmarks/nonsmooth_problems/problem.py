@@ -85,7 +85,7 @@ class NonsmoothProblem:
         (objective,) = (pyo.value(each) for each in model.component_data_objects(pyo.Objective, active=True))
         try:
             verified = model.phase.trajectory().verify()
-        except rcp.PyRobocopError as error:  # boundaries that moved past each other make no trajectory
+        except rcp.errors.PyRobocopError as error:  # boundaries that moved past each other make no trajectory
             return Judgement(inf, inf, objective, None, inf, (str(error),))
         violation = max(verified.defect, verified.continuity, verified.equations, verified.bounds)
         best = None if self.optimum is None else self.optimum()

@@ -53,7 +53,9 @@ def near_pairs(obstacles: int = 20, seed: int = 0, length: float = 1.0) -> list[
     """Pairs that a person would state who knows the way: obstacles within a length of the straight line."""
     line = rcp.Polytope.from_vertices([START[:2], GOAL[:2]], allow_flat=True).padded(BODY.reach)
     shapes = _shapes(obstacles, seed)
-    return [("body", name) for name, each in shapes.items() if rcp.signed_distance(line, each).distance < length]
+    return [
+        ("body", name) for name, each in shapes.items() if rcp.geometry.signed_distance(line, each).distance < length
+    ]
 
 
 def _shapes(obstacles: int, seed: int) -> dict[str, rcp.Polytope]:
@@ -65,11 +67,11 @@ def _shapes(obstacles: int, seed: int) -> dict[str, rcp.Polytope]:
         size, turn = rng.uniform(0.3, 0.8), rng.uniform(0, 2 * np.pi)
         shape = rcp.Polytope.regular_polygon(int(rng.integers(3, 7)), size, center=rng.uniform(0, 10, 2))
         spun = shape.placed(_turned_about(shape.center, turn))
-        if all(rcp.signed_distance(spun, each).distance > 1.0 for each in [*found.values(), *ends]):
+        if all(rcp.geometry.signed_distance(spun, each).distance > 1.0 for each in [*found.values(), *ends]):
             found[f"obstacle {len(found) + 1}"] = spun
     return found
 
 
-def _turned_about(center: np.ndarray, angle: float) -> rcp.Pose:
+def _turned_about(center: np.ndarray, angle: float) -> rcp.geometry.Pose:
     to, back = rcp.planar_pose(*center.tolist()), rcp.planar_pose(*(-center).tolist())
     return to @ rcp.planar_pose(0, 0, angle) @ back

@@ -7,6 +7,7 @@ from .forms import form_of
 from .grouping import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 from .lifting import LiftedPair, SideVariable
 from .pairs import active_pairs, active_sources, canonical_form, canonical_pair
+from .parameters import reset_parameters, update_parameters
 from .relaxations import (
     AugmentedLagrangian,
     ChenHarkerKanzowSmale,
@@ -24,14 +25,31 @@ from .relaxations import (
     SteffensenUlbrich,
     TwoSided,
 )
+from .relaxing import (
+    RelaxationToken,
+    crossed_pairs_of,
+    delta_of,
+    has_penalty,
+    lifted_pairs_of,
+    pairs_of,
+    relax,
+    relaxation_of,
+    relaxation_rows_of,
+    revert,
+    rows_of,
+    shifted_rows_of,
+    sources_of,
+    without_penalty,
+)
 from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
-from .schedules import Fixed, FollowBarrier, Geometric, Schedule, Superlinear
+from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements
-from .transformation import RelaxationToken, RelaxComplementarity
+from .transformation import RelaxComplementarity
 
 __all__ = [
     "AllPairs",
     "AugmentedLagrangian",
+    "BarrierSchedule",
     "CanonicalForm",
     "CanonicalPair",
     "ChenHarkerKanzowSmale",
@@ -76,7 +94,22 @@ __all__ = [
     "canonical_pair",
     "complements",
     "component_residuals",
+    "crossed_pairs_of",
+    "delta_of",
     "form_of",
+    "has_penalty",
+    "lifted_pairs_of",
     "pair_residuals",
+    "pairs_of",
+    "relax",
+    "relaxation_of",
+    "relaxation_rows_of",
+    "reset_parameters",
+    "revert",
+    "rows_of",
+    "shifted_rows_of",
     "side_values",
+    "sources_of",
+    "update_parameters",
+    "without_penalty",
 ]

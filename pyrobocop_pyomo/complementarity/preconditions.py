@@ -65,11 +65,11 @@ def refuse_second_delta(model: Any) -> None:
             )
 
 
-def refuse_other_options(model: Any, record: Record, config: Any, given: dict[str, Any]) -> None:
-    """Refuse a relaxation, a grouping or a lifting that differs from the one in use."""
-    for option in ("relaxation", "grouping", "lift"):
-        known, wanted = getattr(record, option), config[option]
-        if option in given and wanted != known:
+def refuse_other_options(model: Any, record: Record, options: dict[str, Any]) -> None:
+    """Refuse a relaxation, a grouping or a lifting that differs from the one in use; None asks for none."""
+    for option, wanted in options.items():
+        known = getattr(record, option)
+        if wanted is not None and wanted != known:
             raise ComplementarityError(
                 f"'{model.name}': is relaxed with {option} {known}; {wanted} cannot be added beside it. "
                 "Revert first, or leave the option out."
@@ -77,16 +77,25 @@ def refuse_other_options(model: Any, record: Record, config: Any, given: dict[st
 
 
 def only_objective(model: Any) -> Any:
-    """Return the one active objective, which a penalty is added to."""
-    objectives = list(
+    """Return the one active objective, which a penalty is added to; None where there is no objective at all."""
+    objectives = _active_objectives(model)
+    if len(objectives) > 1:
+        names = ", ".join(f"'{objective.name}'" for objective in objectives)
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the one active objective, found {names}. Deactivate all but one."
+        )
+    above = [] if objectives else _active_objectives(model.model())
+    if above:
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the objective, which is '{above[0].name}' of "
+            f"'{model.model().name}'. Apply it to that model, with targets= the blocks that are meant."
+        )
+    return objectives[0] if objectives else None
+
+
+def _active_objectives(model: Any) -> list[Any]:
+    return list(
         model.component_data_objects(
             Objective, active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic
         )
     )
-    if len(objectives) != 1:
-        names = ", ".join(f"'{objective.name}'" for objective in objectives) or "none"
-        raise ComplementarityError(
-            f"'{model.name}': a penalty is added to the one active objective, found {names}. Apply it to the model "
-            "that has the objective, with targets= the blocks that are meant."
-        )
-    return objectives[0]

@@ -10,6 +10,8 @@ from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
+from pyrobocop_pyomo.errors import ComplementarityError
+
 from .canonical import CanonicalForm, CanonicalPair
 from .pairs import BLOCK_TYPES
 
@@ -195,3 +197,18 @@ def records_above(component: Any) -> Iterator[Record]:
         if record is not None:
             yield record
         block = block.parent_block()
+
+
+def only_record(model: Any) -> Record:
+    """Return the record of the one relaxation in this block and in what it contains.
+
+    Raises
+    ------
+    ComplementarityError
+        If there is none, or if there are several.
+    """
+    records = list(records_below(model))
+    if len(records) != 1:
+        names = ", ".join(f"'{record.main.name}'" for record in records) or "none"
+        raise ComplementarityError(f"'{model.name}': expected one relaxation in it, found {names}.")
+    return records[0]

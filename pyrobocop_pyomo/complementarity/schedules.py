@@ -19,6 +19,18 @@ class Schedule(Protocol):
         ...
 
 
+@runtime_checkable
+class BarrierSchedule(Schedule, Protocol):
+    """A schedule whose delta follows the barrier parameter mu inside one solve.
+
+    Its `steps` give the deltas of that solve's end: the last one is where delta stays however small mu becomes.
+    """
+
+    def delta_for(self, mu: float) -> float:
+        """Return delta for a barrier parameter: positive, and never increasing as mu decreases."""
+        ...
+
+
 def _require(met: bool, schedule: object, what: str) -> None:
     if not met:
         raise ComplementarityError(f"{schedule}: {what}.")

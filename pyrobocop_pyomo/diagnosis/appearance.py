@@ -12,9 +12,9 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .degrees import phases_of
 from .findings import Finding, Severity, Subject
 
 

@@ -11,11 +11,11 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.answers import labelled_rows
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.point_model import PointModel
-from pyrobocop_pyomo.phases.violations import violation
 
 from .findings import Finding, Severity, Subject
 from .linearisation import residual_of
@@ -47,7 +47,7 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
                 remarks.append(f"'{statement.name}' of phase '{phase.name}' at t = {time:g} ({error})")
                 continue
             for label, row in labelled_rows(statement.kind, answer).items():
-                gap = _violation(row)
+                gap = relation_violation(row, unknown=0.0)
                 if gap > TOLERANCE:
                     name = statement.name if label is None else f"{statement.name}[{label}]"
                     yield Finding(
@@ -59,19 +59,6 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
                         f"Give {where} values that satisfy it, or leave one of them free.",
                         time,
                     )
-
-
-def _violation(row: Any) -> float:
-    """How far a row is from holding; 0 where it holds anything whose value is not known."""
-    parts = row if isinstance(row, tuple) else (row,)
-    for part in parts:
-        held = identify_variables(part, include_fixed=True) if hasattr(part, "is_expression_type") else ()
-        if any(variable.value is None for variable in held):
-            return 0.0
-    try:
-        return violation(row)
-    except (ValueError, TypeError, ArithmeticError):
-        return 0.0
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:

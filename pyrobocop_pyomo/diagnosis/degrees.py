@@ -9,17 +9,10 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.phases import Control, PhaseBlockData
+from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.controls import variables_name
 
 from .findings import DegreesOfFreedom
-
-
-def phases_of(block: Any) -> list[Any]:
-    """The active phases of a model, or a phase itself."""
-    return [
-        each for each in block.block_data_objects(active=True, descend_into=Block) if isinstance(each, PhaseBlockData)
-    ]
 
 
 def degrees_of_freedom(block: Any) -> DegreesOfFreedom:

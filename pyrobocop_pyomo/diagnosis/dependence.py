@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.numerics import maximum_matching
 from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.phases import phases_of
 
-from .degrees import phases_of
 from .findings import Finding, Severity, Subject
 from .linearisation import Linearisation, Row, equilibrate
 

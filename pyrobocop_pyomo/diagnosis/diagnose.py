@@ -7,10 +7,11 @@ from typing import Any
 from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.phases import phases_of
 
 from .appearance import appearance_findings
 from .boundaries import boundary_findings, decided_findings
-from .degrees import degrees_of_freedom, phases_of
+from .degrees import degrees_of_freedom
 from .dependence import dependence_findings
 from .findings import Diagnosis, Finding, Severity
 from .finite import data_findings, rate_findings, row_findings, values_missing

@@ -12,8 +12,10 @@ from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_variables
 
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+
 from .findings import Finding, Severity, Subject
-from .linearisation import Linearisation, gradient, number_or_nan
+from .linearisation import Linearisation, gradient
 
 GUESS = "Change the guess or the data, or keep the expression away from its edge by bounds."
 

@@ -15,9 +15,10 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.visitor import identify_variables
 
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.optional_imports import scipy
 
 NAN = float("nan")
@@ -91,17 +92,6 @@ def residual_of(row: Any) -> float:
     if math.isnan(lower) or math.isnan(upper):
         return NAN
     return body - upper if row.equality else max(lower - body, body - upper, 0.0 * body)
-
-
-def number_or_nan(expression: Any, without: float = NAN) -> float:
-    """Value of an expression; NaN where it has none, `without` for None."""
-    if expression is None:
-        return without
-    try:
-        number = value(expression, exception=False)
-        return NAN if number is None or isinstance(number, complex) else float(number)
-    except NO_VALUE:
-        return NAN
 
 
 def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+
 from .findings import Finding, Severity, Subject
-from .linearisation import Linearisation, Row, equilibrate, number_or_nan
+from .linearisation import Linearisation, Row, equilibrate
 
 # Ipopt scales gradients above 100 down by itself: what is off by less than three orders of magnitude hardly matters.
 ORDERS = 3

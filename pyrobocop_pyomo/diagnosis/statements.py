@@ -12,8 +12,8 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity import canonical_form
 from pyrobocop_pyomo.complementarity.pairs import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.phases import phases_of
 
-from .degrees import phases_of
 from .findings import Finding, Severity, Subject
 
 

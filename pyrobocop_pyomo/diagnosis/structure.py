@@ -9,6 +9,7 @@ import numpy as np
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
 from .findings import Finding, Severity, Subject
@@ -126,21 +127,17 @@ def dependent_rows(matrix: np.ndarray) -> list[int]:
 def _singular_around(structure: PointStructure) -> bool:
     """Is the Jacobian singular at other values, too? The model keeps its own."""
     held = {id(v): v for row in structure.rows.values() for v in identify_variables(row.body, include_fixed=True)}
-    before = {number: variable.value for number, variable in held.items()}
     random = np.random.default_rng(0)
-    try:
+    with values_restored(held.values()) as values:
         for _ in range(3):
-            for number, variable in held.items():
-                centre = before[number] or 0.0
+            for variable, before in zip(values.variables, values.taken, strict=True):
+                centre = before or 0.0
                 moved = centre + 0.2 * (1 + abs(centre)) * float(random.uniform(-1, 1))
                 low = moved if variable.lb is None else variable.lb
                 high = moved if variable.ub is None else variable.ub
                 variable.set_value(min(max(moved, low), high), skip_validation=True)
             if not dependent_rows(_jacobian(structure)):
                 return False
-    finally:
-        for number, variable in held.items():
-            variable.set_value(before[number], skip_validation=True)
     return True
 
 

@@ -1,23 +1,17 @@
 """Convex shapes, poses and exact distances, in the plane and in space. Knows no model."""
 
-from .decompose import decompose
-from .distance import SignedDistance, distance_of_points, signed_distance
-from .lockstep import distances_of_points
-from .polytope import Polytope
-from .poses import Pose, check_pose, planar_pose, spatial_pose
-from .separation import gap, separating_directions
+from .decomposition import decompose
+from .distance import SignedDistance, signed_distance
+from .distance import distance_of_points as distance_of_points
+from .distance import distances_of_points as distances_of_points
+from .polytope import Polytope as Polytope
+from .poses import Pose
+from .poses import check_pose as check_pose
+from .poses import planar_pose as planar_pose
+from .poses import spatial_pose as spatial_pose
+from .separation import gap as gap
+from .separation import separating_directions as separating_directions
 
-__all__ = [
-    "Polytope",
-    "Pose",
-    "SignedDistance",
-    "check_pose",
-    "decompose",
-    "distance_of_points",
-    "distances_of_points",
-    "gap",
-    "planar_pose",
-    "separating_directions",
-    "signed_distance",
-    "spatial_pose",
-]
+# What users find in the namespace `geometry`. The names with "as" are for the folders of this package;
+# users find `Polytope` and the two functions of poses at the package root.
+__all__ = ["Pose", "SignedDistance", "decompose", "signed_distance"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import GeometryError
 
-from .minimum_norm import difference_rays, nearest_difference
+from .nearest_points import difference_rays, nearest_difference, nearest_differences
 from .polytope import Polytope
 from .poses import Pose
 from .separation import LEVEL, candidate_normals, gaps
@@ -125,6 +125,40 @@ def distance_of_points(
     distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
     on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
     return SignedDistance(distance, normal, on_second + distance * normal, on_second)
+
+
+def distances_of_points(
+    p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None = None, q_rays: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distances of m pairs of convex hulls at once, see `distance_of_points`; nothing is checked.
+
+    Parameters
+    ----------
+    p, q : (m, v, d) and (m, w, d) arrays
+        Corners in the world of the first and the second body of each pair.
+    p_rays, q_rays : (m, k, d) arrays, optional
+        Unit rows. With rays, each pair is settled by itself.
+
+    Returns
+    -------
+    distance : (m,) array
+    normal : (m, d) array
+        Unit vectors from the second to the first bodies, along which the gaps are the distances.
+    """
+    distance, normal = np.full(len(p), np.nan), np.full((len(p), p.shape[2]), np.nan)
+    if len(p) and not any(rays is not None and rays.shape[1] > 0 for rays in (p_rays, q_rays)):
+        origin = 0.5 * (p[:, :1] + q[:, :1])
+        near_p, near_q = p - origin, q - origin
+        scale = np.maximum(np.abs(near_p).max(axis=(1, 2)), np.abs(near_q).max(axis=(1, 2)))
+        nearest = nearest_differences(near_p, near_q, scale, TOUCHING * scale)
+        distance = np.linalg.norm(nearest, axis=1)
+        normal = nearest / distance[:, None]
+    for k in np.flatnonzero(np.isnan(distance)):
+        alone = distance_of_points(
+            p[k], q[k], None if p_rays is None else p_rays[k], None if q_rays is None else q_rays[k]
+        )
+        distance[k], normal[k] = alone.distance, alone.normal
+    return distance, normal
 
 
 def _point_of_contact(

@@ -13,11 +13,9 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import GeometryError
 
-from .halfspace_lists import corners_of_halfspaces
-from .hulls import affine_rank
+from .polyhedra import affine_rank, halfspaces_of
+from .polytope_input import corners_of_halfspaces, corners_of_list, read_points, read_rays
 from .poses import Pose
-from .representations import halfspaces_of
-from .vertex_lists import corners_of_list, read_points, read_rays
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,8 @@ import numpy as np
 
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .hulls import affine_basis, convex_hull
-from .minimum_norm import difference_rays
-from .representations import complement, halfspaces_of
+from .nearest_points import difference_rays
+from .polyhedra import affine_basis, complement, convex_hull, halfspaces_of
 
 # Rays are unit vectors: one that points this little across a gap is along it.
 LEVEL = 1e-8

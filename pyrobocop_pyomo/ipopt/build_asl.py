@@ -89,6 +89,10 @@ def build_asl(
             if version is None:
                 raise BuildFailed(f"'{executable}' was built, but '{executable} --version' does not run.")
             report(f"installed {executable}: {version}")
+            report(
+                "Pyomo's own SolverFactory('ipopt') finds it when its folder is on PATH, or after a call of "
+                "pyrobocop_pyomo.ipopt.configure_ipopt_executable()"
+            )
         if build_library:
             report("compiling PyNumero's library")
             built = Path(folder) / "libpynumero_ASL.so"

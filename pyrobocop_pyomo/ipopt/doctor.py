@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import importlib.metadata
 import logging
 import platform
@@ -11,7 +13,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import pyomo.environ as pyo
@@ -19,12 +20,13 @@ from pyomo.common import Executable
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
 
 from pyrobocop_pyomo._version import __version__
+from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import ASL_REMEDY, find_asl_library
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 
 from .backends import NO_IPOPT
 from .in_process import InProcessIpopt
-from .ipopt_executable import configure_ipopt_executable, ipopt_executable_version
+from .ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from .ipopt_library import load_ipopt_library
 
 OPTIMUM = 17.0140172891520542  # of Hock and Schittkowski's problem 71
@@ -34,9 +36,11 @@ _EXECUTABLE_REMEDY = (
     "PYROBOCOP_IPOPT_EXECUTABLE"
 )
 _CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
+# Importing this package leaves Pyomo as it is: an executable outside of PATH is shown to Pyomo on request only.
+_NOT_ON_PATH = "Pyomo's own SolverFactory finds it after pyrobocop_pyomo.ipopt.configure_ipopt_executable()"
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class BackendDiagnosis:
     """One way to Ipopt.
 
@@ -52,6 +56,8 @@ class BackendDiagnosis:
         What the small problem gave, or why it failed.
     remedy : str
         How to get it, when it does not work.
+    note : str
+        What has to be done before it is used.
     """
 
     name: str
@@ -59,9 +65,10 @@ class BackendDiagnosis:
     works: bool
     result: str
     remedy: str
+    note: str = ""
 
 
-def diagnose() -> list[BackendDiagnosis]:
+def examine_backends() -> list[BackendDiagnosis]:
     """Look for every way to Ipopt and solve a small problem on each."""
     casadi = _installed("casadi") if casadi_available() else ""
     return [
@@ -77,13 +84,12 @@ def report() -> tuple[str, bool]:
     lines.append(f"  {'python':<12}{platform.python_version()}  {sys.executable}")
     packages = ["pyomo", "numpy", "scipy", "networkx", "casadi", "highspy", "matplotlib", "pandas"]
     lines += [f"  {package:<12}{_installed(package) or 'not installed'}" for package in packages]
-    backends = diagnose()
+    backends = examine_backends()
     for backend in backends:
         verdict = "works" if backend.works else "fails" if backend.where else "not found"
         lines += ["", f"{backend.name}: {verdict}"]
-        lines += [
-            f"  {label:<12}{text}" for label, text in (("found", backend.where), ("solve", backend.result)) if text
-        ]
+        facts = {"found": backend.where, "solve": backend.result, "note": backend.note}
+        lines += [f"  {label:<12}{text}" for label, text in facts.items() if text]
         if not backend.works:
             lines.append(f"  {'remedy':<12}{backend.remedy}")
     works = any(backend.works for backend in backends)
@@ -100,14 +106,18 @@ def _installed(package: str) -> str:
 
 def _executable_backend(name: str) -> BackendDiagnosis:
     title = f'SolverFactory("{name}")'
-    configure_ipopt_executable()
-    path = Executable("ipopt").path()
+    try:
+        path = find_ipopt_executable()
+    except SolverNotFoundError as error:
+        return BackendDiagnosis(title, "", False, str(error), _EXECUTABLE_REMEDY)
     if path is None:
         return BackendDiagnosis(title, "", False, "", _EXECUTABLE_REMEDY)
     version = ipopt_executable_version(path)
     if version is None:
         return BackendDiagnosis(title, path, False, f"'{path} --version' does not run", _EXECUTABLE_REMEDY)
-    return _tried(title, f"{path}  {version}", _EXECUTABLE_REMEDY, _solve_legacy if name == "ipopt" else _solve_new)
+    solve = functools.partial(_solve_legacy if name == "ipopt" else _solve_new, path)
+    found = _tried(title, f"{path}  {version}", _EXECUTABLE_REMEDY, solve)
+    return found if Executable("ipopt").path() == path else dataclasses.replace(found, note=_NOT_ON_PATH)
 
 
 def _in_process_backend(derivatives: str, found: str, remedy: str) -> BackendDiagnosis:
@@ -140,17 +150,17 @@ def _tried(title: str, where: str, remedy: str, solve: Callable[[pyo.ConcreteMod
     return BackendDiagnosis(title, where, True, result, remedy)
 
 
-def _solve_legacy(model: pyo.ConcreteModel) -> int:
+def _solve_legacy(executable: str, model: pyo.ConcreteModel) -> int:
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "ipopt.log"
-        pyo.SolverFactory("ipopt").solve(model, logfile=str(log))
+        pyo.SolverFactory("ipopt", executable=executable).solve(model, logfile=str(log))
         found = re.search(r"Number of Iterations\.*: *(\d+)", log.read_text(encoding="utf-8"))
     return int(found.group(1)) if found else -1
 
 
-def _solve_new(model: pyo.ConcreteModel) -> int:
+def _solve_new(executable: str, model: pyo.ConcreteModel) -> int:
     # Registered as "ipopt" there; "ipopt_v2" is its name in the older factory.
-    return NewSolverFactory("ipopt").solve(model).extra_info.iteration_count
+    return NewSolverFactory("ipopt", executable=executable).solve(model).extra_info.iteration_count
 
 
 def _small_problem() -> pyo.ConcreteModel:
@@ -165,7 +175,7 @@ def _small_problem() -> pyo.ConcreteModel:
 
 
 @contextlib.contextmanager
-def pyomo_silenced() -> Iterator[None]:
+def pyomo_warnings_off() -> Iterator[None]:
     """Keep Pyomo's warnings about solvers out of the report, which says the same in its own words."""
     logger = logging.getLogger("pyomo")
     level = logger.level

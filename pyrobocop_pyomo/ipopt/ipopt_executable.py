@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import subprocess
 import sys
@@ -11,8 +10,6 @@ from pathlib import Path
 from pyomo.common import Executable
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
-
-logger = logging.getLogger(__name__)
 
 EXECUTABLE_VARIABLE = "PYROBOCOP_IPOPT_EXECUTABLE"
 
@@ -49,20 +46,26 @@ def find_ipopt_executable() -> str | None:
 
 
 def configure_ipopt_executable() -> str | None:
-    """Let Pyomo's solvers ``ipopt`` and ``ipopt_v2`` find the executable; return its path.
+    """Let Pyomo's own solvers ``ipopt`` and ``ipopt_v2`` find the executable of this Python environment.
 
-    An executable that Pyomo finds by itself stays the one that it uses, unless the environment variable
-    ``PYROBOCOP_IPOPT_EXECUTABLE`` asks for another.
+    Importing this package changes nothing of Pyomo, and the solvers of this package need no call: this function is
+    for ``SolverFactory("ipopt")`` in a Python environment where ``python -m pyrobocop_pyomo build-asl`` or conda has
+    put the executable, without its folder being on PATH. An executable that Pyomo finds by itself stays the one that
+    it uses, unless the environment variable ``PYROBOCOP_IPOPT_EXECUTABLE`` asks for another.
+
+    Returns
+    -------
+    str or None
+        Path of the executable that Pyomo uses from now on; None when there is none.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When the variable names a file that cannot be executed.
     """
-    try:
-        path = find_ipopt_executable()
-    except SolverNotFoundError as error:
-        # Called on import, which must not fail for a solver that may never be asked for.
-        logger.warning("%s", error)
-        return None
+    path = find_ipopt_executable()
     if path is not None and path != Executable("ipopt").path():
         Executable("ipopt").set_path(path)
-        logger.debug("Pyomo's solvers ipopt and ipopt_v2 now use %s", path)
     return path
 
 

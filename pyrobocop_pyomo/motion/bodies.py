@@ -1,4 +1,4 @@
-"""`Body`: a shape, or several that move as one, and where it is over time."""
+"""`Body`: one shape or several that move together, and their pose over time."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.phases.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 
 PoseRule = Callable[[Any, Any], Any]
 
 
 def _lost_pose(block: Any, t: Any) -> Any:
-    """Stand-in for a rule that a pickle could not hold: no pose at all would mean a body that rests."""
+    """Replaces a rule that a pickle cannot hold; with no rule at all the body would rest."""
     raise ObstacleError("the rule for a body's pose did not survive pickling. Define it at the top level of a module.")
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A shape and its pose.
+    """One rigid body: its shape and its pose.
 
     Attributes
     ----------
     shape : Polytope, or sequence of Polytope
-        In the body's own frame. Several are one body that is their union.
+        In the body's own frame. The body is the union of several shapes.
     pose : callable or None
-        ``pose(block, t)`` returns the `Pose` at an index ``t`` of the set that the avoidance block is given; ``block``
-        is the parent of the avoidance block, or something that stands in for it: variables have to be read through
-        it. None for a body that rests where its shape lies.
+        ``pose(block, t)`` returns the `Pose` at an index ``t`` of the set of points. ``block`` is the parent of the
+        avoidance block or, between the nodes, a proxy of it: the rule must read all variables through it. None for a
+        body that rests: its shape is given in the world.
 
     Raises
     ------
     ObstacleError
-        When the shape is none, or its parts do not have the same dimension.
+        When the shape is not a polytope, or its parts have different dimensions.
     """
 
     shape: Any
@@ -45,12 +45,12 @@ class Body:
         if not parts or not all(isinstance(part, Polytope) for part in parts):
             raise ObstacleError(
                 f"a body of shape {self.shape!r}: expected a Polytope or a list of them. "
-                "Make one by Polytope.box, from_vertices or from_halfspaces; cut what is not convex by decompose."
+                "Make one by Polytope.box, from_vertices or from_halfspaces; decompose makes convex parts of others."
             )
         dimensions = sorted({part.dimension for part in parts})
         if len(dimensions) > 1:
             names = ", ".join(f"'{part.name}' ({part.dimension})" for part in parts)
-            raise ObstacleError(f"a body with parts of dimensions {dimensions}: {names}. All must have the same.")
+            raise ObstacleError(f"a body with parts of dimensions {dimensions}: {names}. All must be the same.")
         if self.pose is not None and not callable(self.pose):
             raise ObstacleError(
                 f"'{parts[0].name}': its pose is {self.pose!r}; expected a function of (block, t), or None for a body "
@@ -58,7 +58,7 @@ class Body:
             )
 
     def __deepcopy__(self, memo: dict[int, object]) -> Body:
-        return self  # nothing in it can change, so that cloned models share it
+        return self  # immutable: cloned models share it
 
     def __getstate__(self) -> dict[str, Any]:
         pose = None if self.pose is None else picklable_or_none(self.pose) or _lost_pose
@@ -66,7 +66,7 @@ class Body:
 
     @property
     def parts(self) -> tuple[Polytope, ...]:
-        """The convex shapes that it is made of."""
+        """The convex shapes of the body."""
         return (self.shape,) if isinstance(self.shape, Polytope) else tuple(self.shape)
 
     @property
@@ -76,11 +76,11 @@ class Body:
 
     @property
     def moves(self) -> bool:
-        """Whether it has a pose."""
+        """Whether the body has a pose rule."""
         return self.pose is not None
 
     def named_parts(self, name: str) -> Iterator[tuple[str, Polytope]]:
-        """Each part with its name: that of the body, or ``name[1]``, ``name[2]``, ... where there are several."""
+        """Parts and their names: ``name`` of a single part, ``name[1]``, ``name[2]``, ... of several."""
         parts = self.parts
         for i, part in enumerate(parts, start=1):
             label = name if len(parts) == 1 else f"{name}[{i}]"

@@ -1,4 +1,4 @@
-"""Values of an expression with its variables replaced: by arrays, or by anything else that can be calculated with."""
+"""Values of an expression whose variables are replaced by arrays, or by Taylor forms."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pyomo.core.expr.template_expr import GetItemExpression
 
 from pyrobocop_pyomo.errors import ObstacleError
 
-from .jets import Jet
+from .taylor_forms import TaylorForm
 
 
 def _function(name: str) -> Callable[[Any], Any]:
     of_array = getattr(np, name)
-    return lambda argument: getattr(argument, name)() if isinstance(argument, Jet) else of_array(argument)
+    return lambda argument: getattr(argument, name)() if isinstance(argument, TaylorForm) else of_array(argument)
 
 
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {
@@ -41,22 +41,22 @@ OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
 
 
 class ExpressionValues:
-    """Evaluates expressions that share their variables; what they have in common is evaluated once.
+    """Evaluates expressions of the same variables; common subexpressions are evaluated once.
 
     Parameters
     ----------
     leaves : dict
-        From the ``id`` of a variable to what takes its place. Other variables count with their values.
+        From the ``id`` of a variable to its replacement. Other variables count with their values.
 
     Raises
     ------
     ObstacleError
-        When an expression holds what a pose cannot be made of, or a variable without value.
+        When an expression has a function that is not supported, or a variable without value.
     """
 
     def __init__(self, leaves: Mapping[int, Any]) -> None:
         self._values: dict[int, Any] = dict(leaves)
-        # The memory is by identity: what LinearExpression makes on the fly must not be freed and its id used again.
+        # Values are stored by id: a temporary node, as LinearExpression makes them, has to live on to keep its id.
         self._seen: list[Any] = []
 
     def of(self, node: Any) -> Any:
@@ -79,7 +79,7 @@ class ExpressionValues:
         if not node.is_expression_type():
             number = value(node, exception=False)
             if number is None:
-                raise ObstacleError(f"'{node.name}' has no value. Solve the model first, or give it a guess.")
+                raise ObstacleError(f"'{node.name}' has no value. Solve the model first, or give it an initial guess.")
             return float(number)
         if node.is_named_expression_type():
             return self.of(node.arg(0))
@@ -98,11 +98,11 @@ class ExpressionValues:
         operation = next((made for base, made in OPERATIONS.items() if isinstance(node, base)), None)
         if operation is None:
             raise _unknown(node, f"is a {type(node).__name__}")
-        return reduce(operation, [self.of(each) for each in node.args])
+        return reduce(operation, map(self.of, node.args))
 
     @staticmethod
     def _plain(number: Any) -> Any:
-        return float(number) if np.ndim(number) == 0 and not isinstance(number, Jet) else number
+        return float(number) if np.ndim(number) == 0 and not isinstance(number, TaylorForm) else number
 
 
 def _unknown(node: Any, why: str) -> ObstacleError:

@@ -1,73 +1,91 @@
-"""How variables at nodes make a motion between them.
+"""How the values of variables at nodes define a motion between the nodes.
 
-On every interval a signal is a polynomial of the local fraction ``s`` in [0, 1], ``x(s) = sum_k w_k(s) leaf_k``: its
-leaves are variables at nodes or, for schemes that start on a stage, the start value and the increments ``h f``.
+On every interval a signal is a polynomial of the local fraction ``s`` in [0, 1], ``x(s) = sum_k w_k(s) leaf_k``. The
+leaves are the variables at the nodes. For schemes whose first stage is the start of the element they are the start
+value and the increments ``h f``.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pyomo.core.base.var import Var
+from pyomo.dae import DerivativeVar
 
+from pyrobocop_pyomo.continuous.record import Discretisation
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.rule_proxies import Series
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
+from pyrobocop_pyomo.phases.horizon import element_widths
 
 Array = NDArray[np.float64]
+Nodes = tuple[tuple[float, ...], ...]
+
+STATES_ONLY = (
+    "Between the nodes only states move continuously. Let the pose read states, numbers and functions of t and "
+    "clock(t) only. Make anything else that it needs a state, with an ode."
+)
 
 
 class Interpolation(Protocol):
-    """What happens on the intervals of a set of points."""
+    """The motion on the intervals of a set of points."""
 
     @property
-    def intervals(self) -> tuple[tuple[float, ...], ...]:
+    def intervals(self) -> Nodes:
         """Nodes of each interval, both ends included."""
 
     def check(self, series: Series) -> None:
-        """Raise `ObstacleError` for what does not move continuously."""
+        """Raise `ObstacleError` for a signal that is not continuous."""
 
     def leaves(self, series: Series, interval: int) -> list[Any]:
-        """Variables and expressions that make the polynomial of one interval."""
+        """Variables and expressions that define the polynomial of one interval."""
 
     def weights(self, series: Series, interval: int, fractions: ArrayLike) -> Array:
         """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
 
     def is_clock_of(self, block: Any) -> bool:
-        """Whether ``block.clock`` tells the time of the indices."""
+        """Whether ``block.clock`` maps the indices to time."""
 
-    def clock(self, index: float) -> Any:
-        """The time that an index stands for."""
+    def time_at(self, index: float) -> Any:
+        """Time at an index: a number or an expression."""
 
 
-class Source(Protocol):
-    """What has a collocation grid: a phase, or a discretised continuous set."""
+# ---------------------------------------------------------------------------------------------- collocation polynomials
+
+
+class CollocatedStates(Protocol):
+    """States on a collocation grid: those of a phase, or of a discretised continuous set."""
 
     @property
     def grid(self) -> Grid:
         """Scheme and mesh, in indices."""
 
     def check(self, series: Series) -> None:
-        """Raise `ObstacleError` for what is no state."""
+        """Raise `ObstacleError` for what is not a state."""
 
     def rates(self, series: Series) -> Any:
         """Derivative of a state by collocation point; None where it has none."""
 
     def width(self, interval: int) -> Any:
-        """Width of an element in real time."""
+        """Width of an element, in time."""
 
-    def clock(self, index: float) -> Any:
-        """The time that an index stands for."""
+    def time_at(self, index: float) -> Any:
+        """Time at an index."""
 
 
 class CollocationInterpolation:
-    """States follow the polynomial of their scheme, the one that `Trajectory` evaluates."""
+    """States follow the polynomial of their scheme, the same one that `Trajectory` evaluates."""
 
-    def __init__(self, source: Source) -> None:
-        self.source = source
-        grid = source.grid
+    def __init__(self, states: CollocatedStates) -> None:
+        self.states = states
+        grid = states.grid
         starts = grid.mesh.boundaries[:-1]
         ends = grid.mesh.boundaries[1:]
         self.intervals = tuple(
@@ -77,37 +95,122 @@ class CollocationInterpolation:
 
     def check(self, series: Series) -> None:
         """Only states are continuous."""
-        self.source.check(series)
+        self.states.check(series)
 
     def _rates(self, series: Series) -> Any:
-        scheme = self.source.grid.scheme
+        scheme = self.states.grid.scheme
         # The values at the nodes alone leave the polynomial of such a scheme one degree short.
-        return self.source.rates(series) if scheme.starts_on_a_stage and scheme.is_collocation else None
+        return self.states.rates(series) if scheme.starts_on_a_stage and scheme.is_collocation else None
 
     def leaves(self, series: Series, interval: int) -> list[Any]:
         """Values at the nodes, or the start value and the increments."""
-        grid, rates = self.source.grid, self._rates(series)
+        grid, rates = self.states.grid, self._rates(series)
         nodes = grid.node_times[interval]
         if rates is None:
             return [series.at(node) for node in nodes]
-        width = self.source.width(interval)
+        width = self.states.width(interval)
         return [series.at(nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
 
     def weights(self, series: Series, interval: int, fractions: ArrayLike) -> Array:
-        """Those of the scheme."""
-        scheme = self.source.grid.scheme
+        """Weights that the scheme defines."""
+        scheme = self.states.grid.scheme
         if self._rates(series) is None:
             return scheme.state_at(fractions)
         increments = scheme.increments_at(fractions)
         return np.column_stack([np.ones(len(increments)), increments])
 
     def is_clock_of(self, block: Any) -> bool:
-        """Only the phase's own."""
-        return block is getattr(self.source, "phase", None)
+        """True for the phase of the states only."""
+        return block is getattr(self.states, "phase", None)
 
-    def clock(self, index: float) -> Any:
-        """Of the phase."""
-        return self.source.clock(index)
+    def time_at(self, index: float) -> Any:
+        """Time of the phase; the index itself on a continuous set."""
+        return self.states.time_at(index)
+
+
+class PhaseStates:
+    """States of a `PhaseBlock`."""
+
+    def __init__(self, phase: Any) -> None:
+        self.phase = phase
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the phase."""
+        return self.phase.grid
+
+    def _name_of(self, series: Series) -> str | None:
+        # States, algebraics and controls alike have a value at a collocation point.
+        component = parent_of(series.at(self.grid.points[0]))
+        name = getattr(component, "local_name", None)
+        return name if name in self.phase.record.names_of_states and self.phase.component(name) is component else None
+
+    def check(self, series: Series) -> None:
+        """Refuse what is no state of the phase."""
+        if self._name_of(series) is None:
+            raise ObstacleError(f"'{series.name}' is no state of phase '{self.phase.name}'. {STATES_ONLY}")
+
+    def rates(self, series: Series) -> Any:
+        """Derivative of a state, where it has an equation."""
+        name = self._name_of(series)
+        known = name in self.phase.record.equation_of or self.phase.component(f"{name}_derivative") is not None
+        return self.phase.derivative(name) if known else None
+
+    def width(self, interval: int) -> Any:
+        """Width of an element, in time."""
+        return self._widths[interval]
+
+    @cached_property
+    def _widths(self) -> list[Any]:
+        return element_widths(self.phase, self.phase.record)
+
+    def time_at(self, index: float) -> Any:
+        """Time of the phase."""
+        return self.phase.clock(index)
+
+
+class ContinuousSetStates:
+    """States along a `ContinuousSet` that the transformation `pyrobocop.collocation` has discretised."""
+
+    def __init__(self, discretisation: Discretisation) -> None:
+        self.discretisation = discretisation
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the transformation."""
+        return self.discretisation.grid
+
+    def check(self, series: Series) -> None:
+        """Refuse what has no derivative along the set."""
+        component = parent_of(series.at(self.grid.points[0]))
+        if not any(state is component for state in self.discretisation.states):
+            raise ObstacleError(
+                f"'{series.name}' has no derivative along '{self.discretisation.domain.name}'. {STATES_ONLY}"
+            )
+
+    def rates(self, series: Series) -> Any:
+        """Derivative of a state: a variable, or the right-hand side that was substituted for it."""
+        data = {time: series.at(time) for time in self.grid.points}
+        component = parent_of(data[self.grid.points[0]])
+        derivative = next(derivative for state, derivative in self.discretisation.derivatives if state is component)
+        substituted = (
+            substitution.expression
+            for substitution in self.discretisation.substitutions
+            if substitution.derivative is derivative
+        )
+        shown = next(substituted, derivative)
+        return {time: shown[variable.index()] for time, variable in data.items()}
+
+    def width(self, interval: int) -> Any:
+        """Width of an element."""
+        return float(self.grid.mesh.widths[interval])
+
+    def time_at(self, index: float) -> Any:
+        """The index is the time."""
+        return index
+
+
+# ------------------------------------------------------------------------------------------- polynomials through nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +222,18 @@ class NodalInterpolation:
     intervals : tuple of tuples
         Nodes within each closed interval.
     support : tuple of tuples
-        Those nodes that the polynomial goes through.
-    checked : callable
-        Raises `ObstacleError` for what does not move continuously.
+        The nodes among them that the polynomial goes through.
+    refuse : callable
+        ``refuse(series)`` raises `ObstacleError` for a signal that is not continuous.
     """
 
-    intervals: tuple[tuple[float, ...], ...]
-    support: tuple[tuple[float, ...], ...]
-    checked: Any
+    intervals: Nodes
+    support: Nodes
+    refuse: Callable[[Series], None]
 
     def check(self, series: Series) -> None:
-        """As `checked` says."""
-        self.checked(series)
+        """Raise what `refuse` raises."""
+        self.refuse(series)
 
     def leaves(self, series: Series, interval: int) -> list[Any]:
         """Values at the nodes."""
@@ -143,9 +246,61 @@ class NodalInterpolation:
         return evaluation_matrix(local, fractions)
 
     def is_clock_of(self, block: Any) -> bool:
-        """There is none."""
+        """False: the indices are the time."""
         return False
 
-    def clock(self, index: float) -> Any:
+    def time_at(self, index: float) -> Any:
         """The index is the time."""
         return index
+
+
+def dae_interpolation(domain: Any) -> NodalInterpolation:
+    """Interpolation on a continuous set that `pyomo.dae` itself has discretised.
+
+    With collocation, variables that have a derivative follow the polynomial through the start of the element and its
+    collocation points. With finite differences they change linearly from point to point.
+
+    Raises
+    ------
+    ObstacleError
+        When the set is not discretised.
+    """
+    facts = domain.get_discretization_info()
+    if "scheme" not in facts:
+        raise ObstacleError(
+            f"'{domain.name}': a continuous set that is not discretised. Apply pyrobocop.collocation, or a "
+            "transformation of pyomo.dae, before obstacles are added."
+        )
+    points = tuple(domain)
+
+    def refuse(series: Series) -> None:
+        component = parent_of(series.at(points[0]))
+        if component is None or not _has_derivative(component, domain):
+            raise ObstacleError(f"'{series.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
+
+    if "tau_points" not in facts:
+        intervals = tuple(itertools.pairwise(points))
+        return NodalInterpolation(intervals, intervals, refuse)
+    boundaries = domain.get_finite_elements()
+    intervals = tuple(
+        tuple(point for point in points if start <= point <= end) for start, end in itertools.pairwise(boundaries)
+    )
+    count = len(facts["tau_points"])
+    return NodalInterpolation(intervals, tuple(nodes[:count] for nodes in intervals), refuse)
+
+
+def _has_derivative(component: Any, domain: Any) -> bool:
+    """Whether the model has a derivative of a variable along a set now: it may be declared later than the motion."""
+    # pyomo.dae turns the derivatives that it has discretised into plain variables.
+    components = domain.model().component_objects((Var, DerivativeVar), descend_into=True)
+    return any(
+        derivative.get_state_var() is component
+        for derivative in components
+        if isinstance(derivative, DerivativeVar)
+        and any(along is domain for along in derivative.get_continuousset_list())
+    )
+
+
+def parent_of(data: Any) -> Any:
+    """The component that holds a variable, also where the variable was reached through a reference."""
+    return data.parent_component() if hasattr(data, "parent_component") else None

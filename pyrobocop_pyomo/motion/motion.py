@@ -1,4 +1,4 @@
-"""`Motion`: the points at which a body has to be clear of obstacles, and how it moves between them."""
+"""`Motion`: the points of a motion, and the interpolation between them."""
 
 from __future__ import annotations
 
@@ -18,26 +18,32 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.rule_proxies import Series, ask
 from pyrobocop_pyomo.phases import PhaseBlockData
 
-from .dae_intervals import dae_interpolation
-from .interpolation import CollocationInterpolation, Interpolation, NodalInterpolation
-from .sources import ContinuousSetSource, PhaseSource, parent_of
+from .interpolation import (
+    CollocationInterpolation,
+    ContinuousSetStates,
+    Interpolation,
+    NodalInterpolation,
+    PhaseStates,
+    dae_interpolation,
+    parent_of,
+)
 
-# A local fraction this close to a node is the node.
+# A local fraction this close to a node counts as the node.
 _AT_NODE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What happens between the points of a set; `motion_of` makes it.
+    """A set of points and the motion between them; made by `motion_of`.
 
     Attributes
     ----------
     block : Block
-        What rules for poses are asked with.
+        First argument of pose rules.
     points : tuple
-        Where certificates are asked node by node: the members of the set.
+        Members of the set.
     interpolation : Interpolation or None
-        None for points that are not ordered in time: nothing happens between them.
+        None for points that are not ordered in time: there is no motion between them.
     """
 
     block: Any
@@ -46,16 +52,16 @@ class Motion:
 
     @property
     def intervals(self) -> tuple[tuple[float, ...], ...]:
-        """Node times of each interval, both ends included; none where nothing happens between points."""
+        """Nodes of each interval, both ends included; empty where there is no motion between the points."""
         return () if self.interpolation is None else self.interpolation.intervals
 
     def local_fractions(self, interval: int) -> tuple[float, ...]:
-        """Where the nodes of an interval lie in it, from 0 to 1."""
+        """Positions of the nodes within an interval, from 0 to 1."""
         nodes = self.intervals[interval]
         return tuple((node - nodes[0]) / (nodes[-1] - nodes[0]) for node in nodes)
 
     def index_at(self, interval: int, fraction: float) -> float:
-        """The index at a local fraction of an interval: the very node where there is one."""
+        """Index at a local fraction of an interval; exactly the node where the fraction is one of a node."""
         nodes = self.intervals[interval]
         local = self.local_fractions(interval)
         nearest = min(range(len(nodes)), key=lambda k: abs(local[k] - fraction))
@@ -63,44 +69,44 @@ class Motion:
             return nodes[nearest]
         return float(nodes[0] + fraction * (nodes[-1] - nodes[0]))
 
-    def clock(self, index: Any) -> Any:
-        """The time that an index stands for: itself, or an expression in what is to be found."""
-        return index if self.interpolation is None else self.interpolation.clock(index)
+    def time_at(self, index: Any) -> Any:
+        """Time at an index: the index itself, or an expression where the duration is free."""
+        return index if self.interpolation is None else self.interpolation.time_at(index)
 
     def pose_at_node(self, rule: Callable[..., Any], t: Any, *, name: str = "body") -> Any:
-        """The rule asked at a point of the set, or at a node of an interval.
+        """Pose at a point of the set, or at a node of an interval.
 
         Raises
         ------
         ObstacleError
-            Naming the body and the time, when the rule has no answer there.
+            Naming the body and the time, when the rule has no result there.
         """
         try:
             return rule(self.block, t)
         except KeyError as error:
             raise ObstacleError(
-                f"the pose of '{name}' has no value at t = {t!r} ({error}). It is asked at every point and at the ends "
-                "of every interval, where states have a value, but controls and algebraics may have none."
+                f"the pose of '{name}' has no value at t = {t!r} ({error}). It is evaluated at every point and at both "
+                "ends of every interval, where states have values, but controls and algebraics may have none."
             ) from error
 
     def pose_at(self, rule: Callable[..., Any], interval: int, fraction: float, *, name: str = "body") -> Any:
-        """The pose at an in-between point, of expressions in the variables at the nodes.
+        """Pose at a local fraction of an interval, in expressions of the variables at the nodes.
 
         Parameters
         ----------
         rule : callable
             ``rule(block, t)``, as for a `Body`.
         interval : int
-            Number of the interval.
+            Position of the interval.
         fraction : float
-            From 0 at its start to 1 at its end. At a node this is `pose_at_node`.
+            From 0 at its start to 1 at its end. At a node the result is that of `pose_at_node`.
         name : str
-            What messages call the body.
+            Name of the body in messages.
 
         Raises
         ------
         ObstacleError
-            When the pose reads what does not move continuously, or the rule cannot be asked between nodes.
+            When the pose reads a signal that is not continuous, or the rule cannot be evaluated between nodes.
         """
         if self.interpolation is None:
             raise ObstacleError(f"the pose of '{name}' between points: these points are not ordered in time.")
@@ -113,7 +119,7 @@ class Motion:
 
 
 class _PointReader:
-    """Reads the model at one point between nodes."""
+    """Replaces signals by their interpolation at one point between nodes."""
 
     def __init__(self, interpolation: Interpolation, interval: int, fraction: float, index: float) -> None:
         self._interpolation = interpolation
@@ -142,16 +148,16 @@ def _is_plain_variable(leaf: Any) -> bool:
 
 
 def motion_of(point_set: Any, parent_block: Any) -> Motion:
-    """How things move between the points of a set.
+    """The motion over a set of points.
 
     Parameters
     ----------
     point_set : Set or sequence
-        ``time`` or ``points`` of a `PhaseBlock`: intervals are its elements, and states follow the collocation
-        polynomial. A discretised `ContinuousSet`: the same. Numbers in increasing order: each two consecutive points
-        are an interval, on which everything that is indexed by the set changes linearly. Anything else: no intervals.
+        ``time`` or ``points`` of a `PhaseBlock`, or a discretised `ContinuousSet`: intervals are the elements, and
+        states follow the collocation polynomial. Numbers in increasing order: two consecutive points are an interval,
+        on which everything that is indexed by the set changes linearly. Anything else: there are no intervals.
     parent_block : Block
-        What rules for poses get as their first argument.
+        First argument of pose rules.
 
     Raises
     ------
@@ -161,16 +167,16 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     if getattr(point_set, "ctype", None) is ContinuousSet:
         return Motion(parent_block, tuple(point_set), _continuous_interpolation(point_set))
     home = point_set.parent_block() if hasattr(point_set, "parent_block") else None
-    if isinstance(home, PhaseBlockData) and any(point_set is each for each in (home.time, home.points)):
-        return Motion(parent_block, tuple(point_set), CollocationInterpolation(PhaseSource(home)))
+    if isinstance(home, PhaseBlockData) and (point_set is home.time or point_set is home.points):
+        return Motion(parent_block, tuple(point_set), CollocationInterpolation(PhaseStates(home)))
     points = tuple(point_set)
-    if not _is_ordered(point_set) or not all(_is_number(each) for each in points):
+    if not _is_ordered(point_set) or not all(map(_is_number, points)):
         return Motion(parent_block, points, None)
     for before, after in itertools.pairwise(points):
         if not before < after:
             raise ObstacleError(
-                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and have to increase, "
-                f"but {before:g} is followed by {after:g}. Sort them; where their order means nothing, use names."
+                f"'{getattr(point_set, 'name', 'points')}': points that are numbers are times and must increase, "
+                f"but {before:g} is followed by {after:g}. Sort them, or use names for points without an order."
             )
     if len(points) < 2:
         return Motion(parent_block, points, None)
@@ -179,8 +185,8 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
 
 
 def _continuous_interpolation(domain: Any) -> Interpolation:
-    done = discretisation_of(domain)
-    return dae_interpolation(domain) if done is None else CollocationInterpolation(ContinuousSetSource(done))
+    ours = discretisation_of(domain)
+    return dae_interpolation(domain) if ours is None else CollocationInterpolation(ContinuousSetStates(ours))
 
 
 def _is_ordered(point_set: Any) -> bool:
@@ -194,7 +200,7 @@ def _is_number(point: Any) -> bool:
 
 
 def _refuse_states_of_phases(point: float) -> Callable[[Series], None]:
-    def check(series: Series) -> None:
+    def refuse(series: Series) -> None:
         owner = parent_of(series.at(point))
         home = owner.parent_block() if owner is not None else None
         if isinstance(home, PhaseBlockData):
@@ -203,4 +209,4 @@ def _refuse_states_of_phases(point: float) -> Callable[[Series], None]:
                 f"Give '{home.name}.time' as the set of points."
             )
 
-    return check
+    return refuse

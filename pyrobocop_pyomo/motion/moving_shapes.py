@@ -1,4 +1,4 @@
-"""`MovingShape`: the corners of a shape at any instant, and bounds on their paths over stretches of time."""
+"""`MovingShape`: the corners of a shape at any instant, and bounds on their paths over subintervals."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.geometry import Polytope
 
 from .bodies import Body
-from .enclosures import Enclosure
+from .interval_arithmetic import Interval
 from .motion import Motion
-from .pose_templates import PoseTemplate, clocks_of, template_of
+from .pose_templates import PoseTemplate, node_times, template_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,75 +42,74 @@ class MovingShape:
     def corners(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
         count, d = len(interval), self.shape.dimension
+        vertices, rays = self.shape.vertices, self.shape.rays
         if self.template is None:
-            vertices, rays = self.shape.vertices, self.shape.rays
             return np.broadcast_to(vertices, (count, *vertices.shape)), np.broadcast_to(rays, (count, *rays.shape))
         entries = self.template.values(interval, fraction)
         rotation, translation = entries[:, : d * d].reshape(count, d, d), entries[:, d * d :]
-        turned = [np.einsum("mrc,ic->mir", rotation, each) for each in (self.shape.vertices, self.shape.rays)]
-        return turned[0] + translation[:, None, :], turned[1]
+        return _rotated(rotation, vertices) + translation[:, None, :], _rotated(rotation, rays)
 
-    def strays(self, motion: Motion) -> Array:
-        """How far the formulas misplace a corner, at most, in each interval, shape ``(intervals,)``.
+    def mismatch(self, motion: Motion) -> Array:
+        """Largest error of a corner's position in the formulas, by interval, shape ``(intervals,)``.
 
-        From where the nodes place it, see `PoseTemplate.strays`, and from where a rigid body has it: a quaternion that
-        has length one at the nodes is a little shorter between them, and so is the body.
+        The error is the distance from where the nodes place the corner, see `PoseTemplate.mismatch`, plus the distance
+        from where a rigid body would have it: a quaternion of length one at the nodes is shorter between them, so that
+        the body shrinks.
         """
-        farthest = np.zeros(len(motion.intervals))
+        largest = np.zeros(len(motion.intervals))
         if self.template is not None:
             d = self.shape.dimension
-            interval, difference = self.template.strays(motion)
-            turned = difference[:, : d * d].reshape(-1, d, d)
-            moved = np.einsum("mrc,ic->mir", turned, self.shape.vertices) + difference[:, None, d * d :]
-            # Of rays, at unit length.
-            moved = np.concatenate([moved, np.einsum("mrc,ic->mir", turned, self.shape.rays)], axis=1)
+            interval, difference = self.template.mismatch(motion)
+            rotation = difference[:, : d * d].reshape(-1, d, d)
+            moved = _rotated(rotation, self.shape.vertices) + difference[:, None, d * d :]
+            # Rays count with unit length.
+            moved = np.concatenate([moved, _rotated(rotation, self.shape.rays)], axis=1)
             lengths = np.linalg.norm(moved, axis=2).max(axis=1)
-            # Without value there is no path either, and no proof.
-            np.maximum.at(farthest, interval, np.where(np.isnan(lengths), 0.0, lengths))
-            farthest += self._distortion(self.template, len(farthest))
-        return farthest
+            # Intervals without values have no path, and no proof either.
+            np.maximum.at(largest, interval, np.where(np.isnan(lengths), 0.0, lengths))
+            largest += self._distortion(self.template, len(largest))
+        return largest
 
     def _distortion(self, template: PoseTemplate, intervals: int) -> Array:
-        """How far from a rigid body's the corners are, at samples: the rotations' are polynomials of few wiggles."""
+        """Largest distance of a corner from its place on a rigid body, at samples of each interval."""
         d = self.shape.dimension
         interval = np.repeat(np.arange(intervals), _SAMPLES)
         entries = template.values(interval, np.tile(np.linspace(0.0, 1.0, _SAMPLES), intervals))
         rotation = entries[:, : d * d].reshape(-1, d, d)
-        # The nearest rotation has singular values of one. Those of what is no number are left to the proof.
+        # The nearest rotation has singular values of one. The proof deals with values that are not finite.
         finite = np.isfinite(rotation).all(axis=(1, 2))
         stretched = np.abs(np.linalg.svd(rotation[finite], compute_uv=False) - 1.0).max(axis=1, initial=0.0)
-        farthest = np.zeros(intervals)
-        np.maximum.at(farthest, interval[finite], stretched)
+        largest = np.zeros(intervals)
+        np.maximum.at(largest, interval[finite], stretched)
         lever = np.linalg.norm(np.concatenate([self.shape.vertices, self.shape.rays]), axis=1).max()
-        return np.asarray(farthest * lever, dtype=np.float64)
+        return np.asarray(largest * lever, dtype=np.float64)
 
-    def stretches(self, interval: Indices, start: Array, end: Array) -> Stretches:
-        """Bounds on the paths over stretches of intervals."""
-        count, size = len(interval), self.shape.dimension * (self.shape.dimension + 1)
+    def path_bounds(self, interval: Indices, start: Array, end: Array) -> PathBounds:
+        """Bounds on the corners' paths over subintervals ``[start, end]`` of intervals."""
+        count, d = len(interval), self.shape.dimension
         if self.template is None:
-            resting = np.concatenate([np.eye(self.shape.dimension).ravel(), np.zeros(self.shape.dimension)])
-            value = Enclosure.of(np.tile(resting, (count, 1)))
-            bend = Enclosure.of(np.zeros((count, size)))
+            resting = np.concatenate([np.eye(d).ravel(), np.zeros(d)])
+            value = Interval.of(np.tile(resting, (count, 1)))
+            curvature = Interval.of(np.zeros((count, d * d + d)))
         else:
-            jets = self.template.jets(interval, start, end)
-            value = _stacked([jet.value for jet in jets])
-            bend = _stacked([jet.second for jet in jets])
-        return Stretches(
-            self.shape, start, end, self.corners(interval, start), self.corners(interval, end), value, bend
-        )
+            forms = self.template.taylor_forms(interval, start, end)
+            value = _stacked([form.value for form in forms])
+            curvature = _stacked([form.second for form in forms])
+        at_start, at_end = self.corners(interval, start), self.corners(interval, end)
+        return PathBounds(self.shape, start, end, at_start, at_end, value, curvature)
 
 
 @dataclass(frozen=True, eq=False)
-class Stretches:
-    """The paths of a shape's corners over ``m`` stretches ``[start, end]`` of local fractions.
+class PathBounds:
+    """Bounds on the paths of a shape's corners over ``m`` subintervals ``[start, end]`` of local fractions.
 
     Attributes
     ----------
     shape : Polytope
     start, end : array, shape (m,)
     at_start, at_end : (corners (m, v, d), rays (m, k, d))
-    value, bend : Enclosure, shape (m, d * d + d)
-        Of the entries of the pose, and of their second derivatives.
+    value, curvature : Interval of shape (m, d * d + d)
+        Bounds of the entries of the pose, and of their second derivatives.
     """
 
     shape: Polytope
@@ -118,53 +117,55 @@ class Stretches:
     end: Array
     at_start: tuple[Array, Array]
     at_end: tuple[Array, Array]
-    value: Enclosure
-    bend: Enclosure
+    value: Interval
+    curvature: Interval
 
-    def part(self, chosen: Any) -> Stretches:
-        """Some of the stretches."""
-        return Stretches(
+    def subset(self, chosen: Any) -> PathBounds:
+        """Bounds on some of the subintervals."""
+        return PathBounds(
             self.shape,
             self.start[chosen],
             self.end[chosen],
             (self.at_start[0][chosen], self.at_start[1][chosen]),
             (self.at_end[0][chosen], self.at_end[1][chosen]),
-            Enclosure(self.value.low[chosen], self.value.high[chosen]),
-            Enclosure(self.bend.low[chosen], self.bend.high[chosen]),
+            Interval(self.value.low[chosen], self.value.high[chosen]),
+            Interval(self.curvature.low[chosen], self.curvature.high[chosen]),
         )
 
-    def sag_factor(self) -> Array:
-        """``(end - start)^2 / 8``: a path leaves its chord by at most this times its second derivative."""
+    @property
+    def deviation_factor(self) -> Array:
+        """``(end - start)^2 / 8``: times a bound of the second derivative, it bounds the chord deviation."""
         return (self.end - self.start) ** 2 / 8.0
 
-    def bends(self, normals: Array) -> Enclosure:
-        """Second derivatives of ``n . p_i`` along given directions (m, d), shape ``(m, v)``."""
-        return _along(normals, self.shape.vertices, self.bend, moves=True)
+    def curvature_bounds(self, normals: Array) -> Interval:
+        """Bounds of the second derivatives of ``n . p_i`` along directions (m, d), shape ``(m, v)``."""
+        return _along(normals, self.shape.vertices, self.curvature, translates=True)
 
-    def values(self, normals: Array) -> Enclosure:
-        """``n . p_i`` along given directions (m, d), shape ``(m, v)``."""
-        return _along(normals, self.shape.vertices, self.value, moves=True)
+    def value_bounds(self, normals: Array) -> Interval:
+        """Bounds of ``n . p_i`` along directions (m, d), shape ``(m, v)``."""
+        return _along(normals, self.shape.vertices, self.value, translates=True)
 
-    def ray_slopes(self, normals: Array) -> Enclosure:
-        """``n . ray`` along given directions (m, d), shape ``(m, k)``."""
-        bend = _along(normals, self.shape.rays, self.bend, moves=False)
+    def ray_bounds(self, normals: Array) -> Interval:
+        """Bounds of ``n . ray`` along directions (m, d), shape ``(m, k)``."""
+        curvature = _along(normals, self.shape.rays, self.curvature, translates=False)
         ends = [np.einsum("mr,mir->mi", normals, rays) for rays in (self.at_start[1], self.at_end[1])]
-        return _between(ends[0], ends[1], bend, self.sag_factor()).intersect(
-            _along(normals, self.shape.rays, self.value, moves=False)
+        return _between(ends[0], ends[1], curvature, self.deviation_factor).intersect(
+            _along(normals, self.shape.rays, self.value, translates=False)
         )
 
-    def boxes(self) -> Enclosure:
-        """Boxes with sides along the axes that hold the shape during each stretch, shape ``(m, d)``."""
+    def boxes(self) -> Interval:
+        """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
         low, high = [], []
         for axis in np.eye(self.shape.dimension):
             normals = np.broadcast_to(axis, (len(self.start), len(axis)))
             ends = [np.einsum("mr,mir->mi", normals, corners) for corners in (self.at_start[0], self.at_end[0])]
-            path = _between(ends[0], ends[1], self.bends(normals), self.sag_factor()).intersect(self.values(normals))
-            slopes = self.ray_slopes(normals)
-            endless_down, endless_up = (slopes.low < 0.0).any(axis=1), (slopes.high > 0.0).any(axis=1)
-            low.append(np.where(endless_down, -np.inf, path.low.min(axis=1)) - self.shape.radius)
-            high.append(np.where(endless_up, np.inf, path.high.max(axis=1)) + self.shape.radius)
-        return Enclosure(np.array(low).T, np.array(high).T)
+            path = _between(ends[0], ends[1], self.curvature_bounds(normals), self.deviation_factor)
+            path = path.intersect(self.value_bounds(normals))
+            rays = self.ray_bounds(normals)
+            unbounded_below, unbounded_above = (rays.low < 0.0).any(axis=1), (rays.high > 0.0).any(axis=1)
+            low.append(np.where(unbounded_below, -np.inf, path.low.min(axis=1)) - self.shape.radius)
+            high.append(np.where(unbounded_above, np.inf, path.high.max(axis=1)) + self.shape.radius)
+        return Interval(np.array(low).T, np.array(high).T)
 
 
 def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[MovingShape]]:
@@ -175,40 +176,45 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
     ObstacleError
         Naming the body whose pose cannot be followed between the nodes.
     """
-    found = {}
-    clocks = clocks_of(motion)
+    shapes = {}
+    times = node_times(motion)
     for name, body in bodies.items():
-        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, clocks)
-        found[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
-    return found
+        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, times)
+        shapes[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
+    return shapes
 
 
-def _between(start: Array, end: Array, bend: Enclosure, factor: Array) -> Enclosure:
-    """Values of functions with given ends and second derivatives: the chord, and the sag on either side."""
-    # Where the second derivative is not positive, the graph lies on or above the chord: no sag below. NaN stays NaN.
-    below = factor[:, None] * np.maximum(bend.high, 0.0)
-    above = factor[:, None] * np.maximum(-bend.low, 0.0)
+def _rotated(rotation: Array, vectors: Array) -> Array:
+    """Vectors (k, d) turned by each of the rotations (m, d, d), shape ``(m, k, d)``."""
+    return np.einsum("mrc,ic->mir", rotation, vectors)
+
+
+def _between(start: Array, end: Array, curvature: Interval, factor: Array) -> Interval:
+    """Bounds of functions with given ends and second derivatives: the chord, and the deviation on either side."""
+    # Where the second derivative is not positive, the graph is nowhere below its chord. NaN stays NaN.
+    below = factor[:, None] * np.maximum(curvature.high, 0.0)
+    above = factor[:, None] * np.maximum(-curvature.low, 0.0)
     slack = 8 * _EPS * (np.abs(start) + np.abs(end))
-    return Enclosure(np.minimum(start, end) - below - slack, np.maximum(start, end) + above + slack)
+    return Interval(np.minimum(start, end) - below - slack, np.maximum(start, end) + above + slack)
 
 
-def _stacked(entries: list[Enclosure]) -> Enclosure:
-    return Enclosure(
-        np.stack([each.low for each in entries], axis=1), np.stack([each.high for each in entries], axis=1)
+def _stacked(entries: list[Interval]) -> Interval:
+    return Interval(
+        np.stack([entry.low for entry in entries], axis=1), np.stack([entry.high for entry in entries], axis=1)
     )
 
 
-def _along(normals: Array, points: Array, entries: Enclosure, moves: bool) -> Enclosure:
-    """Enclosures of ``n . (R z + t)``, or without the translation of ``n . R z``, from those of ``R`` and ``t``."""
+def _along(normals: Array, points: Array, entries: Interval, translates: bool) -> Interval:
+    """Bounds of ``n . (R z + t)``, or of ``n . R z`` without translation, from bounds of ``R`` and ``t``."""
     count, d = normals.shape
     factors = np.einsum("mr,ic->mirc", normals, points).reshape(count, len(points), d * d)
-    if moves:
+    if translates:
         shifts = np.broadcast_to(normals[:, None, :], (count, len(points), d))
         factors = np.concatenate([factors, shifts], axis=2)
-    low, high = (each[:, None, : factors.shape[2]] for each in (entries.low, entries.high))
-    # A factor of zero leaves an entry out, also one of which nothing is known: 0 * inf would be NaN.
-    parts = [np.where(factors == 0.0, 0.0, factors * each) for each in (low, high)]
-    slack = 4 * factors.shape[2] * _EPS * np.maximum(np.abs(parts[0]), np.abs(parts[1])).sum(axis=2)
-    return Enclosure(
-        np.minimum(parts[0], parts[1]).sum(axis=2) - slack, np.maximum(parts[0], parts[1]).sum(axis=2) + slack
+    bounds = (bound[:, None, : factors.shape[2]] for bound in (entries.low, entries.high))
+    # A factor of zero removes an entry also where its bounds are infinite: 0 * inf would be NaN.
+    terms = [np.where(factors == 0.0, 0.0, factors * bound) for bound in bounds]
+    slack = 4 * factors.shape[2] * _EPS * np.maximum(np.abs(terms[0]), np.abs(terms[1])).sum(axis=2)
+    return Interval(
+        np.minimum(terms[0], terms[1]).sum(axis=2) - slack, np.maximum(terms[0], terms[1]).sum(axis=2) + slack
     )

@@ -1,4 +1,4 @@
-"""`SafetyReport`: what is proven about the distances of all pairs, at all times."""
+"""`SafetyReport`: the distances that are proven for all body pairs, at all times."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class PairSafety:
-    """One pair of convex parts.
+class BodyPairSafety:
+    """The result for one pair of convex parts of two bodies.
 
     Attributes
     ----------
     first, second : str
         Names of the parts.
     clearance, tolerance : float
-        Asked was ``clearance``; what is proven to ``clearance - tolerance`` counts as kept.
+        The distance asked for is ``clearance``; one that is proven to ``clearance - tolerance`` counts as kept.
     distance : float
-        The smallest signed distance among all instants looked at, by a search in the intervals that are proven least.
-        Negative: they overlap.
+        Smallest signed distance of all instants measured; a search measures the intervals that are proven least.
+        Negative: the parts overlap.
     proven : float
         The signed distance is at least this at all times.
     time : float
-        When `distance` was found, in the user's time; of a set without order, the point.
+        When `distance` was found; for a set without order, the point.
     interval : int or None
-        In which interval; None where points have no order, and nothing is between them.
+        Where `distance` was found; None for points without order.
     interval_distance, interval_proven : array, shape (intervals,)
-        The same for each interval, or for each point where there are no intervals. NaN in `interval_distance`: the
-        interval was proven clear by its swept boxes and never looked into.
+        `distance` and `proven` of each interval, or of each point where there are no intervals. NaN in
+        `interval_distance`: the interval was proven clear by boxes, and no instant of it was measured.
     undecided : tuple of int
-        Intervals that are neither proven clear nor found violated; among them those in which a body leaps at a
-        node, as guesses and points that are not solved may do, or shrinks between them, by more than the tolerance.
-    pieces : int
-        Number of stretches that the proof took.
+        Intervals that are neither proven clear nor found violated. Among them are intervals in which a body jumps at a
+        node or is distorted between nodes by more than the tolerance, as values that are not a solution may have it.
+    subintervals : int
+        Number of subintervals that the proof used.
     """
 
     first: str
@@ -52,7 +52,7 @@ class PairSafety:
     interval_distance: Array = field(repr=False)
     interval_proven: Array = field(repr=False)
     undecided: tuple[int, ...]
-    pieces: int
+    subintervals: int
 
     @property
     def safe(self) -> bool:
@@ -66,12 +66,12 @@ class PairSafety:
 
     @property
     def violated(self) -> tuple[int, ...]:
-        """Intervals (or points) in which an instant was found that is too close."""
+        """Intervals (or points) with an instant that is too close."""
         return tuple(np.flatnonzero(self.interval_distance < self.clearance - self.tolerance).tolist())
 
     @property
     def verdict(self) -> str:
-        """In one word."""
+        """``"clear"``, ``"undecided"``, ``"too close"`` or ``"overlap"``."""
         if self.safe:
             return "clear"
         if not self.violated:
@@ -87,37 +87,36 @@ class PairSafety:
 
 @dataclass(frozen=True, eq=False)
 class SafetyReport:
-    """The judgement of `verify_clearance`.
+    """The result of `verify_clearance`.
 
     Attributes
     ----------
-    pairs : tuple of PairSafety
+    body_pairs : tuple of BodyPairSafety
     between : bool
-        False where the points have no order: then the report is about the points alone.
+        False where the points have no order: the report is then about the points alone.
     """
 
-    pairs: tuple[PairSafety, ...]
+    body_pairs: tuple[BodyPairSafety, ...]
     between: bool = True
 
     @property
     def safe(self) -> bool:
-        """Whether every pair is proven clear at all times."""
-        return all(pair.safe for pair in self.pairs)
+        """Whether every body pair is proven clear at all times."""
+        return all(pair.safe for pair in self.body_pairs)
 
     @property
-    def worst(self) -> PairSafety | None:
-        """The pair that misses its clearance most, or has least to spare; None without pairs."""
-        return min(self.pairs, key=lambda pair: (pair.safe, pair.distance - pair.clearance), default=None)
+    def worst(self) -> BodyPairSafety | None:
+        """The body pair that violates its clearance most, or else has least to spare; None without body pairs."""
+        return min(self.body_pairs, key=_badness, default=None)
 
     @property
-    def undecided(self) -> tuple[PairSafety, ...]:
-        """Pairs with an interval that is neither proven clear nor found violated."""
-        return tuple(pair for pair in self.pairs if pair.undecided)
+    def undecided(self) -> tuple[BodyPairSafety, ...]:
+        """Body pairs with an interval that is neither proven clear nor found violated."""
+        return tuple(pair for pair in self.body_pairs if pair.undecided)
 
     def table(self) -> str:
-        """One line per pair, the worst first."""
-        order = sorted(self.pairs, key=lambda pair: (pair.safe, pair.distance - pair.clearance))
-        rows = [("pair", "asked", "closest found", "at t =", "proven", "verdict")]
+        """One line per body pair, the worst first."""
+        rows = [("body pair", "asked", "closest found", "at t =", "proven", "verdict")]
         rows += [
             (
                 f"{pair.first} - {pair.second}",
@@ -127,7 +126,7 @@ class SafetyReport:
                 f"{pair.proven:.6g}",
                 pair.verdict,
             )
-            for pair in order
+            for pair in sorted(self.body_pairs, key=_badness)
         ]
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
         lines = []
@@ -137,21 +136,29 @@ class SafetyReport:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        where = "at all times" if self.between else "at the points; nothing is said about what is between them"
+        where = "at all times" if self.between else "at the points; nothing is known about the motion between them"
         if self.safe:
-            pairs = "1 pair keeps its" if len(self.pairs) == 1 else f"{len(self.pairs)} pairs keep their"
+            count = len(self.body_pairs)
+            pairs = "1 body pair keeps its" if count == 1 else f"{count} body pairs keep their"
             return f"clear: {pairs} clearance {where}\n{self.table()}"
-        found = sum(1 for pair in self.pairs if pair.violated)
-        open_ones = sum(1 for pair in self.pairs if not pair.safe and not pair.violated)
-        return f"NOT SAFE: {found} of {len(self.pairs)} pairs too close, {open_ones} undecided\n{self.table()}"
+        violated = sum(1 for pair in self.body_pairs if pair.violated)
+        still_open = sum(1 for pair in self.body_pairs if not pair.safe and not pair.violated)
+        return (
+            f"NOT SAFE: {violated} of {len(self.body_pairs)} body pairs too close, {still_open} undecided\n"
+            f"{self.table()}"
+        )
 
 
 def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
-    """One report on the pairs of several."""
-    found = tuple(reports)
-    return SafetyReport(
-        tuple(pair for report in found for pair in report.pairs), between=all(report.between for report in found)
-    )
+    """One report on the body pairs of several."""
+    collected = tuple(reports)
+    body_pairs = tuple(pair for report in collected for pair in report.body_pairs)
+    return SafetyReport(body_pairs, between=all(report.between for report in collected))
+
+
+def _badness(pair: BodyPairSafety) -> tuple[bool, float]:
+    """Sort key: unsafe pairs first, then those with least to spare."""
+    return (pair.safe, pair.distance - pair.clearance)
 
 
 def _time_text(time: Any) -> str:

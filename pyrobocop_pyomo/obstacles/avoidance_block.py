@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from pyomo.core.base.block import Block
 from pyomo.core.base.component import ModelComponentFactory
-from pyomo.core.base.global_set import UnindexedComponent_index
 
-from pyrobocop_pyomo.phases.all_or_nothing import AllOrNothingBlock
+from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
 
 from .avoidance_data import ObstacleAvoidanceBlockData
-from .building import Rule, sort_arguments
+from .building import sort_arguments
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")
-class ObstacleAvoidanceBlock(AllOrNothingBlock):
+class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
     """Bodies that keep clear of obstacles and of each other, over a set of times.
 
     Parameters
@@ -83,15 +82,6 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
     10
     """
 
-    _ComponentDataClass = ObstacleAvoidanceBlockData
-
-    def __new__(cls, *args: Any, **kwds: Any) -> ObstacleAvoidanceBlock:
-        """Choose the scalar or the indexed class."""
-        if cls is ObstacleAvoidanceBlock:
-            indexed = kwds.get("rule") is not None and bool(args)
-            cls = IndexedObstacleAvoidanceBlock if indexed else ScalarObstacleAvoidanceBlock
-        return super().__new__(cls, *args, **kwds)
-
     def __init__(
         self,
         *points: Any,
@@ -107,7 +97,7 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
         between: str | None = "auto",
         broad_phase: float | None = None,
         rule: Rule | None = None,
-        **kwds: Any,
+        **block_options: Any,
     ) -> None:
         options = {
             "bodies": bodies,
@@ -122,21 +112,9 @@ class ObstacleAvoidanceBlock(AllOrNothingBlock):
             "between": between,
             "broad_phase": broad_phase,
         }
-        sets, build = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
-        super().__init__(*sets, rule=build, **kwds)
+        indexes, built_from = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
+        super().__init__(*indexes, **built_from, **block_options)
 
-
-class ScalarObstacleAvoidanceBlock(ObstacleAvoidanceBlockData, ObstacleAvoidanceBlock):
-    """A single avoidance block."""
-
-    def __init__(self, *args: Any, **kwds: Any) -> None:
-        ObstacleAvoidanceBlockData.__init__(self, component=self)
-        ObstacleAvoidanceBlock.__init__(self, *args, **kwds)
-        self._data[None] = self
-        self._index = UnindexedComponent_index
-
-    display = Block.display
-
-
-class IndexedObstacleAvoidanceBlock(ObstacleAvoidanceBlock):
-    """Avoidance blocks over an index set."""
+    @classmethod
+    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
+        return keywords.get("rule") is None or not args

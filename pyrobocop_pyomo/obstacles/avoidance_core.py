@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
 
 from .avoidance_record import AvoidanceRecord
-from .building import BuiltWhole
 
 
-class AvoidanceCore(BuiltWhole):
+class AvoidanceCore(BuiltBlockData):
     """Access to the facts behind an avoidance block."""
 
-    def __init__(self, component: Any) -> None:
-        super().__init__(component)
-        self._record: AvoidanceRecord | None = None
+    _kind = "obstacle avoidance"
+    _error = ObstacleError
 
     @property
     def record(self) -> AvoidanceRecord:
         """Scene, pieces of motion and poses behind this block."""
-        if self._record is None:
-            raise ObstacleError(
-                f"{self._what} is not built yet: add it to a ConcreteModel; a rule= has to call block.build(...)."
-            )
-        return self._record
+        return self._record_if_built()
 
     @property
     def motion(self) -> Motion:
@@ -36,15 +29,3 @@ class AvoidanceCore(BuiltWhole):
     def axes(self) -> range:
         """0, 1 in the plane and 0, 1, 2 in space."""
         return range(self.record.dimension)
-
-    @property
-    def _what(self) -> str:
-        return f"obstacle avoidance '{self.name}'"
-
-    @property
-    def is_built(self) -> bool:
-        """True once certificates are there."""
-        return self._record is not None
-
-    def _forget(self) -> None:
-        self._record = None

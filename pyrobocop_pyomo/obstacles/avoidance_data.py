@@ -13,10 +13,11 @@ from pyomo.core.base.set import Set
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
-from pyrobocop_pyomo.motion.verification import verify_clearance
 
 from .avoidance_options import AvoidanceOptions
+from .building import set_of_points
 from .certificate_rows import add_certificate, add_poses, update_softness
 from .certificates import proven_gap
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
@@ -50,7 +51,18 @@ class ObstacleAvoidanceBlockData(RefinedBetweenSolves):
         Cost of the slack, for the objective; 0 unless softened.
     """
 
-    def _build(self, points: Any, options: dict[str, Any]) -> None:
+    def build(self, points: Any, **options: Any) -> None:
+        """State everything; for rules of indexed blocks, with the arguments of the class.
+
+        Raises
+        ------
+        ObstacleError
+            When the arguments contradict themselves; nothing is then left on the block.
+        """
+        self._build_once(points, **options)
+
+    def _build(self, points: Any, **options: Any) -> None:
+        points = set_of_points(self, points)
         self._record = record = AvoidanceOptions(**options).record(self._what, points)
         scene = record.scene
         self.clearance_scale = Param(initialize=1.0, mutable=True, doc="factor of all clearances")

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from pyomo.core.base.block import Block
 from pyomo.core.base.component import ModelComponentFactory
-from pyomo.core.base.global_set import UnindexedComponent_index
 
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.phases.all_or_nothing import AllOrNothingBlock
+from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
 
-from .building import Rule, sort_arguments
+from .building import sort_arguments
 from .containment_data import ContainmentData
 
 
 @ModelComponentFactory.register("A body that stays inside a convex region.")
-class Containment(AllOrNothingBlock):
+class Containment(BuiltBlock, data=ContainmentData):
     """A body that stays inside a convex region, over a set of times.
 
     Parameters
@@ -62,14 +61,6 @@ class Containment(AllOrNothingBlock):
     True
     """
 
-    _ComponentDataClass = ContainmentData
-
-    def __new__(cls, *args: Any, **kwds: Any) -> Containment:
-        """Choose the scalar or the indexed class."""
-        if cls is Containment:
-            cls = IndexedContainment if kwds.get("rule") is not None and args else ScalarContainment
-        return super().__new__(cls, *args, **kwds)
-
     def __init__(
         self,
         *points: Any,
@@ -78,24 +69,12 @@ class Containment(AllOrNothingBlock):
         region: Polytope | None = None,
         clearance: float = 0.0,
         rule: Rule | None = None,
-        **kwds: Any,
+        **block_options: Any,
     ) -> None:
         options = {"body": body, "pose": pose, "region": region, "clearance": clearance}
-        sets, build = sort_arguments("a Containment", points, options, rule)
-        super().__init__(*sets, rule=build, **kwds)
+        indexes, built_from = sort_arguments("a Containment", points, options, rule)
+        super().__init__(*indexes, **built_from, **block_options)
 
-
-class ScalarContainment(ContainmentData, Containment):
-    """A single containment."""
-
-    def __init__(self, *args: Any, **kwds: Any) -> None:
-        ContainmentData.__init__(self, component=self)
-        Containment.__init__(self, *args, **kwds)
-        self._data[None] = self
-        self._index = UnindexedComponent_index
-
-    display = Block.display
-
-
-class IndexedContainment(Containment):
-    """Containments over an index set."""
+    @classmethod
+    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
+        return keywords.get("rule") is None or not args

@@ -15,12 +15,13 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
-from pyrobocop_pyomo.motion.safety_report import PairSafety, SafetyReport
-from pyrobocop_pyomo.motion.verification import verify_clearance
+from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .building import BuiltWhole
+from .building import set_of_points
 from .formulations.rows import dot
 from .snapshot import variables_of
 
@@ -36,7 +37,7 @@ class ContainmentRecord:
     poses: dict[Any, Pose]
 
 
-class ContainmentData(BuiltWhole):
+class ContainmentData(BuiltBlockData):
     """One containment; see `Containment` for how to make one.
 
     Attributes
@@ -49,40 +50,33 @@ class ContainmentData(BuiltWhole):
         By time: added to the clearance, for what the motion does between the times.
     """
 
-    def __init__(self, component: Any) -> None:
-        super().__init__(component)
-        self._record: ContainmentRecord | None = None
+    _kind = "containment"
+    _error = ObstacleError
 
     @property
     def record(self) -> ContainmentRecord:
         """Body, region and poses behind this block."""
-        if self._record is None:
-            raise ObstacleError(f"{self._what} is not built yet: add it to a ConcreteModel.")
-        return self._record
-
-    @property
-    def is_built(self) -> bool:
-        """True once the rows are there."""
-        return self._record is not None
+        return self._record_if_built()
 
     @property
     def motion(self) -> Motion:
         """What happens at the points and between them."""
         return motion_of(self.record.points, self.parent_block())
 
-    @property
-    def _what(self) -> str:
-        return f"containment '{self.name}'"
+    def build(self, points: Any, **options: Any) -> None:
+        """State everything; for rules of indexed blocks, with the arguments of the class.
 
-    def _forget(self) -> None:
-        self._record = None
+        Raises
+        ------
+        ObstacleError
+            When the arguments contradict themselves; nothing is then left on the block.
+        """
+        self._build_once(points, **options)
 
-    def _build(self, points: Any, options: dict[str, Any]) -> None:
-        self._state(points, **options)
-
-    def _state(
+    def _build(
         self, points: Any, *, body: Any = None, pose: Any = None, region: Any = None, clearance: float = 0.0
     ) -> None:
+        points = set_of_points(self, points)
         moving = _checked_body(self._what, body, pose)
         sides, offsets = _checked_region(self._what, region, moving)
         if not (isinstance(clearance, (int, float)) and math.isfinite(clearance) and clearance >= 0):
@@ -143,10 +137,14 @@ class ContainmentData(BuiltWhole):
             scene[beyond.name] = Body(beyond)
         pairs = {("body", name): asked + moved for name in scene if name != "body"}
         report = verify_clearance(self.motion, scene, pairs, tolerance=tolerance)
-        return replace(report, pairs=tuple(_brought_back(pair, moved) for pair in report.pairs)) if moved else report
+        return (
+            replace(report, body_pairs=tuple(_brought_back(pair, moved) for pair in report.body_pairs))
+            if moved
+            else report
+        )
 
 
-def _brought_back(pair: PairSafety, moved: float) -> PairSafety:
+def _brought_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:
     """What was found about a side, before it was moved outwards."""
     return replace(
         pair,

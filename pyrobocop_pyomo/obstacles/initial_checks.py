@@ -14,6 +14,7 @@ from pyomo.core.expr.visitor import identify_variables
 from pyrobocop_pyomo.errors import GeometryError, ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
+from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 
 from .avoidance_record import AvoidanceRecord
@@ -195,12 +196,7 @@ def _free_rotations(record: AvoidanceRecord) -> dict[str, list[tuple[Pose, list[
 
 def _is_always_a_rotation(pose: Pose, variables: list[Any]) -> bool:
     """Whether the rotation stays orthonormal when its variables move."""
-    before = [each.value for each in variables]
-    try:
-        for each, number in zip(variables, before, strict=True):
-            each.set_value(1.1 * number + 0.1, skip_validation=True)
+    with values_restored(variables) as values:
+        values.write([1.1 * variable.value + 0.1 for variable in variables])
         rotation, _ = pose.numbers()
-    finally:
-        for each, number in zip(variables, before, strict=True):
-            each.set_value(number, skip_validation=True)
     return bool(np.abs(rotation @ rotation.T - np.eye(len(rotation))).max() < NEARLY)

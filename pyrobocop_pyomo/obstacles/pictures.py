@@ -115,11 +115,11 @@ def _places(motion: Motion) -> list[tuple[int, float]]:
 
 
 def _times_between(motion: Motion) -> Array:
-    return np.array([pyo.value(motion.clock(motion.index_at(*place))) for place in _places(motion)], dtype=float)
+    return np.array([pyo.value(motion.time_at(motion.index_at(*place))) for place in _places(motion)], dtype=float)
 
 
 def _times_of_points(motion: Motion) -> Array:
-    times = [pyo.value(motion.clock(point)) for point in motion.points]
+    times = [pyo.value(motion.time_at(point)) for point in motion.points]
     # Points that are no times are drawn in their order.
     return np.array(times if all(isinstance(each, Real) for each in times) else range(len(times)), dtype=float)
 

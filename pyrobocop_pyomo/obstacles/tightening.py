@@ -15,7 +15,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
-from pyrobocop_pyomo.motion.safety_report import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
 from .pieces import Piece, PlaneIndex
 
@@ -54,7 +54,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     paths = _Paths(record, block.motion)
     sags = {index: paths.sag(piece, _normal(block, index)) for index, piece in record.pieces.items()}
     unsafe: dict[PlaneIndex, float] = {}
-    for pair in report.pairs:
+    for pair in report.body_pairs:
         for interval in pair.unproven:
             bodies = (record.scene.parts[name].body for name in (pair.first, pair.second))
             back = block.restore(*bodies, interval)
@@ -97,7 +97,7 @@ def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
     """
     intervals = region.motion.intervals
     missing = np.zeros(len(intervals))
-    for pair in report.pairs if intervals else ():
+    for pair in report.body_pairs if intervals else ():
         # Where nothing was found, only the proof is missing: what it misses will do.
         found = np.fmin(np.nan_to_num(pair.interval_distance, nan=np.inf), pair.clearance - pair.tolerance)
         open_ones = pair.interval_proven < pair.clearance - pair.tolerance
@@ -115,7 +115,7 @@ def _brought_back(block: Any, report: SafetyReport) -> list[str]:
     """Certificates of single times say nothing about what is between: only those that were left out can be added."""
     record, motion = block.record, block.motion
     parts, count = record.scene.parts, 0
-    for pair in report.pairs:
+    for pair in report.body_pairs:
         bodies = (parts[pair.first].body, parts[pair.second].body)
         for place in pair.unproven:
             times = motion.intervals[place] if motion.intervals else (motion.points[place],)
@@ -170,7 +170,7 @@ class _Paths:
         return max(farthest[0] - farthest[1], 0.0)
 
 
-def _pieces(record: Any, pair: PairSafety, interval: int) -> list[Piece]:
+def _pieces(record: Any, pair: BodyPairSafety, interval: int) -> list[Piece]:
     pieces: list[Piece] = record.pieces_of(pair.first, pair.second)
     return [piece for piece in pieces if piece.interval == interval]
 

@@ -38,7 +38,10 @@ def waypoint_guess(
 
     Examples
     --------
-    ``phase.set_guess(rcp.waypoint_guess(phase, {"x": [0, 2, 4], "y": [0, 1, 0], "theta": [0, 0, 1]}, even_in="xy"))``
+    ::
+
+        waypoints = {"x": [0, 2, 4], "y": [0, 1, 0], "theta": [0, 0, 1]}
+        phase.set_guess(rcp.initial_guesses.waypoint_guess(phase, waypoints, even_in="xy"))
     """
     fraction = fraction_of(phase)
     values = {_name(phase, key): np.array(each, dtype=float) for key, each in waypoints.items()}

@@ -5,7 +5,7 @@ from .links import Link, LinkData
 from .measurements import label_measurements
 from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock
-from .phase_data import PhaseBlockData
+from .phase_data import PhaseBlockData, phases_of
 from .phase_end import PhaseEnd
 from .verification import Verification
 
@@ -25,4 +25,5 @@ __all__ = [
     "State",
     "Verification",
     "label_measurements",
+    "phases_of",
 ]

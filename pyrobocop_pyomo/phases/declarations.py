@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any, Union
 
 from pyrobocop_pyomo.errors import DeclarationError, TrajectoryError
+from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.transcription import Guess
-
-from .pickling import picklable_or_none
 
 Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007

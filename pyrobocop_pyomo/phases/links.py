@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.global_set import UnindexedComponent_index
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import LinkError
+from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.modeling.row_violations import largest_violation
 
-from .all_or_nothing import AllOrNothingBlock, is_scalar
 from .continuing import listed, omitted_states, shared_parameter, states_given, states_of_both
 from .jumps import sort_jump
-from .phase_block import IndexedPhaseBlock, PhaseBlock
+from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData
 from .phase_end import PhaseEnd
-from .pickling import picklable_or_none
-
-Rule = Callable[..., Any]
 
 
 @dataclass
@@ -33,7 +29,7 @@ class _Ends:
     second: Any
 
 
-class LinkData(BlockData):
+class LinkData(BuiltBlockData):
     """One link; see `Link` for how to make one.
 
     Attributes
@@ -46,19 +42,18 @@ class LinkData(BlockData):
         One row per shared parameter.
     """
 
-    def __init__(self, component: Any) -> None:
-        super().__init__(component)
-        self._ends: _Ends | None = None
+    _kind = "link"
+    _error = LinkError
 
     @property
     def first(self) -> Any:
         """The phase whose end is joined."""
-        return self._joined.first
+        return self._ends.first
 
     @property
     def second(self) -> Any:
         """The phase whose start is joined."""
-        return self._joined.second
+        return self._ends.second
 
     @property
     def pre(self) -> PhaseEnd:
@@ -73,27 +68,18 @@ class LinkData(BlockData):
     @property
     def violation(self) -> float:
         """Largest violation of a row of this link at the current values; NaN where a variable has none."""
-        worst = 0.0
-        for row in self.component_data_objects(Constraint, active=True):
-            body = value(row.body, exception=False)
-            if body is None:
-                return float("nan")
-            worst = max(worst, (row.lb or 0.0) - body if row.has_lb() else 0.0)
-            worst = max(worst, body - (row.ub or 0.0) if row.has_ub() else 0.0)
-        return worst
+        return largest_violation(self.component_data_objects(Constraint, active=True))
 
     @property
-    def _joined(self) -> _Ends:
-        if self._ends is None:
-            raise LinkError(f"link '{self.name}' is not constructed yet: add it to a ConcreteModel first.")
-        return self._ends
+    def _ends(self) -> _Ends:
+        return self._record_if_built()
 
     @property
     def _what(self) -> str:
-        return f"link '{self.name}' from '{self.first.name}' to '{self.second.name}'"
+        return f"{super()._what} from '{self.first.name}' to '{self.second.name}'" if self.is_built else super()._what
 
     def _build(self, phases: Any, *, states: Any, omit: list[Any], jump: Rule | None, parameters: list[Any]) -> None:
-        self._ends = _Ends(*_two_phases(self, phases))
+        self._record = _Ends(*_two_phases(self, self._phases_of(phases)))
         pre, post = self.pre, self.post
         jumped, relations = sort_jump(self._what, self.second, pre, post, jump)
         determined = {*jumped, *relations.determined}
@@ -117,6 +103,17 @@ class LinkData(BlockData):
         for name in names:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))
 
+    def _phases_of(self, source: Any) -> Any:
+        """The two phases of this link: two neighbours of an indexed block, the result of a rule, or as given."""
+        component = self.parent_component()
+        if isinstance(source, PhaseBlock) and source.is_indexed():
+            order = list(source)
+            return source[order[order.index(self.index()) - 1]], source[self.index()]
+        if isinstance(source, tuple):
+            return source
+        index = self.index() if component.is_indexed() else ()
+        return source(component.parent_block(), *(index if isinstance(index, tuple) else (index,)))
+
     def _add(self, rows: Any, name: str, before: Any, after: Any) -> None:
         row = rows.add(name, before - after == 0)
         # Where nothing is left to choose, a solver would only say that the problem has too few variables.
@@ -139,7 +136,7 @@ def _two_phases(link: LinkData, given: Any) -> tuple[PhaseBlockData, PhaseBlockD
     if not (isinstance(given, tuple) and len(given) == 2):
         raise LinkError(f"{what}: expected two phases (first, second), found {given!r}.")
     for phase in given:
-        if isinstance(phase, IndexedPhaseBlock):
+        if isinstance(phase, PhaseBlock) and phase.is_indexed():
             raise LinkError(f"{what}: '{phase.name}' is indexed; give one of its phases, such as {phase.name}[1].")
         if not isinstance(phase, PhaseBlockData):
             raise LinkError(f"{what}: {getattr(phase, 'name', repr(phase))!r} is no PhaseBlock.")
@@ -151,35 +148,8 @@ def _two_phases(link: LinkData, given: Any) -> tuple[PhaseBlockData, PhaseBlockD
     return given
 
 
-class _BuildLink:
-    """The block rule: our build first, then the user's own rule. A class, because it must survive pickling."""
-
-    def __init__(self, phases: Any, options: dict[str, Any], rule: Rule | None) -> None:
-        self.phases = phases
-        self.options = options
-        self.rule = rule
-
-    def __call__(self, link: LinkData, *index: Hashable) -> None:
-        index = index if link.parent_component().is_indexed() else ()
-        phases = self.phases
-        if isinstance(phases, IndexedPhaseBlock):
-            order = list(phases)
-            phases = phases[order[order.index(link.index()) - 1]], phases[link.index()]
-        elif not isinstance(phases, tuple):
-            phases = phases(link.parent_component().parent_block(), *index)
-        link._build(phases, **self.options)
-        if self.rule is not None:
-            self.rule(link, *index)
-
-    def __getstate__(self) -> dict[str, Any]:
-        # Built links need none of the functions again.
-        phases = picklable_or_none(self.phases) if callable(self.phases) else self.phases
-        options = {**self.options, "jump": picklable_or_none(self.options["jump"])}
-        return {"phases": phases, "options": options, "rule": picklable_or_none(self.rule)}
-
-
 @ModelComponentFactory.register("The end of one phase joined to the start of another.")
-class Link(AllOrNothingBlock):
+class Link(BuiltBlock, data=LinkData):
     """The end of one phase joined to the start of another: states continue, or jump.
 
     Parameters
@@ -223,14 +193,6 @@ class Link(AllOrNothingBlock):
     -0.8*bounces[1].speed[1.0] - bounces[2].speed[0.0]
     """
 
-    _ComponentDataClass = LinkData
-
-    def __new__(cls, *args: Any, **kwds: Any) -> Link:
-        """Choose the scalar or the indexed class."""
-        if cls is Link:
-            cls = ScalarLink if is_scalar(args) or _are_phases(args) else IndexedLink
-        return super().__new__(cls, *args, **kwds)
-
     def __init__(
         self,
         *args: Any,
@@ -240,15 +202,18 @@ class Link(AllOrNothingBlock):
         jump: Rule | None = None,
         parameters: Iterable[Any] = (),
         rule: Rule | None = None,
-        **kwds: Any,
+        **block_options: Any,
     ) -> None:
         sets, joined = _sort_arguments(args, phases)
         options = {"states": states, "omit": listed(omit), "jump": jump, "parameters": listed(parameters)}
-        super().__init__(*sets, rule=_BuildLink(joined, options, rule), **kwds)
+        super().__init__(*sets, arguments=(joined,), options=options, rule=rule, **block_options)
 
-
-def _are_phases(args: tuple[Any, ...]) -> bool:
-    return isinstance(args[0], PhaseBlockData) or (len(args) > 1 and isinstance(args[0], PhaseBlock))
+    @classmethod
+    def _is_scalar(cls, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> bool:
+        two_phases = args and (
+            isinstance(args[0], PhaseBlockData) or (len(args) > 1 and isinstance(args[0], PhaseBlock))
+        )
+        return bool(two_phases) or super()._is_scalar(args, keywords)
 
 
 def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...], Any]:
@@ -256,7 +221,7 @@ def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...]
     if args and isinstance(args[0], (PhaseBlock, PhaseBlockData)):
         if phases is not None:
             raise LinkError("a Link takes two phases, or index sets and phases=; it was given both.")
-        if len(args) == 1 and isinstance(args[0], IndexedPhaseBlock):
+        if len(args) == 1 and isinstance(args[0], PhaseBlock) and args[0].is_indexed():
             order = list(args[0])
             if len(order) < 2:
                 raise LinkError(f"'{args[0].name}' has {len(order)} phases; a Link takes two or more.")
@@ -268,19 +233,3 @@ def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...]
             "phases=rule, which returns two phases for each index."
         )
     return args, phases
-
-
-class ScalarLink(LinkData, Link):
-    """A single link."""
-
-    def __init__(self, *args: Any, **kwds: Any) -> None:
-        LinkData.__init__(self, component=self)
-        Link.__init__(self, *args, **kwds)
-        self._data[None] = self
-        self._index = UnindexedComponent_index
-
-    display = Block.display
-
-
-class IndexedLink(Link):
-    """Links over an index set."""

@@ -2,43 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
 from typing import Any
 
-from pyomo.core.base.block import Block
 from pyomo.core.base.component import ModelComponentFactory
-from pyomo.core.base.global_set import UnindexedComponent_index
 
 from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
 from pyrobocop_pyomo.numerics import Scheme
 
-from .all_or_nothing import AllOrNothingBlock, is_scalar
 from .declarations import Bounds, Declaration, Duration
 from .phase_data import PhaseBlockData
-from .pickling import picklable_or_none
-
-Rule = Callable[..., Any]
-
-
-class _BuildPhase:
-    """The block rule: our build first, then the user's own rule. A class, because it must survive pickling."""
-
-    def __init__(self, options: dict[str, Any], rule: Rule | None) -> None:
-        self.options = options
-        self.rule = rule
-
-    def __call__(self, block: PhaseBlockData, *index: Hashable) -> None:
-        block._build(**self.options)
-        if self.rule is not None:
-            # Pyomo passes the index None to a rule of a scalar block that takes any number of arguments.
-            self.rule(block, *(index if block.parent_component().is_indexed() else ()))
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"options": self.options, "rule": picklable_or_none(self.rule)}
 
 
 @ModelComponentFactory.register("A phase of motion: states, controls and equations over one horizon.")
-class PhaseBlock(AllOrNothingBlock):
+class PhaseBlock(BuiltBlock, data=PhaseBlockData):
     """One horizon with its states, algebraics, controls, parameters and equations, transcribed by collocation.
 
     Parameters
@@ -100,14 +77,6 @@ class PhaseBlock(AllOrNothingBlock):
     >>> m.effort = pyo.Objective(expr=m.cart.integral(lambda b, t: b.force[t] ** 2))
     """
 
-    _ComponentDataClass = PhaseBlockData
-
-    def __new__(cls, *args: Any, **kwds: Any) -> PhaseBlock:
-        """Choose the scalar or the indexed class."""
-        if cls is PhaseBlock:
-            cls = ScalarPhaseBlock if is_scalar(args) else IndexedPhaseBlock
-        return super().__new__(cls, *args, **kwds)
-
     def __init__(
         self,
         *indexes: Any,
@@ -121,7 +90,7 @@ class PhaseBlock(AllOrNothingBlock):
         allow_higher_index: bool = False,
         time_units: Any = None,
         rule: Rule | None = None,
-        **kwds: Any,
+        **block_options: Any,
     ) -> None:
         options = {
             "duration": duration,
@@ -134,26 +103,10 @@ class PhaseBlock(AllOrNothingBlock):
             "allow_higher_index": allow_higher_index,
             "time_units": time_units,
         }
-        super().__init__(*indexes, rule=_BuildPhase(options, rule), **kwds)
-
-
-class ScalarPhaseBlock(PhaseBlockData, PhaseBlock):
-    """A single phase."""
-
-    def __init__(self, *args: Any, **kwds: Any) -> None:
-        PhaseBlockData.__init__(self, component=self)
-        PhaseBlock.__init__(self, *args, **kwds)
-        self._data[None] = self
-        self._index = UnindexedComponent_index
-
-    display = Block.display
-
-
-class IndexedPhaseBlock(PhaseBlock):
-    """Phases over an index set."""
+        super().__init__(*indexes, options=options, rule=rule, **block_options)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if isinstance(value, Declaration):
+        if isinstance(value, Declaration):  # a single phase has taken it by now
             raise DeclarationError(
                 f"phases '{self.name}': '{name}' (declared at {value.declared_at}) is declared on one phase at a time. "
                 "Pass rule=..., or assign it to each of the phases."

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
 from pyomo.common.gc_manager import PauseGC
-from pyomo.core.base.block import BlockData
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
@@ -36,10 +35,8 @@ from .record import PhaseRecord, Statement
 from .variables import add_variables
 from .verification import Verification, verify
 
-Rule = Callable[..., Any]
 
-
-class PhaseBlockData(PhaseActions, BlockData):
+class PhaseBlockData(PhaseActions, BuiltBlockData):
     """One phase; see `PhaseBlock` for how to make one.
 
     Attributes
@@ -52,9 +49,8 @@ class PhaseBlockData(PhaseActions, BlockData):
         How long the phase lasts.
     """
 
-    def __init__(self, component: Any) -> None:
-        super().__init__(component)
-        self._record: PhaseRecord | None = None
+    _kind = "phase"
+    _error = DeclarationError
 
     # ---------------------------------------------------------------- declarations
 
@@ -226,9 +222,7 @@ class PhaseBlockData(PhaseActions, BlockData):
     @property
     def record(self) -> PhaseRecord:
         """Grid, declarations and rules behind this phase."""
-        if self._record is None:
-            raise TranscriptionError(f"{self._what} is not constructed yet: add it to a ConcreteModel first.")
-        return self._record
+        return self._record_if_built(TranscriptionError)
 
     @property
     def grid(self) -> Grid:
@@ -293,28 +287,11 @@ class PhaseBlockData(PhaseActions, BlockData):
 
     # ---------------------------------------------------------------- construction
 
-    @property
-    def _what(self) -> str:
-        return f"phase '{self.name}'"
-
     def _state(self, kind: str, rule: Rule, add: Callable[..., None]) -> Rule:
         with self._all_or_nothing(), PauseGC():
             add(self, self.record, rule)
             self.record.statements.append(Statement(kind, rule_name(rule), rule))
         return rule
-
-    @contextmanager
-    def _all_or_nothing(self) -> Iterator[None]:
-        """On any error, remove what was added since: nothing half-built stays on the user's model."""
-        components = set(self.component_map())
-        record = self.record.snapshot()
-        try:
-            yield
-        except BaseException:
-            for name in [name for name in self.component_map() if name not in components]:
-                self.del_component(name)
-            self._record = record
-            raise
 
     def _build(
         self,
@@ -350,3 +327,14 @@ class PhaseBlockData(PhaseActions, BlockData):
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
         add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, moving)
+
+
+def phases_of(model: Any) -> list[PhaseBlockData]:
+    """The active phases of a model, in the order of their declaration, wherever they are.
+
+    Parameters
+    ----------
+    model : Block
+        A model, a block of it, or a phase itself.
+    """
+    return blocks_of_kind(model, PhaseBlockData)

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Declaration, Duration, State
-from .pickling import picklable_or_none
 
 
 @dataclass(frozen=True)

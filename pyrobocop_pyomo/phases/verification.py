@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -21,7 +22,6 @@ from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, St
 from .point_model import PointModel
 from .record import PhaseRecord, Statement
 from .reintegration import integrate_elements, integrate_horizon
-from .violations import outside, sides, violation
 
 Array = NDArray[np.float64]
 
@@ -197,12 +197,12 @@ class _Judge:
                     stated[name][i, k] = rate
                 for statement in self._statements("residual") + self._statements("constraint"):
                     for row in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
-                        equations = max(equations, violation(row))
+                        equations = max(equations, relation_violation(row))
                 for statement in self._statements("complementarity"):
                     for pair in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
                         if pair is Complementarity.Skip:
                             continue
-                        pair_values, beside = sides(pair, statement)
+                        pair_values, beside = _sides_and_rows(pair, statement)
                         equations = max(equations, beside)
                         for a, b in pair_values:
                             natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
@@ -217,7 +217,7 @@ class _Judge:
             self.point.set_values({name: each[position[time]] for name, each in self.trajectory.states.items()})
             for statement in statements:
                 for row in labelled_rows("constraint", self.point.ask(statement, time)).values():
-                    worst = max(worst, violation(row))
+                    worst = max(worst, relation_violation(row))
         return worst
 
     def _at_stages(self, states: Array) -> Array:
@@ -245,7 +245,7 @@ class _Judge:
     def bounds(self) -> float:
         worst = 0.0
         if isinstance(self.record.duration, Duration):
-            worst = outside(self.trajectory.duration, *self.record.duration.bounds_at(0.0, "duration"))
+            worst = bound_violation(self.trajectory.duration, *self.record.duration.bounds_at(0.0, "duration"))
         for name, declaration in self.record.declarations.items():
             if name in self.trajectory.parameters:
                 samples = [(0.0, self.trajectory.parameters[name])]
@@ -254,13 +254,13 @@ class _Judge:
                 assert isinstance(declaration, State)
                 for given, reached in ((declaration.initial, samples[0][1]), (declaration.final, samples[-1][1])):
                     lower, upper = given if isinstance(given, tuple) else (given, given)
-                    worst = max(worst, outside(reached, lower, upper))
+                    worst = max(worst, bound_violation(reached, lower, upper))
                 for slope in self.slopes[name].ravel():
-                    worst = max(worst, outside(slope, *(declaration.derivative_bounds or UNBOUNDED)))
+                    worst = max(worst, bound_violation(slope, *(declaration.derivative_bounds or UNBOUNDED)))
             else:
                 samples = list(zip(self.indices.points, self.trajectory.signals[name], strict=True))
             for time, sample in samples:
-                worst = max(worst, outside(sample, *declaration.bounds_at(time, name)))
+                worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
         return worst
 
     def reintegrate(self) -> tuple[Array | None, float | None]:
@@ -309,3 +309,10 @@ class _Judge:
             return np.array([answer[name] for name in names])
 
         return rates
+
+
+def _sides_and_rows(pair: Any, statement: Statement) -> tuple[list[tuple[float, float]], float]:
+    """Values of both sides of the pairs that a statement makes, and how far the rows beside them are from holding."""
+    first, second, *choices = pair
+    form = form_of(statement, first, second, (choices[0], choices[1]) if choices else (None, None))
+    return [side_values(made) for made in form.pairs], max(map(relation_violation, form.rows), default=0.0)

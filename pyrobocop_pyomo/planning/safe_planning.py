@@ -13,8 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from pyomo.core.base.block import Block
-
+from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
@@ -45,20 +44,12 @@ AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 
 def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
     """The active `ObstacleAvoidanceBlock` of a model, wherever they are."""
-    return [
-        block
-        for block in model.block_data_objects(active=True, descend_into=Block)
-        if isinstance(block, ObstacleAvoidanceBlockData)
-    ]
+    return blocks_of_kind(model, ObstacleAvoidanceBlockData)
 
 
 def containments(model: Any) -> list[ContainmentData]:
     """The active `Containment` of a model, wherever they are."""
-    return [
-        block
-        for block in model.block_data_objects(active=True, descend_into=Block)
-        if isinstance(block, ContainmentData)
-    ]
+    return blocks_of_kind(model, ContainmentData)
 
 
 class SafePlanning:

@@ -9,9 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, TextIO
 
-from pyomo.core.base.transformation import TransformationFactory
-
-from pyrobocop_pyomo.complementarity import Schedule
+from pyrobocop_pyomo.complementarity import Schedule, pairs_of
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends
 from pyrobocop_pyomo.obstacles.initial_checks import (
     check_clearances,
@@ -139,7 +137,7 @@ def solve(
         check_contained_motion(region)
     bar = Progress(progress)
     tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
-    has_pairs = bool(TransformationFactory("pyrobocop.relax_complementarity").get_pairs(model))
+    has_pairs = bool(pairs_of(model))
     wanted = {**DEFAULT_OPTIONS, **(DEFAULT_PAIR_OPTIONS if has_pairs else {}), **(options or {})}
     output = tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ())
     settings = Settings(relaxation, grouping, chosen_backend, wanted, output, tolerances, polish, otherwise)

@@ -7,9 +7,8 @@ from typing import Any
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.phases.violations import outside
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 
 
 class PointJudge:
@@ -41,22 +40,14 @@ class PointJudge:
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        return _number(self._objective)
+        return number_or_nan(self._objective)
 
     def violation(self) -> float:
         """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
         worst = 0.0
         for body, lower, upper in self._rows:
-            worst = max(worst, outside(_number(body), lower, upper))
+            worst = max(worst, bound_violation(number_or_nan(body), lower, upper))
         for variable in self._bounded:
             if variable.value is not None:
-                worst = max(worst, outside(variable.value, variable.lb, variable.ub))
+                worst = max(worst, bound_violation(variable.value, variable.lb, variable.ub))
         return worst
-
-
-def _number(expression: Any) -> float:
-    try:
-        number = value(expression, exception=False)
-    except (ArithmeticError, ValueError):
-        return float("nan")
-    return float("nan") if number is None or isinstance(number, complex) else float(number)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, FollowBarrier, PairResidual, Schedule, pair_residuals
+from pyrobocop_pyomo.complementarity import BarrierSchedule, CanonicalPair, PairResidual, Schedule, pair_residuals
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
@@ -151,20 +151,21 @@ class Attempt:
         """
         if schedule is None:
             self._take(self._session.run(None, time_limit=self._left(), options=options))
-        elif isinstance(schedule, FollowBarrier):
+        elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule, options)
         else:
             self._shrink(schedule, options, warm)
         assert self._best is not None
         return self._best
 
-    def _follow(self, schedule: FollowBarrier, options: Mapping[str, Any]) -> None:
+    def _follow(self, schedule: BarrierSchedule, options: Mapping[str, Any]) -> None:
         step = None
+        last = list(schedule.steps())[-1]
         for run in self._session.follow(schedule, time_limit=self._left(), options=options):
             step = self._take(run)
         # The rows may have moved in the very last iterations; products above their final bound say so.
-        if step is not None and step.status.solved and step.largest_product > 10 * schedule.floor:
-            self._take(self._session.run(schedule.floor, warm=True, time_limit=self._left(), options=options))
+        if step is not None and step.status.solved and step.largest_product > 10 * last:
+            self._take(self._session.run(last, warm=True, time_limit=self._left(), options=options))
 
     def _shrink(self, schedule: Schedule, options: Mapping[str, Any], warm: bool) -> None:
         """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""

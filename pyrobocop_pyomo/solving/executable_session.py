@@ -19,7 +19,7 @@ from pyomo.contrib.solver.solvers.ipopt import Ipopt
 from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
 
-from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
@@ -100,7 +100,7 @@ class ExecutableSession:
         return self._run("fixed delta" if delta is not None else "solve", delta, options, warm, time_limit)
 
     def follow(
-        self, schedule: FollowBarrier, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
+        self, schedule: BarrierSchedule, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
     ) -> Iterator[Run]:
         """See `Session.follow`."""
         started = time.perf_counter()

@@ -8,7 +8,7 @@ from typing import Any, TextIO
 import numpy as np
 from pyomo.common.collections import ComponentMap
 
-from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
@@ -95,7 +95,7 @@ class InProcessSession:
         return ComponentMap(zip(self._written.constraints, self._outcome.g_multipliers.tolist(), strict=True))
 
     def follow(
-        self, schedule: FollowBarrier, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
+        self, schedule: BarrierSchedule, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
     ) -> Iterator[Run]:
         """See `Session.follow`."""
         nlp = self._nlp

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import FollowBarrier, Geometric, Schedule
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Geometric, Schedule
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 
@@ -159,7 +159,7 @@ class Ladder:
             self.best = finding
 
     def _attempted(self, strategy: Strategy, place: _Workplace) -> Finding | None:
-        if isinstance(strategy.schedule, FollowBarrier) and not place.relaxed.shifted_rows:
+        if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
             return None
         if strategy.from_guess:
             place.values.write(place.start)
@@ -216,8 +216,8 @@ class Ladder:
         """What polishes and certifies; None where it is not wanted or cannot be done here."""
         if not self._settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
             return None
-        if place.relaxed.charges:
-            with place.relaxed.uncharged():
+        if place.relaxed.has_penalty:
+            with place.relaxed.without_penalty():
                 written = place.session.written(anew=True)
         else:
             written = place.session.written()

@@ -9,15 +9,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from pyomo.core.base.block import Block
-
 from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.phases import phases_of
 
 from .assessment import PointJudge
 from .attempt import StepRecorder
@@ -125,9 +123,8 @@ def _find_backend(backend: Backend | str | None) -> Backend:
 
 
 def _check_phases(model: Any) -> None:
-    for block in model.block_data_objects(active=True, descend_into=Block):
-        if isinstance(block, PhaseBlockData):
-            block.check()
+    for phase in phases_of(model):
+        phase.check()
 
 
 def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, options: Mapping[str, Any]) -> Session:

@@ -8,14 +8,27 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pyomo.core.base.suffix import Suffix
-from pyomo.core.base.transformation import TransformationFactory
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, LiftedPair, active_sources, pair_residuals
-from pyrobocop_pyomo.complementarity.record import record_of
+from pyrobocop_pyomo.complementarity import (
+    CanonicalPair,
+    LiftedPair,
+    active_sources,
+    crossed_pairs_of,
+    delta_of,
+    has_penalty,
+    lifted_pairs_of,
+    pair_residuals,
+    pairs_of,
+    relax,
+    relaxation_rows_of,
+    reset_parameters,
+    revert,
+    shifted_rows_of,
+    update_parameters,
+    without_penalty,
+)
 
 from .presolve import Decision, held_at_zero, presolve
-
-TRANSFORMATION = "pyrobocop.relax_complementarity"
 
 
 @dataclass(eq=False)
@@ -59,29 +72,21 @@ class RelaxedModel:
 
         Returns whether any number of the model changed.
         """
-        relax = TransformationFactory(TRANSFORMATION)
         if multipliers is not None:
-            return relax.advance(self.model, delta, multipliers)
-        relax.restart(self.model, delta)
+            return update_parameters(self.model, delta, multipliers)
+        reset_parameters(self.model, delta)
         return True
 
     @property
-    def charges(self) -> bool:
-        """Whether the relaxation stands in the objective."""
-        return self.block is not None and self.block.component("objective") is not None
+    def has_penalty(self) -> bool:
+        """Whether the objective has a penalty term."""
+        return self.block is not None and has_penalty(self.model)
 
     @contextmanager
-    def uncharged(self) -> Iterator[None]:
+    def without_penalty(self) -> Iterator[None]:
         """Put the user's objective back for a moment."""
-        generated = self.block.component("objective")
-        users = record_of(self.block).objective
-        generated.deactivate()
-        users.activate()
-        try:
+        with without_penalty(self.model):
             yield
-        finally:
-            users.deactivate()
-            generated.activate()
 
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""
@@ -98,18 +103,17 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
 
     A relaxation that the user has applied is used and kept.
     """
-    relax = TransformationFactory(TRANSFORMATION)
     if active_sources(model):
-        token = relax.apply_to(model, relaxation=relaxation, grouping=grouping, delta=delta, lift=True)
+        token = relax(model, relaxation=relaxation, grouping=grouping, delta=delta, lift=True)
         try:
             relaxed = _described(model, token.block)
             relaxed.decisions = presolve(relaxed.lifted)
             with held_at_zero(relaxed.decisions):
                 yield relaxed
         finally:
-            relax.revert(model, token)
-    elif relax.get_pairs(model):
-        own = relax.get_delta(model)
+            revert(model, token)
+    elif pairs_of(model):
+        own = delta_of(model)
         before = own.value
         try:
             yield _described(model, own.parent_block())
@@ -120,18 +124,17 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
 
 
 def _described(model: Any, block: Any) -> RelaxedModel:
-    relax = TransformationFactory(TRANSFORMATION)
-    lifted = relax.get_lifted_pairs(model)
+    lifted = lifted_pairs_of(model)
     numbers = {id(each.pair): number for number, each in enumerate(lifted)}
-    crossed = relax.get_crossed_pairs(model) if lifted else []
+    crossed = crossed_pairs_of(model) if lifted else []
     return RelaxedModel(
         model,
         block,
-        relax.get_pairs(model),
+        pairs_of(model),
         lifted,
         [(numbers[id(first)], numbers[id(second)]) for first, second in crossed],
-        relax.relaxed_rows(model),
-        relax.get_relaxation_rows(model),
+        shifted_rows_of(model),
+        relaxation_rows_of(model),
     )
 
 

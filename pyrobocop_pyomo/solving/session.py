@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from pyrobocop_pyomo.complementarity import FollowBarrier
+from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
@@ -61,7 +61,7 @@ class Session(Protocol):
         ...
 
     def follow(
-        self, schedule: FollowBarrier, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
+        self, schedule: BarrierSchedule, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
     ) -> Iterator[Run]:
         """Solve with delta following the barrier parameter, from the current point."""
         ...

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from pyomo.core.base.block import Block
-
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Mesh
-from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 
 
 class PhaseBuilder:
@@ -36,11 +34,7 @@ class PhaseBuilder:
             raise ModelError("elements and mesh are given; one of them says what the first mesh is.")
         model = self._call(None if self._named is None else dict.fromkeys(self._named))
         if self._named is None:
-            found = [
-                block.name
-                for block in model.block_data_objects(active=True, descend_into=Block)
-                if isinstance(block, PhaseBlockData)
-            ]
+            found = [phase.name for phase in phases_of(model)]
             if len(found) != 1:
                 raise ModelError(
                     f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
-from pyomo.core.base.transformation import TransformationFactory
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.complementarity import pairs_of
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
@@ -19,7 +19,6 @@ from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.assessment import PointJudge
-from pyrobocop_pyomo.solving.relaxed_model import TRANSFORMATION
 from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
 
 from .named_data import by_component, data_members, named
@@ -213,8 +212,7 @@ def _members(model: Any, parameters: Any) -> list[Any]:
 
 
 def _check(model: Any, result: SolveResult) -> None:
-    relax = TransformationFactory(TRANSFORMATION)
-    if any(not pair.source.active for pair in relax.get_pairs(model)):
+    if any(not pair.source.active for pair in pairs_of(model)):
         raise ModelError(
             f"'{model.name}': a relaxation is applied, and a relaxed solution is on no branch. Revert it, solve again."
         )

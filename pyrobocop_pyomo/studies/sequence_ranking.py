@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.objective import Objective
-from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.solving.assessment import PointJudge
 from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult, StopReason
@@ -35,7 +33,7 @@ class SequenceOutcome:
         1 where the objective is minimised, -1 where it is maximised.
     seconds : float
         Building included.
-    values : array
+    values : list of float or None
         Value of every variable of the model, in its order; NaN where there is none.
     """
 
@@ -45,7 +43,7 @@ class SequenceOutcome:
     error: str = ""
     sense: int = 1
     seconds: float = 0.0
-    values: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), repr=False)
+    values: Values = field(default_factory=list, repr=False)
 
     @property
     def feasible(self) -> bool:
@@ -162,7 +160,7 @@ class SequenceRanking(Sequence[SequenceOutcome]):
         if found.result is None or self.build is None:
             raise SolveFailed(f"{' - '.join(found.sequence)}: there is no solution. {found.error}", self)
         model = self.build(found.sequence)
-        put_values(model, found.values)
+        VariableValues.of_all(model).write(found.values)
         objective = PointJudge(model).objective()
         if abs(objective - found.result.objective) > 1e-9 * max(1.0, abs(objective)):
             raise ModelError(
@@ -207,30 +205,6 @@ class SequenceRanking(Sequence[SequenceOutcome]):
 def _first_sentence(text: str) -> str:
     """Enough for a line of a table; numbers such as 0.5 end no sentence."""
     return text.partition(". ")[0].partition("\n")[0]
-
-
-def values_of(model: Any) -> NDArray[np.float64]:
-    """Values of all variables of a model, in its order; NaN where there is none."""
-    found = [variable.value for variable in model.component_data_objects(Var)]
-    return np.array([np.nan if value is None else value for value in found], dtype=float)
-
-
-def put_values(model: Any, values: NDArray[np.float64]) -> None:
-    """Give a model the values that `values_of` read from its twin.
-
-    Raises
-    ------
-    ModelError
-        When it has another number of variables.
-    """
-    variables = list(model.component_data_objects(Var))
-    if len(variables) != len(values):
-        raise ModelError(
-            f"'{model.name}': the model built again has {len(variables)} variables where {len(values)} were found. "
-            "The function that builds it must give the same each time."
-        )
-    for variable, number in zip(variables, values.tolist(), strict=True):
-        variable.set_value(None if number != number else number, skip_validation=True)
 
 
 def sense_of(model: Any) -> int:

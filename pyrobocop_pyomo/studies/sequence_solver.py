@@ -15,11 +15,12 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import best_backend
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.solve_result import StopReason
 
-from .sequence_ranking import SequenceOutcome, SequenceRanking, sense_of, values_of
+from .sequence_ranking import SequenceOutcome, SequenceRanking, sense_of
 
 Build = Callable[[tuple[str, ...]], Any]
 
@@ -117,7 +118,7 @@ def _solve_one(build: Build, number: int, sequence: tuple[str, ...], options: Ma
         result,
         sense=sense_of(model),
         seconds=time.perf_counter() - started,
-        values=values_of(model),
+        values=VariableValues.of_all(model).taken,
     )
 
 

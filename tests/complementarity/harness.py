@@ -47,7 +47,7 @@ def sleep(model: Any) -> list[Any]:
 
 def row_values(transformation: Any, model: Any) -> list[float]:
     """Value of ``body - bound`` for each relaxed row: not positive where the row holds."""
-    return [pyo.value(row.body) - row.ub for row in transformation.relaxed_rows(model)]
+    return [pyo.value(row.body) - row.ub for row in transformation.shifted_rows_of(model)]
 
 
 def text_without_pairs(model: Any) -> str:
@@ -77,9 +77,9 @@ def round_trip(model: Any, **options: Any) -> None:
         assert nl_text(copy) == written
         assert relax.residuals(copy) == residuals
         _answers(relax, copy)
-        relax.advance(copy, 1e-3, {})
+        relax.update_parameters(copy, 1e-3, {})
         assert nl_text(model) == written
-        relax.restart(copy, relax.get_delta(model).value)
+        relax.reset_parameters(copy, relax.delta_of(model).value)
         assert nl_text(copy) == written
         relax.revert(copy)
         assert state(copy) == before
@@ -90,12 +90,12 @@ def round_trip(model: Any, **options: Any) -> None:
 
 def _answers(relax: Any, model: Any) -> None:
     """Every generated row has sources of this very model, and is among the rows of each of them."""
-    pairs = relax.get_pairs(model)
+    pairs = relax.pairs_of(model)
     assert all(pair.source.model() is model and not pair.source.active for pair in pairs)
-    for row in relax.get_relaxation_rows(model):
-        sources = relax.get_source(row)
+    for row in relax.relaxation_rows_of(model):
+        sources = relax.sources_of(row)
         assert sources
-        assert all(source.model() is model and row in relax.get_rows(source) for source in sources)
-    assert set(map(id, relax.relaxed_rows(model))) <= set(map(id, relax.get_relaxation_rows(model)))
-    for lifted in relax.get_lifted_pairs(model):
+        assert all(source.model() is model and row in relax.rows_of(source) for source in sources)
+    assert set(map(id, relax.shifted_rows_of(model))) <= set(map(id, relax.relaxation_rows_of(model)))
+    for lifted in relax.lifted_pairs_of(model):
         assert lifted.a.variable.model() is lifted.b.variable.model() is model

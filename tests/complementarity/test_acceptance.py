@@ -116,7 +116,7 @@ def test_pairs_are_found_wherever_pyomo_lets_them_be(relax):
     }
     assert {pair.name for pair in active_pairs(m)} == expected
     relax.apply_to(m)
-    assert {source.name for row in relax.relaxed_rows(m) for source in relax.get_source(row)} == expected
+    assert {source.name for row in relax.shifted_rows_of(m) for source in relax.sources_of(row)} == expected
 
 
 def test_what_is_deactivated_is_left_alone_and_can_follow(relax):
@@ -125,7 +125,7 @@ def test_what_is_deactivated_is_left_alone_and_can_follow(relax):
     m.cc[1].deactivate()
     m.part[2].deactivate()
     relax.apply_to(m)
-    assert [row_source.name for row in relax.relaxed_rows(m) for row_source in relax.get_source(row)] == [
+    assert [row_source.name for row in relax.shifted_rows_of(m) for row_source in relax.sources_of(row)] == [
         "cc[2]",
         "part[1].cc",
     ]
@@ -133,7 +133,7 @@ def test_what_is_deactivated_is_left_alone_and_can_follow(relax):
     m.cc[1].activate()
     m.part[2].activate()
     relax.apply_to(m)
-    assert len(relax.relaxed_rows(m)) == 4
+    assert len(relax.shifted_rows_of(m)) == 4
 
 
 # ---- 6 and 7: copies
@@ -149,8 +149,8 @@ def test_a_copy_is_solved_to_the_same_point_and_knows_its_own_pairs(relax, copie
         other = m.clone() if copied == "after" else pickle.loads(pickle.dumps(m))
     else:
         relax.apply_to(other, delta=1e-8)
-    for row in relax.relaxed_rows(other):
-        (source,) = relax.get_source(row)
+    for row in relax.shifted_rows_of(other):
+        (source,) = relax.sources_of(row)
         assert source is other.find_component(source.name)
         assert source is not m.find_component(source.name)
     assert solve_relaxed(other) == pytest.approx(solve_relaxed(m), abs=1e-6)
@@ -162,12 +162,12 @@ def test_a_copy_is_solved_to_the_same_point_and_knows_its_own_pairs(relax, copie
 def test_a_second_application_adds_what_is_new_under_the_same_delta(relax):
     m = existing_model()
     relax.apply_to(m, delta=0.5)
-    count = len(relax.relaxed_rows(m))
+    count = len(relax.shifted_rows_of(m))
     m.late = mpec.Complementarity(expr=contact(m, 1))
     relax.apply_to(m)
-    assert len(relax.relaxed_rows(m)) == count + 1
-    relax.get_delta(m).set_value(0.25)
-    assert {row.ub for row in relax.relaxed_rows(m)} == {0.25}
+    assert len(relax.shifted_rows_of(m)) == count + 1
+    relax.delta_of(m).set_value(0.25)
+    assert {row.ub for row in relax.shifted_rows_of(m)} == {0.25}
 
 
 def test_of_a_part_that_is_relaxed_the_rest_stays_and_the_writer_names_it(relax):
@@ -344,7 +344,7 @@ def test_reverting_restores_components_activity_and_the_file_byte_for_byte(relax
 @with_ipopt
 def test_after_the_homotopy_every_pair_and_every_step_is_reported():
     m = existing_model()
-    result = rcp.solve(m, schedule=rcp.Geometric(first=1e-1, factor=0.1, last=1e-8))
+    result = rcp.solve(m, schedule=rcp.schedules.Geometric(first=1e-1, factor=0.1, last=1e-8))
     assert [residual.name for residual in result.residuals] == ["cc[1]", "cc[2]"]
     natural = [residual.natural for residual in result.residuals]
     by_hand = [min(m.gap[i].value, m.force[i].value - 1) for i in m.I]
@@ -366,5 +366,5 @@ def test_one_iteration_is_no_success():
     result = rcp.solve(m, options={"max_iter": 1}, polish=False)
     assert not any(step.status.solved for step in result.steps)
     assert result.quality is not rcp.Quality.OPTIMAL
-    with pytest.raises(rcp.SolveFailed):
+    with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()

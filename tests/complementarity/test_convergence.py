@@ -56,7 +56,7 @@ def program(cost, start):
 def distance(problem, relaxation, delta):
     m, solution = problem()
     result = rcp.solve(
-        m, relaxation=relaxation, schedule=rcp.Fixed(delta), backend="asl", options=OPTIONS, polish=False
+        m, relaxation=relaxation, schedule=rcp.schedules.Fixed(delta), backend="asl", options=OPTIONS, polish=False
     )
     assert result.constraint_violation <= 2 * delta + 1e-10
     return math.dist((m.a.value, m.b.value), solution)
@@ -99,11 +99,24 @@ def test_a_rounded_corner_is_exact_beyond_delta_and_linear_at_the_corner():
     assert observed_order(biactive, SteffensenUlbrich(), [1e-2, 3e-3, 1e-3]) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("choice", [Penalty(), rcp.Elastic()], ids=str)
+@pytest.mark.parametrize("choice", [Penalty(), rcp.relaxations.Elastic()], ids=str)
 def test_a_price_is_exact_where_it_exceeds_the_multiplier(choice):
     """At (0, 2) the product has the multiplier 1: the objective falls by 2 per unit of a, the product grows by 2."""
     assert distance(held_by_the_product, choice, 0.5) < 1e-6
     assert distance(held_by_the_product, choice, 2.0) > 1e-2
+
+
+@pytest.mark.parametrize("choice", ["penalty", "augmented-lagrangian", "elastic", "scholtes"])
+@pytest.mark.parametrize("strategies", [None, "elastic"])
+def test_a_model_without_an_objective_is_solved(choice, strategies):
+    m = program(lambda m: m.a, (1.0, 2.0))
+    m.del_component("cost")
+    m.line = pyo.Constraint(expr=m.a + 2 * m.b == 3)
+    m.itself = Complementarity(expr=complements(m.a - 3 >= 0, m.a - 3 >= 0))
+    result = rcp.solve(m, relaxation=choice, strategies=strategies, backend="asl")
+    result.raise_for_status()
+    assert result.objective == 0
+    assert (m.a.value, m.b.value) == pytest.approx((3.0, 0.0), abs=1e-6)
 
 
 def test_multipliers_make_the_products_vanish_at_a_constant_delta():
@@ -114,7 +127,7 @@ def test_multipliers_make_the_products_vanish_at_a_constant_delta():
     for _ in range(12):
         pyo.SolverFactory("pyrobocop.ipopt").solve(m)
         errors.append(math.dist((m.a.value, m.b.value), solution))
-        relax.advance(m, 1.0)
+        relax.update_parameters(m, 1.0)
     assert errors[0] > 1e-2
     assert errors[-1] < 1e-3 * errors[0]
 
@@ -129,13 +142,13 @@ def test_of_a_two_sided_relaxation_what_decides_goes_on_and_the_other_one_stays(
     relax.apply_to(m, relaxation="two-sided", delta=1e-1)
     for delta in (1e-2, 1e-3):
         pyo.SolverFactory("pyrobocop.ipopt").solve(m)
-        relax.advance(m, delta)
-    product, sign, _ = relax.get_rows(m.pair)
+        relax.update_parameters(m, delta)
+    product, sign, _ = relax.rows_of(m.pair)
     assert product.ub == bound
     assert sign.lb == -slack
     pyo.SolverFactory("pyrobocop.ipopt").solve(m)
     assert math.dist((m.a.value, m.b.value), solution) < 2e-3
-    relax.restart(m, 0.5)
+    relax.reset_parameters(m, 0.5)
     assert (product.ub, sign.lb) == (0.5, -0.5)
 
 
@@ -144,4 +157,4 @@ def test_without_multipliers_a_two_sided_relaxation_asks_for_them():
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     relax.apply_to(m, relaxation="two-sided")
     with pytest.raises(ValueError, match=r"'toy': TwoSided.*no suffix 'dual'.*Suffix\.IMPORT"):
-        relax.advance(m, 1e-3)
+        relax.update_parameters(m, 1e-3)

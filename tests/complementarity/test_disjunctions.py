@@ -107,7 +107,7 @@ def test_the_special_ordered_sets_mean_the_same(choose, highs, seed):
     """Whatever solver takes sets may pick one nonzero member of each: all picks are tried."""
     m, best = lpec(seed)
     choose.apply_to(m, sos1=True)
-    sets = [data for source in (m.pair, m.range, m.boxed) for data in choose.get_choices(source)]
+    sets = [data for source in (m.pair, m.range, m.boxed) for data in choose.choices_of(source)]
     assert len(sets) == 5
     assert all(data.level == 1 and len(list(data.variables)) == 2 for data in sets)
     found = np.inf
@@ -195,14 +195,14 @@ def test_every_disjunct_variable_and_row_knows_its_pair(choose):
         *block.component_data_objects((pyo.Constraint, pyo.Var), descend_into=(pyo.Block, Disjunct)),
         *block.component_data_objects((Disjunct, Disjunction)),
     ]
-    assert {choose.get_source(each).name for each in generated} == {pair.name for pair in all_sources(m)}
+    assert {choose.source_of(each).name for each in generated} == {pair.name for pair in all_sources(m)}
     for source in all_sources(m):
-        for choice in choose.get_choices(source):
-            assert choose.get_source(choice) is source
-    assert [len(choose.get_choices(source)[0].disjuncts) for source in (m.cc[1], m.range[1], m.signed)] == [2, 3, 2]
-    assert choose.get_choices(m.equal) == []
+        for choice in choose.choices_of(source):
+            assert choose.source_of(choice) is source
+    assert [len(choose.choices_of(source)[0].disjuncts) for source in (m.cc[1], m.range[1], m.signed)] == [2, 3, 2]
+    assert choose.choices_of(m.equal) == []
     with pytest.raises(ComplementarityError, match=r"'x\[1\]': was not generated"):
-        choose.get_source(m.x[1])
+        choose.source_of(m.x[1])
 
 
 def all_sources(m: Any) -> list[Any]:
@@ -216,9 +216,9 @@ def test_a_copy_answers_with_its_own_components(choose, kind):
     choose.apply_to(m)
     other = m.clone() if kind == "clone" else pickle.loads(pickle.dumps(m))
     assert lp_text(other) == lp_text(m)
-    (choice,) = choose.get_choices(other.cc[2])
+    (choice,) = choose.choices_of(other.cc[2])
     assert choice.model() is other
-    assert choose.get_source(choice) is other.cc[2]
+    assert choose.source_of(choice) is other.cc[2]
     choose.revert(other)
     assert len(active_pairs(m)) == 0 < len(active_pairs(other))
 
@@ -239,7 +239,7 @@ def test_a_relaxation_and_disjunctions_live_side_by_side(choose):
     relax = relaxation()
     relax.apply_to(m, targets=m.part)
     choose.apply_to(m)
-    assert len(relax.relaxed_rows(m)) == 2
+    assert len(relax.shifted_rows_of(m)) == 2
     choose.revert(m)
     relax.revert(m)
     assert state(m) == before
@@ -248,7 +248,7 @@ def test_a_relaxation_and_disjunctions_live_side_by_side(choose):
 def test_bounds_of_a_range_stay_those_of_their_parameters(choose):
     m = model()
     choose.apply_to(m, targets=m.moving)
-    (choice,) = choose.get_choices(m.moving)
+    (choice,) = choose.choices_of(m.moving)
     lower = choice.disjuncts[0].rows[0]
     m.lo.set_value(1)
     assert (pyo.value(lower.lower), lower.body.lb, lower.body.ub) == (1, 1, 3)
@@ -311,7 +311,7 @@ def test_a_side_without_a_bound_is_named_and_can_be_given_one(choose):
     choose.apply_to(m, sos1=True)
     choose.revert(m)
     choose.apply_to(m, targets=m.wide, default_bound=50)
-    (choice,) = choose.get_choices(m.wide[3])
+    (choice,) = choose.choices_of(m.wide[3])
     assert choice.disjuncts[0].rows[0].body.ub == 50
 
 
@@ -358,4 +358,4 @@ def test_a_token_belongs_to_its_model_and_works_once(choose):
     with pytest.raises(ComplementarityError, match="nothing to revert"):
         choose.revert(m, token)
     with pytest.raises(ComplementarityError, match=r"'cc\[1\]': is no disjunction"):
-        choose.get_choices(m.cc[1])
+        choose.choices_of(m.cc[1])

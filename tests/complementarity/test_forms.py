@@ -101,6 +101,66 @@ def test_an_equality_holds_and_leaves_the_other_side_free(f, h):
         assert met(form) == (f == 2)
 
 
+WITH_ITSELF = {
+    "a bound": (lambda m: (m.f >= m.lo, m.f >= m.lo), lambda f, h: f == -1),
+    "an upper bound": (lambda m: (m.f <= 1, m.f <= 1), lambda f, h: f == 1),
+    "a variable's own bound": (lambda m: (m.own, m.own >= -2), lambda f, h: f == -2),
+    "one expression": (lambda m: (m.sum >= 1, m.sum >= 1), lambda f, h: 2 * f + h == 1),
+    "an expression written twice": (
+        lambda m: (m.f * m.h + m.f >= 1, m.f * m.h + m.f >= 1),
+        lambda f, h: f * h + f == 1,
+    ),
+    "a bound written twice": (lambda m: (m.f >= 1 + m.lo, m.f >= 1 + m.lo), lambda f, h: f == 0),
+    "variables on either side": (lambda m: (m.f >= m.h, m.f >= m.h), lambda f, h: f == h),
+    "the tighter of two bounds": (lambda m: (m.f >= 0, m.f >= 1), lambda f, h: f == 1),
+    "the tighter of two upper bounds": (lambda m: (m.f <= 0, m.f <= 1), lambda f, h: f == 0),
+}
+
+
+@BOTH
+@pytest.mark.parametrize("name", WITH_ITSELF)
+@given(f=whole, h=whole)
+def test_a_side_that_is_paired_with_itself_is_at_its_bound(component, name, f, h):
+    """Zero is the only number that is complementary to itself: the pair is decided, and one row says so."""
+    sides, holds = WITH_ITSELF[name]
+    m = two_variables(f, h)
+    m.own = pyo.Var(bounds=(-2, None), initialize=f)
+    m.sum = pyo.Expression(expr=2 * m.f + m.h)
+    m.cc = component(expr=mpec.complements(*sides(m)) if component is mpec.Complementarity else complements(*sides(m)))
+    form = canonical_form(m.cc)
+    assert (len(form.pairs), len(form.rows)) == (0, 1)
+    assert met(form) == holds(f, h)
+
+
+@given(f=whole, other=whole)
+def test_two_parameters_may_move_apart_and_stay_two_bounds_of_a_variable(f, other):
+    m = two_variables(f)
+    m.cc = Complementarity(expr=complements(m.f >= m.lo, m.f >= m.up))
+    m.lo.set_value(other)
+    assert len(canonical_form(m.cc).pairs) == 1
+    assert met(canonical_form(m.cc)) == (f == max(other, 2))
+
+
+def test_a_variable_between_two_bounds_is_not_paired_with_itself():
+    m = two_variables()
+    m.cc = Complementarity(expr=complements(m.f >= -1, m.f <= 2))
+    assert len(canonical_form(m.cc).pairs) == 1
+
+
+@pytest.mark.parametrize("grouping", ["pair", "element"])
+def test_a_decided_pair_is_relaxed_to_its_row_and_reverted(grouping):
+    m, relax = two_variables(1, 1), relaxation()
+    m.itself = Complementarity(expr=complements(m.f >= 0, m.f >= 0))
+    m.pair = Complementarity(expr=complements(m.f + 1 >= 0, m.h >= 0))
+    before = state(m)
+    token = relax.apply_to(m, grouping=grouping)
+    (row,) = relax.rows_of(m.itself)
+    assert (row.body, row.lower, row.upper) == (m.f, 0, 0)
+    assert len(relax.relaxation_rows_of(m)) == 1
+    relax.revert(m, token)
+    assert state(m) == before
+
+
 @given(f=whole, h=whole)
 def test_a_range_of_one_number_is_an_equality(f, h):
     m = two_variables(f, h)
@@ -197,7 +257,7 @@ def test_canonical_pair_is_for_statements_of_one_pair():
     m.cc[1] = complements(m.f >= 0, m.h >= 0)
     m.cc[2] = complements(pyo.inequality(m.lo, m.f, m.up), m.h)
     assert canonical_pair(m.cc[1]).a is m.f
-    with pytest.raises(ComplementarityError, match=r"'cc\[2\]': is a range or an equality: 2 pairs and 0 rows"):
+    with pytest.raises(ComplementarityError, match=r"'cc\[2\]': is not one pair but 2 pairs and 0 rows"):
         canonical_pair(m.cc[2])
 
 
@@ -251,13 +311,13 @@ def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
     m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
     relax = relaxation()
     relax.apply_to(m, delta=delta)
-    *products, lower, upper, parts = relax.get_rows(m.cc)
+    *products, lower, upper, parts = relax.rows_of(m.cc)
     for row, residual in zip(products, relax.residuals(m), strict=True):
         assert pyo.value(row.body) == pytest.approx(residual.product)
     assert pyo.value(parts.body) == pytest.approx(0.0) == parts.ub
     assert (lower.lb, upper.ub) == (-1, 2)
     assert lower.body is upper.body is m.f
-    assert [row.ub for row in relax.relaxed_rows(m)] == [delta, delta]
+    assert [row.ub for row in relax.shifted_rows_of(m)] == [delta, delta]
 
 
 def mixed() -> Any:
@@ -288,14 +348,14 @@ def test_every_form_is_relaxed_and_reverted_in_any_order():
         tokens = [relax.apply_to(m, targets=[m.range, m.equal, m.part[1]])]
         tokens.append(relax.apply_to(m, targets=[m.family[2], m.signed, m.maybe]))
         tokens.append(relax.apply_to(m))
-        rows = list(relax.relaxed_rows(m))
+        rows = list(relax.shifted_rows_of(m))
         # Two for each of the six ranges, one for the signed and one for the single pair.
         assert len(rows) == 14
-        assert {relax.get_source(row)[0].name for row in rows} == {
+        assert {relax.sources_of(row)[0].name for row in rows} == {
             *("family[1]", "family[2]", "range", "signed", "single"),
             *("part[1].cc[2]", "part[2].cc[2]", "maybe.cc"),
         }
-        (equal,) = relax.get_rows(m.maybe.equal)
+        (equal,) = relax.rows_of(m.maybe.equal)
         assert equal.parent_block().parent_block() is m.maybe
         for number in order:
             relax.revert(m, tokens[number])
@@ -308,9 +368,9 @@ def test_a_clone_and_the_original_write_the_same_and_answer_for_themselves():
     relax.apply_to(m)
     copy = m.clone()
     assert nl_text(copy) == nl_text(m)
-    assert [source.model() for row in relax.get_rows(copy.range) for source in relax.get_source(row)] == [copy] * 5
+    assert [source.model() for row in relax.rows_of(copy.range) for source in relax.sources_of(row)] == [copy] * 5
     relax.revert(copy)
-    assert len(relax.relaxed_rows(m)) == 12
+    assert len(relax.shifted_rows_of(m)) == 12
 
 
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
@@ -325,6 +385,6 @@ def test_the_products_of_a_range_are_summed_and_charged_like_others(options):
     if options.get("relaxation") == "penalty":
         assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
     else:
-        assert sum(pyo.value(row.body) for row in relax.relaxed_rows(m)) == pytest.approx(total)
+        assert sum(pyo.value(row.body) for row in relax.shifted_rows_of(m)) == pytest.approx(total)
     relax.revert(m, token)
     assert state(m) == before

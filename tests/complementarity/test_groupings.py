@@ -45,7 +45,7 @@ def stages(values=(1.0,) * 8):
 
 
 def bodies(m):
-    return [pyo.value(row.body) for row in relaxation().relaxed_rows(m)]
+    return [pyo.value(row.body) for row in relaxation().shifted_rows_of(m)]
 
 
 @given(values=amounts)
@@ -75,27 +75,27 @@ def test_fixed_products_that_are_crossed_become_bounds_except_as_one_row():
     for summed, equality in (("none", False), ("stage", False), ("element", True)):
         m = stages()
         relaxation().apply_to(m, grouping=Crossed(summed), relaxation=Scholtes(equality=True))
-        assert {row.equality for row in relaxation().relaxed_rows(m)} == {equality}
+        assert {row.equality for row in relaxation().shifted_rows_of(m)} == {equality}
 
 
 def test_a_crossed_row_comes_from_the_pairs_of_both_sides():
     m = stages()
     relax = relaxation()
     relax.apply_to(m, grouping="crossed")
-    names = {tuple(source.index() for source in relax.get_source(row)) for row in relax.relaxed_rows(m)}
+    names = {tuple(source.index() for source in relax.sources_of(row)) for row in relax.shifted_rows_of(m)}
     assert names == {((i, j), (i, k)) if j != k else ((i, j),) for i in (0, 1) for j in (0, 1) for k in (0, 1)}
-    assert len(relax.get_rows(m.cc[0, 0])) == 3
+    assert len(relax.rows_of(m.cc[0, 0])) == 3
 
 
 def test_pairs_that_come_later_are_crossed_with_those_that_are_there_and_leave_alone():
     m = stages()
     relax = relaxation()
     relax.apply_to(m, grouping="crossed", targets=[m.cc[0, 0], m.cc[1, 1]])
-    before = [(row.name, str(row.expr)) for row in relax.relaxed_rows(m)]
+    before = [(row.name, str(row.expr)) for row in relax.shifted_rows_of(m)]
     token = relax.apply_to(m)
-    assert len(relax.relaxed_rows(m)) == 8
+    assert len(relax.shifted_rows_of(m)) == 8
     relax.revert(m, token)
-    assert [(row.name, str(row.expr)) for row in relax.relaxed_rows(m)] == before
+    assert [(row.name, str(row.expr)) for row in relax.shifted_rows_of(m)] == before
 
 
 def test_all_pairs_share_one_row_and_those_of_a_block_one_each():
@@ -169,7 +169,7 @@ def test_with_one_stage_and_no_left_end_crossed_is_pair_by_pair(summed):
     for grouping in (Crossed(summed), "pair"):
         m = phase(elements=4, stages=1)
         relaxation().apply_to(m, grouping=grouping)
-        written.append(sorted(str(row.expr) for row in relaxation().relaxed_rows(m)))
+        written.append(sorted(str(row.expr) for row in relaxation().shifted_rows_of(m)))
     assert written[0] == written[1]
 
 
@@ -201,16 +201,16 @@ def test_left_ends_do_not_depend_on_the_order_in_which_pairs_came(left_end):
     relax.apply_to(
         m, grouping=Crossed(left_end=left_end), targets=[pair for pair in m.phase.both.values() if pair not in later]
     )
-    apart = sorted(str(row.expr) for row in relax.relaxed_rows(m))
+    apart = sorted(str(row.expr) for row in relax.shifted_rows_of(m))
     assert len(apart) == 2 * 2 * 4  # the element before the last is missing: no left end
     token = relax.apply_to(m)
     at_once = phase()
     relax.apply_to(at_once, grouping=Crossed(left_end=left_end))
-    assert sorted(str(row.expr) for row in relax.relaxed_rows(m)) == sorted(
-        str(row.expr) for row in relax.relaxed_rows(at_once)
+    assert sorted(str(row.expr) for row in relax.shifted_rows_of(m)) == sorted(
+        str(row.expr) for row in relax.shifted_rows_of(at_once)
     )
     relax.revert(m, token)
-    assert sorted(str(row.expr) for row in relax.relaxed_rows(m)) == apart
+    assert sorted(str(row.expr) for row in relax.shifted_rows_of(m)) == apart
 
 
 def test_elements_without_numbers_have_no_left_ends():
@@ -294,7 +294,7 @@ def test_shares_follow_delta_and_the_pairs_of_the_group():
     assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.2] * 2)
     token = relax.apply_to(m)
     assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.1] * 4)
-    relax.get_delta(m).set_value(0.04)
+    relax.delta_of(m).set_value(0.04)
     assert [share.lb for share in block.shares.values()] == pytest.approx([SMALLEST_SHARE * 0.01] * 4)
     relax.revert(m, token)
     assert len(block.shares) == 2

@@ -70,7 +70,7 @@ def test_lifted_sides_start_at_the_nonnegative_part_of_their_value(values):
     m = mixed(values)
     relax = relaxation()
     relax.apply_to(m, lift=True)
-    for lifted in relax.get_lifted_pairs(m):
+    for lifted in relax.lifted_pairs_of(m):
         for side, stated in ((lifted.a, lifted.pair.a), (lifted.b, lifted.pair.b)):
             own = any(side.variable is each for each in (m.x, m.y, m.z))
             expected = pyo.value(stated) if own else max(pyo.value(stated), 0.0)
@@ -100,23 +100,23 @@ def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bili
     token = relax.apply_to(m, lift=True)
     assert len(token.block.lifted) == 2
     assert all(variable.lb == 0 and variable.ub is None for variable in token.block.lifted.values())
-    assert {row.body.polynomial_degree() for row in relax.relaxed_rows(m)} == {2}
+    assert {row.body.polynomial_degree() for row in relax.shifted_rows_of(m)} == {2}
     # y >= p, z <= 4 and x <= 10: plain variables, of which only x has the bound itself.
     assert len(token.block.sides) == 2
     assert len(token.block.definitions) == 2
     for row in token.block.definitions.values():
         assert row.equality
-        assert relax.get_source(row)[0] in (m.reversed, m.curved)
-        assert row in relax.get_rows(relax.get_source(row)[0])
+        assert relax.sources_of(row)[0] in (m.reversed, m.curved)
+        assert row in relax.rows_of(relax.sources_of(row)[0])
 
 
 def test_the_relaxation_rows_are_those_of_products_alone():
     m = mixed()
     relax = relaxation()
     token = relax.apply_to(m, lift=True)
-    assert relax.get_relaxation_rows(m) == relax.relaxed_rows(m) == list(token.block.rows.values())
+    assert relax.relaxation_rows_of(m) == relax.shifted_rows_of(m) == list(token.block.rows.values())
     next(iter(token.block.rows.values())).deactivate()
-    assert len(relax.get_relaxation_rows(m)) == 2
+    assert len(relax.relaxation_rows_of(m)) == 2
 
 
 def test_a_side_without_a_value_starts_at_zero():
@@ -130,7 +130,7 @@ def test_without_lifting_there_are_no_lifted_pairs():
     m = mixed()
     relax = relaxation()
     relax.apply_to(m)
-    assert relax.get_lifted_pairs(m) == []
+    assert relax.lifted_pairs_of(m) == []
     with pytest.raises(ComplementarityError, match=r"is relaxed with lift False; True cannot be added"):
         relax.apply_to(m, lift=True)
 
@@ -144,7 +144,7 @@ def test_copies_have_lifted_pairs_of_their_own(copy):
     relax.apply_to(m, lift=True)
     other = copy(m)
     assert nl_text(other) == nl_text(m)
-    for lifted in relax.get_lifted_pairs(other):
+    for lifted in relax.lifted_pairs_of(other):
         assert lifted.a.variable.model() is lifted.b.variable.model() is other
 
 
@@ -156,7 +156,7 @@ def test_a_pair_of_a_disjunct_is_lifted_there():
     before = state(m)
     relax = relaxation()
     token = relax.apply_to(m, lift=True, targets=m.one)
-    (lifted,) = relax.get_lifted_pairs(m)
+    (lifted,) = relax.lifted_pairs_of(m)
     assert lifted.a.variable.parent_block().parent_block() is m.one
     assert token.block.component("lifted") is None
     relax.revert(m, token)

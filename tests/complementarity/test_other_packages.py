@@ -37,15 +37,15 @@ def choice():
 def test_rows_of_a_disjunct_hold_only_where_it_is_chosen(choice, relax):
     before = state(choice)
     relax.apply_to(choice, delta=1e-3)
-    product, side = relax.get_rows(choice.left.cc)
+    product, side = relax.rows_of(choice.left.cc)
     assert product.parent_block().parent_block() is choice.left
     assert side.parent_block() is product.parent_block()
     assert product.ub == 1e-3
-    assert relax.get_rows(choice.common)[0].parent_block().parent_block() is choice
-    assert relax.get_source(side) == [choice.left.cc]
-    assert len(relax.relaxed_rows(choice)) == 2
+    assert relax.rows_of(choice.common)[0].parent_block().parent_block() is choice
+    assert relax.sources_of(side) == [choice.left.cc]
+    assert len(relax.shifted_rows_of(choice)) == 2
     choice.left.deactivate()
-    assert len(relax.relaxed_rows(choice)) == 1
+    assert len(relax.shifted_rows_of(choice)) == 1
     choice.left.activate()
     relax.revert(choice)
     assert state(choice) == before
@@ -60,7 +60,7 @@ def test_a_relaxed_disjunct_can_be_reformulated(choice, relax):
 def test_a_clone_of_a_relaxed_disjunct_knows_its_own_rows(choice, relax):
     relax.apply_to(choice)
     copy = choice.clone()
-    assert relax.get_source(relax.get_rows(copy.left.cc)[1]) == [copy.left.cc]
+    assert relax.sources_of(relax.rows_of(copy.left.cc)[1]) == [copy.left.cc]
     relax.revert(copy)
     assert [pair.name for pair in active_pairs(copy)] == ["common", "left.cc"]
 
@@ -70,7 +70,7 @@ def test_a_later_application_finds_the_disjunct_again(choice, relax):
     second = relax.apply_to(choice)
     assert second.block is first.block
     relax.revert(choice, first)
-    assert len(relax.relaxed_rows(choice)) == 1
+    assert len(relax.shifted_rows_of(choice)) == 1
     relax.revert(choice, second)
     assert len(active_pairs(choice)) == 2
 
@@ -104,7 +104,7 @@ def test_pairs_in_blocks_over_time_survive_discretisation(component, pair, relax
     pyo.TransformationFactory("dae.collocation").apply_to(m, nfe=3, ncp=2)
     assert len(active_pairs(m)) == 2 * len(m.t)
     relax.apply_to(m, grouping="element")
-    assert len(relax.relaxed_rows(m)) == len(m.t)
+    assert len(relax.shifted_rows_of(m)) == len(m.t)
     nl_text(m)
 
 
@@ -115,7 +115,7 @@ def test_a_list_of_pairs_is_taken(relax):
     m.cc = mpec.ComplementarityList(rule=(mpec.complements(m.x[i] >= 0, m.x[i + 1] >= i) for i in (1, 2)))
     m.cc.add(mpec.complements(m.x[1] >= 0, m.x[3] <= 4))
     relax.apply_to(m)
-    assert [source.name for row in relax.relaxed_rows(m) for source in relax.get_source(row)] == [
+    assert [source.name for row in relax.shifted_rows_of(m) for source in relax.sources_of(row)] == [
         "cc[1]",
         "cc[2]",
         "cc[3]",
@@ -136,7 +136,7 @@ def test_the_kkt_conditions_of_pyomo_are_taken(relax):
     # At x = y = 1, by hand: slacks 4 - 2, 0 + 1, 2 - 0, 1 - 0, 3 - 1.
     assert sorted(pyo.value(pair.b) for pair in pairs) == [1, 1, 2, 2, 2]
     relax.apply_to(m)
-    assert len(relax.relaxed_rows(m)) == 5
+    assert len(relax.shifted_rows_of(m)) == 5
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,8 @@ class Forgetful:
 def test_a_group_never_reaches_over_the_edge_of_a_disjunct(choice, relax):
     choice.right.cc = Complementarity(expr=complements(choice.x, choice.y <= 5, first_bound="lower"))
     relax.apply_to(choice, grouping=Together())
-    assert len(relax.relaxed_rows(choice)) == 3
-    assert relax.get_rows(choice.right.cc)[0] is not relax.get_rows(choice.left.cc)[0]
+    assert len(relax.shifted_rows_of(choice)) == 3
+    assert relax.rows_of(choice.right.cc)[0] is not relax.rows_of(choice.left.cc)[0]
 
 
 def test_a_grouping_that_loses_pairs_is_refused(choice, relax):

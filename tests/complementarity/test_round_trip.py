@@ -64,11 +64,11 @@ def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
     before = state(m)
     relax = relaxation()
     token = relax.apply_to(m, relaxation=choice, grouping=grouping, lift=True)
-    inside = relax.get_rows(m.one.contact[1])
+    inside = relax.rows_of(m.one.contact[1])
     assert all(row.parent_block().parent_block() is m.one for row in inside)
-    assert not any(row.parent_block().parent_block() is m.one for row in relax.get_rows(m.contact[1, 1]))
+    assert not any(row.parent_block().parent_block() is m.one for row in relax.rows_of(m.contact[1, 1]))
     m.one.deactivate()
-    assert not set(map(id, inside)) & set(map(id, relax.get_relaxation_rows(m)))
+    assert not set(map(id, inside)) & set(map(id, relax.relaxation_rows_of(m)))
     m.one.activate()
     relax.revert(m, token)
     assert state(m) == before
@@ -80,7 +80,9 @@ def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
 def test_solved_and_back(choice, grouping):
     m = two_elements()
     before = state(m)
-    result = rcp.solve(m, relaxation=choice, grouping=grouping, schedule=rcp.Geometric(), backend="asl", polish=False)
+    result = rcp.solve(
+        m, relaxation=choice, grouping=grouping, schedule=rcp.schedules.Geometric(), backend="asl", polish=False
+    )
     # Where a relaxation leaves a pair to its signs alone, the product is as small as the barrier makes it.
     assert result.largest_product <= (1e-6 if choice == "two-sided" else 1e-7)
     assert result.constraint_violation <= 1e-6

@@ -12,7 +12,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.complementarity import Complementarity, PerElement, Scholtes, active_pairs, complements
+from pyrobocop_pyomo.complementarity import (
+    Complementarity,
+    PerElement,
+    Scholtes,
+    active_pairs,
+    complements,
+    without_penalty,
+)
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, relaxation, row_values, state, text_without_pairs
@@ -75,7 +82,7 @@ def relax():
 
 def test_each_product_is_bounded_by_delta(model, relax):
     relax.apply_to(model, delta=0.5)
-    pairs = relax.get_pairs(model)
+    pairs = relax.pairs_of(model)
     assert row_values(relax, model) == [pyo.value(pair.a) * pyo.value(pair.b) - 0.5 for pair in pairs]
 
 
@@ -85,7 +92,7 @@ def test_a_group_bounds_its_sum_by_delta_itself(values, delta):
     m.x = pyo.Var(range(6), bounds=(0, None), initialize=dict(enumerate(values)))
     m.cc = Complementarity([0, 1, 2], rule=lambda m, i: complements(m.x[2 * i], m.x[2 * i + 1]), group="all")
     relaxation().apply_to(m, grouping=PerElement(), delta=delta)
-    (row,) = relaxation().relaxed_rows(m)
+    (row,) = relaxation().shifted_rows_of(m)
     assert row.ub == delta
     assert pyo.value(row.body) == pytest.approx(sum(values[2 * i] * values[2 * i + 1] for i in range(3)))
 
@@ -109,18 +116,18 @@ def sides_of(m):
 
 def test_a_side_becomes_a_row_only_where_no_bound_holds_it(model, relax):
     relax.apply_to(model)
-    x_side = relax.get_rows(model.part[1].u)
+    x_side = relax.rows_of(model.part[1].u)
     assert len(x_side) == 1
-    product, side = relax.get_rows(model.part[1].v)
-    assert product in relax.relaxed_rows(model)
+    product, side = relax.rows_of(model.part[1].v)
+    assert product in relax.shifted_rows_of(model)
     assert side.ub == 7
-    assert len(relax.get_rows(model.theirs[2])) == 3
+    assert len(relax.rows_of(model.theirs[2])) == 3
 
 
 def test_delta_moves_all_rows_without_rebuilding(model, relax):
     relax.apply_to(model, grouping="element")
-    relax.get_delta(model).set_value(1e-7)
-    assert {row.ub for row in relax.relaxed_rows(model)} == {1e-7}
+    relax.delta_of(model).set_value(1e-7)
+    assert {row.ub for row in relax.shifted_rows_of(model)} == {1e-7}
 
 
 def test_mutable_bounds_stay_mutable_in_the_rows(model, relax):
@@ -157,14 +164,14 @@ def test_the_penalty_makes_products_expensive_whatever_the_sense(sense, sign, re
     m = build(sense)
     plain = pyo.value(m.cost)
     relax.apply_to(m, relaxation="penalty", delta=0.25)
-    charged = m.relaxed_complementarity.objective
-    products = sum(pyo.value(pair.weight * pair.a * pair.b) for pair in relax.get_pairs(m))
-    assert charged.sense == sense
-    assert pyo.value(charged) == pytest.approx(plain + sign * products / 0.25)
+    penalised = m.relaxed_complementarity.objective
+    products = sum(pyo.value(pair.weight * pair.a * pair.b) for pair in relax.pairs_of(m))
+    assert penalised.sense == sense
+    assert pyo.value(penalised) == pytest.approx(plain + sign * products / 0.25)
     assert not m.cost.active
-    assert relax.relaxed_rows(m) == []
-    relax.get_delta(m).set_value(0.5)
-    assert pyo.value(charged) == pytest.approx(plain + sign * products / 0.5)
+    assert relax.shifted_rows_of(m) == []
+    relax.delta_of(m).set_value(0.5)
+    assert pyo.value(penalised) == pytest.approx(plain + sign * products / 0.5)
 
 
 def test_the_penalty_follows_the_objective_of_the_user(model, relax):
@@ -172,6 +179,48 @@ def test_the_penalty_follows_the_objective_of_the_user(model, relax):
     before = pyo.value(token.block.objective)
     model.cost.set_value(model.cost.expr + 5)
     assert pyo.value(token.block.objective) == before + 5
+
+
+@pytest.mark.parametrize("relaxation", ["penalty", "augmented-lagrangian", "elastic"])
+def test_without_an_objective_the_penalty_is_all_that_is_minimised(model, relax, relaxation):
+    no_objective(model)
+    before, text = state(model), text_without_pairs(model)
+    token = relax.apply_to(model, relaxation=relaxation, delta=0.25)
+    penalty, expected = token.block.objective, token.block.component("excess")
+    assert penalty.sense == pyo.minimize
+    if relaxation == "penalty":
+        expected = sum(pair.weight * pair.a * pair.b for pair in relax.pairs_of(model))
+    if relaxation != "augmented-lagrangian":
+        assert pyo.value(penalty) == pytest.approx(pyo.value(expected) / 0.25)
+    copy = model.clone()
+    assert nl_text(copy) == nl_text(model)
+    with without_penalty(copy):
+        assert not copy.relaxed_complementarity.objective.active
+        assert not copy.cost.active
+    assert copy.relaxed_complementarity.objective.active
+    relax.revert(copy)
+    relax.revert(model, token)
+    assert state(model) == state(copy) == before
+    assert text_without_pairs(model) == text
+
+
+def test_parts_of_a_penalty_without_an_objective_come_and_go(model, relax):
+    no_objective(model)
+    before = state(model)
+    first = relax.apply_to(model, relaxation="penalty", targets=[model.ours])
+    alone = pyo.value(first.block.objective)
+    second = relax.apply_to(model)
+    both = sum(pair.weight * pair.a * pair.b for pair in relax.pairs_of(model))
+    assert pyo.value(first.block.objective) == pytest.approx(pyo.value(both) / 1e-2)
+    relax.revert(model, second)
+    assert pyo.value(first.block.objective) == pytest.approx(alone)
+    relax.revert(model, first)
+    assert state(model) == before
+
+
+def test_a_penalty_is_not_put_below_the_objective_that_it_belongs_to(model, relax):
+    with pytest.raises(ComplementarityError, match=r"'part\[1\]'.*'cost' of 'unknown'.*targets= the blocks"):
+        relax.apply_to(model.part[1], relaxation="penalty")
 
 
 # ---- the way back
@@ -195,7 +244,7 @@ def test_create_using_leaves_the_original(model, relax, options):
     assert state(model) == before
     assert text_without_pairs(model) == text
     nl_text(relaxed)
-    assert all(pair.source.model() is relaxed for pair in relax.get_pairs(relaxed))
+    assert all(pair.source.model() is relaxed for pair in relax.pairs_of(relaxed))
 
 
 def test_create_using_takes_targets_of_the_original(model, relax):
@@ -233,14 +282,14 @@ def test_a_copy_answers_with_its_own_components(model, relax, copy, options):
     token = relax.apply_to(model, **options)
     other = copy(model)
     assert nl_text(other) == nl_text(model)
-    for row in relax.relaxed_rows(other):
-        for source in relax.get_source(row):
+    for row in relax.shifted_rows_of(other):
+        for source in relax.sources_of(row):
             assert source.model() is other
-            assert row in relax.get_rows(source)
-    assert relax.get_source(relax.get_rows(other.ours[2])[-1]) == [other.ours[2]]
-    assert relax.get_delta(other) is other.relaxed_complementarity.delta
-    relax.get_delta(other).set_value(0.125)
-    assert pyo.value(relax.get_delta(model)) != 0.125
+            assert row in relax.rows_of(source)
+    assert relax.sources_of(relax.rows_of(other.ours[2])[-1]) == [other.ours[2]]
+    assert relax.delta_of(other) is other.relaxed_complementarity.delta
+    relax.delta_of(other).set_value(0.125)
+    assert pyo.value(relax.delta_of(model)) != 0.125
     relax.revert(other)
     assert state(other) == before
     assert text_without_pairs(other)
@@ -288,7 +337,7 @@ def test_applications_are_reverted_in_any_order(model, relax, options, order):
     for count, number in enumerate(order, start=1):
         relax.revert(model, tokens[number])
         if count < len(order):
-            assert len(relax.get_pairs(model)) == 10
+            assert len(relax.pairs_of(model)) == 10
     assert state(model) == before
     assert text_without_pairs(model) == text
 
@@ -329,11 +378,11 @@ def test_a_pair_that_was_woken_up_by_hand_goes_back_to_sleep_without_a_second_ro
 def test_a_second_delta_moves_the_first_until_it_is_reverted(model, relax):
     relax.apply_to(model, targets=model.ours, delta=1e-3)
     relax.apply_to(model, targets=model.part[1])
-    assert pyo.value(relax.get_delta(model)) == 1e-3
+    assert pyo.value(relax.delta_of(model)) == 1e-3
     token = relax.apply_to(model, delta=1e-5)
-    assert {row.ub for row in relax.relaxed_rows(model)} == {1e-5}
+    assert {row.ub for row in relax.shifted_rows_of(model)} == {1e-5}
     relax.revert(model, token)
-    assert {row.ub for row in relax.relaxed_rows(model)} == {1e-3}
+    assert {row.ub for row in relax.shifted_rows_of(model)} == {1e-3}
 
 
 def test_other_options_beside_the_first_are_refused(model, relax):
@@ -362,10 +411,10 @@ def test_a_sub_block_is_relaxed_on_its_own(model, relax):
     before = state(model)
     token = relax.apply_to(model.part[1])
     assert token.block.parent_block() is model.part[1]
-    assert [row.parent_block() for row in relax.relaxed_rows(model)] == [token.block] * 2
-    assert relax.get_delta(model) is token.block.delta
-    assert len(relax.get_pairs(model)) == 10
-    assert len(relax.get_pairs(model.part[1])) == 2
+    assert [row.parent_block() for row in relax.shifted_rows_of(model)] == [token.block] * 2
+    assert relax.delta_of(model) is token.block.delta
+    assert len(relax.pairs_of(model)) == 10
+    assert len(relax.pairs_of(model.part[1])) == 2
     relax.revert(model.part[1], token)
     assert state(model) == before
 
@@ -378,17 +427,17 @@ def test_two_deltas_over_one_model_are_refused(model, relax):
     relax.apply_to(model, targets=model.ours)
     with pytest.raises(ComplementarityError, match=r"'part\[1\]': pairs of 'unknown' are relaxed already.*targets="):
         relax.apply_to(model.part[1])
-    assert len(relax.get_pairs(model.part[1])) == 2
+    assert len(relax.pairs_of(model.part[1])) == 2
 
 
 def test_of_several_relaxed_blocks_no_single_delta_is_given(model, relax):
     with pytest.raises(ComplementarityError, match="expected one relaxation in it, found none"):
-        relax.get_delta(model)
+        relax.delta_of(model)
     relax.apply_to(model.part[1])
     relax.apply_to(model.part[2])
-    assert len(relax.relaxed_rows(model)) == 4
+    assert len(relax.shifted_rows_of(model)) == 4
     with pytest.raises(ComplementarityError, match=r"found 'part\[1\]\.relaxed_complementarity', 'part\[2\]"):
-        relax.get_delta(model)
+        relax.delta_of(model)
 
 
 def test_a_deactivated_pair_is_untouched_and_can_follow_later(model, relax):
@@ -397,14 +446,14 @@ def test_a_deactivated_pair_is_untouched_and_can_follow_later(model, relax):
     first = relax.apply_to(model)
     assert not model.ours[2].active
     with pytest.raises(ComplementarityError, match=r"'ours\[2\]': is not relaxed"):
-        relax.get_rows(model.ours[2])
+        relax.rows_of(model.ours[2])
     model.ours[2].activate()
     model.part[2].activate()
     assert [pair.name for pair in active_pairs(model)] == ["ours[2]", "part[2].u", "part[2].v"]
     relax.apply_to(model)
-    assert len(relax.relaxed_rows(model)) == 10
+    assert len(relax.shifted_rows_of(model)) == 10
     relax.revert(model, first)
-    assert len(relax.relaxed_rows(model)) == 3
+    assert len(relax.shifted_rows_of(model)) == 3
 
 
 def test_the_name_of_the_generated_block_is_unique(model, relax):
@@ -452,7 +501,6 @@ FAILURES = [
     (no_pairs, {}, r"'unknown': no active complementarity pair in it; there is nothing to relax"),
     (None, {"targets": []}, r"no active complementarity pair in the targets"),
     (None, {"targets": "cost"}, r"'cost': a target is a Block, a Complementarity"),
-    (no_objective, {"relaxation": "penalty"}, r"one active objective, found none"),
     (second_objective, {"relaxation": "penalty"}, r"one active objective, found 'cost', 'other'"),
     (bad_pair, {}, r"'wrong\[4\]': side 'free\[1\]' has no finite bound"),
     (None, {"relaxation": "none"}, r"unknown relaxation 'none'"),
@@ -484,13 +532,13 @@ def test_a_failure_of_a_later_application_leaves_the_earlier_one(model, relax):
         relax.apply_to(model)
     assert state(model) == before
     assert text_without_pairs(model) == text
-    assert len(relax.relaxed_rows(model)) == 3
+    assert len(relax.shifted_rows_of(model)) == 3
 
 
 def test_a_relaxation_without_a_shift_has_rows_but_none_that_may_move(model, relax):
     relax.apply_to(model, relaxation=Unshiftable(), delta=0.5)
-    assert relax.relaxed_rows(model) == []
-    row = relax.get_rows(model.part[1].u)[0]
+    assert relax.shifted_rows_of(model) == []
+    row = relax.rows_of(model.part[1].u)[0]
     assert pyo.value(row.body) == pytest.approx(Unshiftable().residual(1, 3, 0.5))
     nl_text(model)
 
@@ -498,12 +546,12 @@ def test_a_relaxation_without_a_shift_has_rows_but_none_that_may_move(model, rel
 def test_a_row_of_the_user_has_no_source(model, relax):
     relax.apply_to(model)
     with pytest.raises(ComplementarityError, match="'row': was not generated"):
-        relax.get_source(model.row)
+        relax.sources_of(model.row)
 
 
 def test_the_relaxation_in_use_can_be_asked_for(model, relax):
     relax.apply_to(model)
-    assert relax.get_relaxation(model) == Scholtes()
+    assert relax.relaxation_of(model) == Scholtes()
 
 
 # ---- residuals
@@ -554,4 +602,4 @@ def test_a_family_of_blocks_or_an_abstract_model_is_refused(model, relax):
 
 def test_the_generated_objective_comes_from_all_pairs(model, relax):
     token = relax.apply_to(model, relaxation="penalty")
-    assert len(relax.get_source(token.block.objective)) == 10
+    assert len(relax.sources_of(token.block.objective)) == 10

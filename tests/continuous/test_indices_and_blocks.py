@@ -149,7 +149,7 @@ def test_pairs_in_blocks_of_time_and_a_relaxation_by_hand():
     COLLOCATION.apply_to(m, nfe=6)
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     token = relax.apply_to(m, delta=1e-8)
-    assert len(relax.relaxed_rows(m)) == 18
+    assert len(relax.shifted_rows_of(m)) == 18
     pyo.SolverFactory("pyrobocop.ipopt").solve(m)
     assert CASES["complementarity"].errors(m)[0] < 1e-2
     assert rcp.dae_trajectory(m, m.t).pairs["contact.pair"].shape == (2, 18)

@@ -104,7 +104,7 @@ def test_states_and_integrals_converge_with_the_order_of_the_scheme(scheme, stag
         m = oscillator()
         COLLOCATION.apply_to(m, nfe=elements, ncp=stages, scheme=scheme)
         errors.append(CASES["second derivative"].errors(solved(m)))
-    expected = rcp.find_scheme(scheme, stages).order
+    expected = rcp.schemes.find_scheme(scheme, stages).order
     for column in zip(*errors, strict=True):
         assert observed_order(meshes, column, rounding_floor=1e-13) == pytest.approx(expected, abs=0.25)
 

@@ -23,7 +23,7 @@ def test_boundaries_are_never_rounded():
     m = tank((0, 1 / 3, 2))
     COLLOCATION.apply_to(m, wrt=m.t, mesh=boundaries)
     assert m.t.get_finite_elements() == sorted({*boundaries, 1 / 3})
-    grid = rcp.Grid(rcp.radau(3), rcp.Mesh.given(sorted({*boundaries, 1 / 3})))
+    grid = rcp.schemes.Grid(rcp.schemes.radau(3), rcp.schemes.Mesh.given(sorted({*boundaries, 1 / 3})))
     assert tuple(m.t) == grid.times
 
 

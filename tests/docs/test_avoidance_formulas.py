@@ -65,7 +65,7 @@ def test_weak_and_strong_duality(seed: int) -> None:
     shares = nnls(np.vstack([np.hstack([p.T, -q.T]), heavy * sums]), np.array([0, 0, heavy, heavy]))[0]
     a, c = shares[: len(p)], shares[len(p) :]
     primal = float(np.linalg.norm(a @ p / a.sum() - c @ q / c.sum()))
-    found = rcp.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
     assert gap(random.uniform() * unit(random), p, q) <= primal + 1e-6
     assert max(gap(found.normal, p, q), 0.0) == pytest.approx(primal, abs=1e-5)
 
@@ -75,13 +75,13 @@ def test_depth_is_the_least_translation_that_separates(seed: int, length: float)
     """eq-signed-duality in overlap."""
     random, first, second, t = two_shapes(seed, spread=0.3)
     p, q = first.vertices + t, second.vertices
-    found = rcp.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
     if found.distance >= 0:
         return
     moved = p - found.distance * found.normal
     assert gap(found.normal, moved, q) == pytest.approx(0.0, abs=1e-9)
     tau = min(length, 0.999) * -found.distance * unit(random)
-    assert rcp.signed_distance(first, second, rcp.planar_pose(*(t + tau))).distance < 0.0
+    assert rcp.geometry.signed_distance(first, second, rcp.planar_pose(*(t + tau))).distance < 0.0
 
 
 @given(seed=seeds)
@@ -142,7 +142,7 @@ def test_started_certificates_prove_the_distance(formulation: str, seed: int) ->
     m, avoid = kept_block(formulation)
     set_poses(m.move, np.tile(pose, (3, 1)))
     avoid.initialize()
-    sd = rcp.signed_distance(ARROW, WALL, placed(m.move, 0.0)).distance
+    sd = rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, 0.0)).distance
     index = next(iter(avoid.planes))
     spare = sd - pyo.value(avoid.required[index])
     if sd <= 0:
@@ -200,7 +200,7 @@ def test_pushed_out_facets(seed: int) -> None:
     _, first, second, t = two_shapes(seed)
     proven, twice = offset_values(first, second, t)
     assert proven == pytest.approx(twice, abs=1e-7)
-    sd = rcp.signed_distance(first, second, rcp.planar_pose(*t)).distance
+    sd = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t)).distance
     assert (sd > 1e-7) == (proven > 1e-7) or abs(sd) < 1e-5
     if sd > 0:
         assert proven <= sd + 1e-9
@@ -211,7 +211,9 @@ def test_pushed_out_facets_of_squares(t: tuple[float, float], share: float) -> N
     """Face to face the distance itself, corner to corner less by a factor of the square root of two."""
     square = rcp.Polytope.box(1, 1)
     proven, _ = offset_values(square, square, np.array(t, dtype=float))
-    assert proven == pytest.approx(share * rcp.signed_distance(square, square, rcp.planar_pose(*t)).distance, abs=1e-9)
+    assert proven == pytest.approx(
+        share * rcp.geometry.signed_distance(square, square, rcp.planar_pose(*t)).distance, abs=1e-9
+    )
 
 
 def test_rows_of_pushed_out_facets_start_with_the_sum_that_is_fixed() -> None:
@@ -226,7 +228,7 @@ def test_optimality_errs_on_the_unsafe_side(seed: int, spoiled: float) -> None:
     """eq-optimality and eq-unsafe-side, for points between the nearest ones and any others."""
     random, first, second, t = two_shapes(seed, spread=5.0)
     p, q = first.vertices + t, second.vertices
-    found = rcp.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
     if found.distance <= 0.01:
         return
     weights = []
@@ -283,7 +285,7 @@ def test_bounded_normals_collapse_in_overlap(seed: int, required: float) -> None
     """eq-collapse."""
     random, first, second, t = two_shapes(seed, spread=0.3)
     p, q = first.vertices + t, second.vertices
-    found = rcp.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
     if found.distance >= 0:
         return
     shortfalls = [required - gap(length * unit(random), p, q) for length in random.uniform(0, 1, 50)]
@@ -329,7 +331,7 @@ def test_margins_are_sags_and_what_was_missing() -> None:
         each.unfix()
     avoid.initialize()
     report = avoid.verify()
-    (pair,) = report.pairs
+    (pair,) = report.body_pairs
     before = {index: 0.001 * number for number, index in enumerate(avoid.planes, start=1)}
     for index, margin in before.items():
         avoid.set_margin(*index, margin)

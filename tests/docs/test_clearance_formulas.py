@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, judge, on_points, placed
+from harness.moving import by_states, check, on_points, placed
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
 from pyrobocop_pyomo.motion import Body, motion_of
-from pyrobocop_pyomo.motion.jets import Jet, polynomial_jet
+from pyrobocop_pyomo.motion.clearance_proof import ProofSettings, _Proof
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
-from pyrobocop_pyomo.motion.pair_proof import Effort, _Proof
+from pyrobocop_pyomo.motion.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples, bernstein_matrix, restrict
 
 seeds = st.integers(0, 10**6)
@@ -48,8 +48,8 @@ def test_corners_and_signed_distance(seed: int) -> None:
 
 
 @given(seed=seeds, c=st.floats(-3, 3), length=st.floats(0.01, 10))
-def test_certificates(seed: int, c: float, length: float) -> None:
-    """eq-certificate, for a random plane, and that the best one loses nothing."""
+def test_separations(seed: int, c: float, length: float) -> None:
+    """eq-separation, for a random plane, and that the best one loses nothing."""
     random, first, second = scene(seed)
     p, q, radii = first.vertices, second.vertices, first.radius + second.radius
     found = signed_distance(first, second)
@@ -72,24 +72,24 @@ def test_chords_are_safe(seed: int, share: float) -> None:
         [shape.vertices, shape.vertices @ random.normal(size=(2, 2)) + move]
         for shape, move in zip((first, second), moves, strict=True)
     )
-    c = max(float((each @ n).max()) for each in q)
-    gamma = min(float((each @ n).min()) for each in p) - c
+    c = max(float((corners @ n).max()) for corners in q)
+    gamma = min(float((corners @ n).min()) for corners in p) - c
     assert (((1 - share) * p[0] + share * p[1]) @ n).min() >= c + gamma - 1e-9
     assert (((1 - share) * q[0] + share * q[1]) @ n).max() <= c + 1e-9
 
 
 @given(seed=seeds, start=st.floats(-2, 2), width=st.floats(0.01, 3))
-def test_the_sag(seed: int, start: float, width: float) -> None:
-    """eq-sag for random cubics, whose second derivative is largest at an end."""
+def test_the_chord_deviation(seed: int, start: float, width: float) -> None:
+    """eq-chord-deviation for random cubics, whose second derivative is largest at an end."""
     cubic = np.polynomial.Polynomial(np.random.default_rng(seed).normal(size=4))
     end = start + width
-    bend = max(cubic.deriv(2)(start), cubic.deriv(2)(end))
+    curvature = max(cubic.deriv(2)(start), cubic.deriv(2)(end))
     lowest = cubic(np.linspace(start, end, 500)).min()
-    assert lowest >= min(cubic(start), cubic(end)) - width**2 / 8 * max(0.0, bend) - 1e-12
+    assert lowest >= min(cubic(start), cubic(end)) - width**2 / 8 * max(0.0, curvature) - 1e-12
 
 
-def test_a_parabola_attains_the_sag() -> None:
-    """eq-sag: no smaller constant is right."""
+def test_a_parabola_attains_the_chord_deviation() -> None:
+    """eq-chord-deviation: no smaller constant is right."""
     assert 0.0 == 1.0 - 2.0**2 / 8 * 2.0  # s^2 on [-1, 1]
 
 
@@ -106,7 +106,7 @@ def proof(m: Any, others: Any, first: Polytope, second: Polytope) -> _Proof:
         moving_shapes(motion_of(model.t, model), {"body": Body(shape, by_states)})["body"][0]
         for model, shape in ((m, first), (others, second))
     ]
-    return _Proof(*shapes, 0.1, Effort(0.001, 5, 100), 1)
+    return _Proof(*shapes, 0.1, ProofSettings(0.001, 5, 100), 1)
 
 
 @given(seed=seeds, start=st.floats(0, 0.9), width=st.floats(0.01, 1.0), turn=st.floats(0, 3), length=st.floats(0.1, 3))
@@ -115,11 +115,11 @@ def test_plane_bounds_and_their_convergence(seed: int, start: float, width: floa
     random, first, second = scene(seed)
     end = min(start + width, 1.0)
     poses, others = (random.normal(size=(2, 3)) * [1, 1, turn] for _ in range(2))
-    judged = proof(on_points(poses), on_points(others), first, second)
+    proof_of_pair = proof(on_points(poses), on_points(others), first, second)
     at = np.array([0]), np.array([start]), np.array([end])
-    p, q = judged.first.stretches(*at), judged.second.stretches(*at)
-    middle, normals = judged._look(at[0], 0.5 * (at[1] + at[2]))
-    bound = judged._plane_bounds(length * normals, p, q)[0]
+    p, q = proof_of_pair.first.path_bounds(*at), proof_of_pair.second.path_bounds(*at)
+    middle, normals = proof_of_pair._measure(at[0], 0.5 * (at[1] + at[2]))
+    bound = proof_of_pair._plane_bounds(length * normals, p, q)[0]
     fractions = np.linspace(start, end, 200)[:, None]
     paths = [
         placed(shape.vertices, pair[0] + fractions * (pair[1] - pair[0]))
@@ -132,14 +132,14 @@ def test_plane_bounds_and_their_convergence(seed: int, start: float, width: floa
     rates = [abs(pair[1, 2] - pair[0, 2]) for pair in (poses, others)]
     speeds = [np.linalg.norm(pair[1, :2] - pair[0, :2]) for pair in (poses, others)]
     fastest = sum(speed + reach * rate for speed, reach, rate in zip(speeds, reaches, rates, strict=True))
-    # Rotations are enclosed entry by entry: the enclosed second derivative is at most twice the true bound.
-    bend = 2 * math.sqrt(2) * sum(reach * rate**2 for reach, rate in zip(reaches, rates, strict=True))
+    # Rotations are bounded entry by entry: the bound of the second derivative is at most twice the true bound.
+    curvature = 2 * math.sqrt(2) * sum(reach * rate**2 for reach, rate in zip(reaches, rates, strict=True))
     h = end - start
-    assert bound >= middle[0] - fastest * h / 2 - bend * h**2 / 8 - 1e-9
+    assert bound >= middle[0] - fastest * h / 2 - curvature * h**2 / 8 - 1e-9
 
 
 @given(seed=seeds, degree=st.integers(1, 6), start=st.floats(0, 0.9), width=st.floats(0.01, 1.0))
-def test_bernstein_coefficients_enclose(seed: int, degree: int, start: float, width: float) -> None:
+def test_bernstein_coefficients_bound_the_polynomial(seed: int, degree: int, start: float, width: float) -> None:
     """eq-bernstein, with the polynomial evaluated by other means."""
     end = min(start + width, 1.0)
     polynomial = np.polynomial.Polynomial(np.random.default_rng(seed).normal(size=degree + 1))
@@ -155,16 +155,16 @@ def test_bernstein_coefficients_enclose(seed: int, degree: int, start: float, wi
     assert values.max() <= beta.max() + 1e-10
 
 
-def jet_of(number: float, slope: float, bend: float) -> Jet:
-    return polynomial_jet(tuple(np.array([[each]]) for each in (number, slope, bend)))
+def form_of(number: float, slope: float, curvature: float) -> TaylorForm:
+    return taylor_form_of_polynomial(tuple(np.array([[bound]]) for bound in (number, slope, curvature)))
 
 
 @given(u=st.tuples(*[st.floats(-3, 3)] * 3), v=st.tuples(*[st.floats(-3, 3)] * 3))
 def test_rules_of_second_derivatives(u: Any, v: Any) -> None:
-    """eq-jet on single points, where intervals are numbers."""
-    product = jet_of(*u) * jet_of(*v)
+    """eq-form on single points, where intervals are numbers."""
+    product = form_of(*u) * form_of(*v)
     assert product.second.low[0] == pytest.approx(u[2] * v[0] + 2 * u[1] * v[1] + u[0] * v[2], abs=1e-9)
-    sine = jet_of(*u).sin()
+    sine = form_of(*u).sin()
     expected = -math.sin(u[0]) * u[1] ** 2 + math.cos(u[0]) * u[2]
     assert sine.second.low[0] == pytest.approx(expected, abs=1e-9)
     assert sine.second.high[0] == pytest.approx(expected, abs=1e-9)
@@ -175,9 +175,9 @@ def test_proven_means_up_to_the_tolerance(gap_left: float, safe: bool) -> None:
     """eq-proven with the default of one percent."""
     m = on_points([(0, 0, 0), (4, 0, 0)])
     wall = Polytope.box(20, 1, center=(0, -1.0 - gap_left))
-    report = judge(m, Polytope.box(1, 1), [wall], 0.1)
+    report = check(m, Polytope.box(1, 1), [wall], 0.1)
     assert report.safe is safe
-    assert report.pairs[0].tolerance == pytest.approx(0.001)
+    assert report.body_pairs[0].tolerance == pytest.approx(0.001)
 
 
 @given(seed=seeds, turn=st.floats(0, 2))
@@ -196,16 +196,16 @@ def test_advancement(seed: int, turn: float) -> None:
 
 def test_sliding_takes_one_plane_where_advancement_needs_stretches_as_short_as_the_tolerance() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
-    pair = judge(m, Polytope.box(1, 1), [Polytope.box(20, 1, center=(0, -1.1))], 0.1).pairs[0]
+    pair = check(m, Polytope.box(1, 1), [Polytope.box(20, 1, center=(0, -1.1))], 0.1).body_pairs[0]
     assert pair.safe
-    assert pair.pieces == 1
-    assert 4.0 / (2 * pair.tolerance) >= 2000  # stretches, each of length twice the tolerance
+    assert pair.subintervals == 1
+    assert 4.0 / (2 * pair.tolerance) >= 2000  # subintervals, each of length twice the tolerance
 
 
 def test_a_square_root_is_decided_by_its_values() -> None:
     """The remark on second derivatives without bound."""
     m = on_points([(0, 0, 0), (1, 0, 0)])
     wall = Polytope.box(1, 1, center=(2.2, 0))
-    pair = judge(m, Polytope.box(1, 1), [wall], 0.1, pose=lambda b, t: planar_pose(pyo.sqrt(b.x[t]), 0)).pairs[0]
+    pair = check(m, Polytope.box(1, 1), [wall], 0.1, pose=lambda b, t: planar_pose(pyo.sqrt(b.x[t]), 0)).body_pairs[0]
     assert pair.safe
-    assert pair.pieces > 1
+    assert pair.subintervals > 1

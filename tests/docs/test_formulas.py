@@ -18,12 +18,12 @@ from pyrobocop_pyomo.numerics import remesh
 from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
 
 SCHEMES = [
-    rcp.radau(1),
-    rcp.radau(3),
-    rcp.radau(5),
-    rcp.gauss_legendre(1),
-    rcp.gauss_legendre(2),
-    rcp.gauss_legendre(4),
+    rcp.schemes.radau(1),
+    rcp.schemes.radau(3),
+    rcp.schemes.radau(5),
+    rcp.schemes.gauss_legendre(1),
+    rcp.schemes.gauss_legendre(2),
+    rcp.schemes.gauss_legendre(4),
 ]
 
 
@@ -45,7 +45,7 @@ def relaxation():
 
 @pytest.mark.parametrize("stages", [1, 2, 3, 6])
 def test_points_are_the_stated_roots(stages):
-    gauss, radau = rcp.gauss_legendre(stages).c, rcp.radau(stages).c
+    gauss, radau = rcp.schemes.gauss_legendre(stages).c, rcp.schemes.radau(stages).c
     assert np.abs(eval_legendre(stages, 2 * gauss - 1)).max() < 1e-13
     assert radau[-1] == 1.0
     assert np.abs(eval_jacobi(stages - 1, 1.0, 0.0, 2 * radau[:-1] - 1)).max(initial=0.0) < 1e-12
@@ -94,7 +94,7 @@ def test_rows_are_equivalent_to_the_runge_kutta_method(scheme):
     assert scheme.end_weights @ [start, *stages] == pytest.approx(start + h * scheme.b @ rates, abs=1e-10)
 
 
-OTHER_SCHEMES = [*(rcp.lobatto(s) for s in (2, 3, 5)), *(rcp.explicit(s) for s in (1, 2, 3))]
+OTHER_SCHEMES = [*(rcp.schemes.lobatto(s) for s in (2, 3, 5)), *(rcp.schemes.explicit(s) for s in (1, 2, 3))]
 
 
 @pytest.mark.parametrize("scheme", [*SCHEMES, *OTHER_SCHEMES], ids=str)
@@ -192,9 +192,9 @@ def three_pairs(grouping, choice="scholtes", delta=1e-2, sense=pyo.minimize):
 
 def test_rows_of_pairs_and_groups():
     products = [0.15, 0.2, 4.0]
-    rows = relaxation().relaxed_rows(three_pairs("pair"))
+    rows = relaxation().shifted_rows_of(three_pairs("pair"))
     assert [pyo.value(row.body) - row.ub for row in rows] == pytest.approx([p - 1e-2 for p in products])
-    (row,) = relaxation().relaxed_rows(three_pairs("element"))
+    (row,) = relaxation().shifted_rows_of(three_pairs("element"))
     assert pyo.value(row.body) - row.ub == pytest.approx(sum(products) - 1e-2)  # delta itself, not n or n^2 times
 
 
@@ -219,7 +219,7 @@ def test_weights_of_a_phase_are_those_of_the_quadrature():
 
 
 def test_follow():
-    schedule = rcp.FollowBarrier(floor=1e-8, factor=2.0)
+    schedule = rcp.schedules.FollowBarrier(floor=1e-8, factor=2.0)
     assert schedule.delta_for(1e-3) == 2e-3
     assert schedule.delta_for(1e-12) == 1e-8
 
@@ -249,7 +249,7 @@ def test_delta_lags_mu_by_one_iteration():
     m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
     m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    schedule = rcp.FollowBarrier(floor=1e-8, factor=3.0)
+    schedule = rcp.schedules.FollowBarrier(floor=1e-8, factor=3.0)
     result = rcp.solve(m, schedule=schedule, backend="casadi")
     path = result.steps[0].path
     assert len(path) > 5
@@ -278,7 +278,7 @@ def test_path_through_the_executable():
     m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
     m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    steps = rcp.solve(m, schedule=rcp.FollowBarrier(factor=2.0), backend="executable").steps
+    steps = rcp.solve(m, schedule=rcp.schedules.FollowBarrier(factor=2.0), backend="executable").steps
 
     def path(mu=0.1, tolerance=1e-8):
         while True:
@@ -338,7 +338,7 @@ def test_error_of_an_element_is_the_distance_from_its_own_motion_and_falls_with_
 
 
 def test_parts_and_joins_of_the_next_mesh():
-    mesh, tolerance, order = rcp.Mesh.given([0.0, 1.0, 3.0, 4.0]), 1e-6, 3
+    mesh, tolerance, order = rcp.schemes.Mesh.given([0.0, 1.0, 3.0, 4.0]), 1e-6, 3
     assert math.ceil((2e-5 / (tolerance / 2)) ** (1 / (order + 1))) == 3
     assert remesh(mesh, [2e-5, 1.01e-6, 1.0], tolerance, order).boundaries == pytest.approx(
         (0, 1 / 3, 2 / 3, 1, 2, 3, 3.25, 3.5, 3.75, 4)
@@ -352,7 +352,7 @@ def test_parts_and_joins_of_the_next_mesh():
 
 
 def test_limit_surface_and_twist():
-    slider = rcp.SquareSlider(half_side=0.06, mass=0.8, table_friction=0.4)
+    slider = rcp.mechanics.SquareSlider(half_side=0.06, mass=0.8, table_friction=0.4)
     c = 1 / (0.4 * 0.8 * 9.81) ** 2
     L = np.diag([c, c, c / slider.mean_distance**2])
     (p_x, p_y), (f_x, f_y) = (-0.06, 0.02), (0.7, -0.2)
@@ -364,7 +364,7 @@ def test_limit_surface_and_twist():
 
 
 def test_velocity_turns_with_the_slider():
-    slider, theta = rcp.SquareSlider(), 0.7
+    slider, theta = rcp.mechanics.SquareSlider(), 0.7
     v_x, v_y, omega = slider.velocity(0.0, (-0.045, 0.01), (0.4, 0.1))
     turned = slider.velocity(theta, (-0.045, 0.01), (0.4, 0.1))
     expected = (math.cos(theta) * v_x - math.sin(theta) * v_y, math.sin(theta) * v_x + math.cos(theta) * v_y, omega)
@@ -372,6 +372,6 @@ def test_velocity_turns_with_the_slider():
 
 
 def test_mean_distance_of_a_square():
-    slider = rcp.SquareSlider(half_side=0.045)
+    slider = rcp.mechanics.SquareSlider(half_side=0.045)
     integral, _ = dblquad(lambda y, x: math.hypot(x, y), -0.045, 0.045, -0.045, 0.045)
     assert slider.mean_distance == pytest.approx(integral / (4 * 0.045**2), rel=1e-6)

@@ -88,7 +88,7 @@ def test_the_rows_that_are_built_are_those_of_the_page(word, a, b, delta):
 @given(a=sides, b=sides, delta=deltas)
 def test_equalities(word, formula, a, b, delta):
     m = pair(relaxation=word, delta=delta)
-    (row,) = relax().get_relaxation_rows(m)
+    (row,) = relax().relaxation_rows_of(m)
     m.a.set_value(a)
     m.b.set_value(b)
     assert row.equality
@@ -98,8 +98,8 @@ def test_equalities(word, formula, a, b, delta):
 @given(a=sides, b=sides, delta=deltas)
 def test_roots(a, b, delta):
     """eq-roots: what was squared is the product."""
-    root = a + b - rcp.FischerBurmeister().residual(a, b, delta)
-    smooth = a + b - rcp.ChenHarkerKanzowSmale().residual(a, b, delta)
+    root = a + b - rcp.relaxations.FischerBurmeister().residual(a, b, delta)
+    smooth = a + b - rcp.relaxations.ChenHarkerKanzowSmale().residual(a, b, delta)
     assert (a + b) ** 2 - root**2 == pytest.approx(2 * (a * b - delta), abs=1e-9)
     assert (a + b) ** 2 - smooth**2 == pytest.approx(4 * (a * b - delta), abs=1e-9)
 
@@ -119,12 +119,12 @@ def test_prices(a, b, delta):
     t = m.relaxed_complementarity.excess
     t.set_value(0.7)
     assert objective(m) == pytest.approx(a + 0.7 / delta)
-    (row,) = relax().get_relaxation_rows(m)
-    assert (row.lb, t.lb, t.ub) == (None, 0, rcp.Elastic().excess_bound)
+    (row,) = relax().relaxation_rows_of(m)
+    assert (row.lb, t.lb, t.ub) == (None, 0, rcp.relaxations.Elastic().excess_bound)
     assert pyo.value(row.body) - pyo.value(row.upper) == pytest.approx(a * b - 0.7)
     m = pair(relaxation="augmented-lagrangian", delta=delta)
     assert objective(m) == pytest.approx(a + 0.5 * (a * b) ** 2 / (2 * delta))
-    relax().advance(m, delta)
+    relax().update_parameters(m, delta)
     multiplier = a * b / delta
     assert objective(m) == pytest.approx(a + 0.5 * (multiplier * a * b + (a * b) ** 2 / (2 * delta)))
 
@@ -139,7 +139,7 @@ def test_prices(a, b, delta):
 )
 def test_two_sided_update(a, b, multiplier, numbers, after, threshold):
     """eq-two-sided-update."""
-    scheme, (d, s) = rcp.TwoSided(threshold), numbers
+    scheme, (d, s) = rcp.relaxations.TwoSided(threshold), numbers
     stays = multiplier * max(a, b) <= threshold and min(a, b) <= after and a * b <= after
     assert scheme.next_bound(d, after, [(a, b)], multiplier) == (d if stays else min(d, after))
     kept = multiplier * b > threshold and a >= -after
@@ -157,7 +157,7 @@ def test_multipliers_of_relaxed_points(delta):
     relax().apply_to(m, delta=delta)
     m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     pyo.SolverFactory("pyrobocop.ipopt").solve(m, options={"tol": 1e-10})
-    (row,) = relax().get_relaxation_rows(m)
+    (row,) = relax().relaxation_rows_of(m)
     multiplier, a, b = abs(m.dual[row]), m.a.value, m.b.value
     nu, xi = -multiplier * b, -multiplier * a
     assert [nu, xi] == pytest.approx([2 * (a - 2), 2 * (b - 1)], rel=1e-4, abs=1e-6)
@@ -171,7 +171,7 @@ def test_a_limit_that_is_c_and_no_more(delta):
     nu = 2 * (root - 1)
     multiplier = -nu / root
     step = 1e-6 * root
-    scheme = rcp.Scholtes()
+    scheme = rcp.relaxations.Scholtes()
     slope = (scheme.residual(root + step, root, delta) - scheme.residual(root - step, root, delta)) / (2 * step)
     assert 2 * (root - 1) + multiplier * slope == pytest.approx(0.0, abs=1e-6)
     assert scheme.residual(root, root, delta) == pytest.approx(0.0, abs=1e-15)
@@ -204,15 +204,15 @@ def test_sums_and_crossed_products(values, delta):
     a, b = np.reshape(values[:4], (2, 2)), np.reshape(values[4:], (2, 2))
     left = [[0.0, *a[0]], [a[0, 1], *a[1]]]  # nothing is left of the first element
     expected = {
-        rcp.PerElement(): [a[e] @ b[e] for e in (0, 1)],
-        rcp.AllPairs(): [np.sum(a * b)],
-        rcp.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
-        rcp.Crossed("stage"): [a[e, i] * b[e].sum() for e in (0, 1) for i in (0, 1)],
-        rcp.Crossed("element"): [a[e].sum() * b[e].sum() for e in (0, 1)],
-        rcp.Crossed("element", left_end="first"): [np.sum(left[e]) * b[e].sum() for e in (0, 1)],
+        rcp.groupings.PerElement(): [a[e] @ b[e] for e in (0, 1)],
+        rcp.groupings.AllPairs(): [np.sum(a * b)],
+        rcp.groupings.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
+        rcp.groupings.Crossed("stage"): [a[e, i] * b[e].sum() for e in (0, 1) for i in (0, 1)],
+        rcp.groupings.Crossed("element"): [a[e].sum() * b[e].sum() for e in (0, 1)],
+        rcp.groupings.Crossed("element", left_end="first"): [np.sum(left[e]) * b[e].sum() for e in (0, 1)],
     }
     for grouping, products in expected.items():
-        rows = relax().relaxed_rows(stages(values, grouping=grouping, delta=delta))
+        rows = relax().shifted_rows_of(stages(values, grouping=grouping, delta=delta))
         assert [pyo.value(row.body) for row in rows] == pytest.approx(products, abs=1e-9)
         assert [row.ub for row in rows] == [delta] * len(rows)
 
@@ -260,7 +260,7 @@ def test_lifting(x):
     m.range = rcp.Complementarity(expr=rcp.complements(pyo.inequality(-1, m.F, 2), m.x - m.y))
     m.cost = pyo.Objective(expr=m.y)
     relax().apply_to(m, lift=True)
-    lifted, lower, upper = relax().get_lifted_pairs(m)
+    lifted, lower, upper = relax().lifted_pairs_of(m)
     assert (lifted.a.variable.lb, lifted.a.variable.value) == (0, pytest.approx(max(x**3 - 1, 0)))
     assert lifted.b.variable is m.y
     plus, minus = lower.b.variable, upper.b.variable
@@ -276,15 +276,15 @@ def test_lifting(x):
 def test_schedules(first, factor, exponent, part):
     """eq-geometric and eq-superlinear, term by term."""
     last = part * first
-    for k, delta in enumerate(rcp.Geometric(first, factor, last).steps()):
+    for k, delta in enumerate(rcp.schedules.Geometric(first, factor, last).steps()):
         assert delta == pytest.approx(max(last, factor**k * first), rel=1e-8)
-    steps = list(rcp.Superlinear(first, factor, exponent, last).steps())
+    steps = list(rcp.schedules.Superlinear(first, factor, exponent, last).steps())
     assert (steps[0], steps[-1]) == (first, last)
     for delta, following in pairwise(steps):
         assert following == pytest.approx(max(last, min(factor * delta, delta**exponent)), rel=1e-8)
 
 
 def test_nine_solves_or_seven():
-    assert len(list(rcp.Geometric().steps())) == 9
-    assert len(list(rcp.Superlinear().steps())) == 7
+    assert len(list(rcp.schedules.Geometric().steps())) == 9
+    assert len(list(rcp.schedules.Superlinear().steps())) == 7
     assert "that is nine solves, or seven" in " ".join(PAGE.split())

@@ -103,9 +103,11 @@ def test_without_damping_the_run_costs_nothing() -> None:
 
 def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
     pushing = example("mode_enumeration")
-    sequences = rcp.mode_sequences(["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after)
+    sequences = rcp.studies.mode_sequences(
+        ["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after
+    )
     times = {each: rcp.solve(pushing.build(each, elements=6)) for each in sequences}
-    ranking = rcp.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
+    ranking = rcp.studies.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
     best = min((each for each in sequences if times[each].solved), key=lambda each: times[each].objective)
     assert ranking[0].sequence == best
     assert pyo.value(ranking.best.total_time) == pytest.approx(times[best].objective, rel=1e-9)

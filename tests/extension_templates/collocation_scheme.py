@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pyrobocop_pyomo import Scheme
+from pyrobocop_pyomo.schemes import Scheme
 
 
 def chebyshev(stages: int) -> Scheme:

@@ -11,8 +11,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import Grouping, KeepsBounds, Relaxation, Schedule
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Grouping, KeepsBounds, Relaxation, Schedule
 
+from .barrier_schedule import PowerOfBarrier
 from .collocation_scheme import chebyshev
 from .grouping import PerComponent
 from .learning_relaxation import Reluctant
@@ -60,14 +61,14 @@ def test_scheme_serves_a_phase():
 @given(a=amounts, b=amounts, delta=amounts)
 def test_relaxation_accepts_the_same_points_as_the_product(a, b, delta):
     assume(abs(a * b - delta) > 1e-6 * (a + b) ** 2 + 1e-6 * delta)  # stay off the rounding edge
-    assert (FischerBurmeister().residual(a, b, delta) <= 0) == (rcp.Scholtes().residual(a, b, delta) <= 0)
+    assert (FischerBurmeister().residual(a, b, delta) <= 0) == (rcp.relaxations.Scholtes().residual(a, b, delta) <= 0)
 
 
 @pytest.mark.casadi
 def test_relaxation_solves():
     assert isinstance(FischerBurmeister(), Relaxation)
     m = corner()
-    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.Geometric(), backend="casadi")
+    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.schedules.Geometric(), backend="casadi")
     assert result.largest_product < 1e-7
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
@@ -77,17 +78,17 @@ def test_a_relaxation_keeps_numbers_between_solves():
     m = corner()
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     relax.apply_to(m, relaxation=Reluctant(), delta=0.5)
-    first, second = relax.get_relaxation_rows(m)
+    first, second = relax.relaxation_rows_of(m)
     m.a[1].set_value(0.0)  # its product vanishes by itself
-    relax.advance(m, 0.1, {first: 0.0, second: -1.0})  # of either sign
+    relax.update_parameters(m, 0.1, {first: 0.0, second: -1.0})  # of either sign
     assert [pyo.value(row.upper) for row in (first, second)] == [0.5, 0.1]
-    relax.restart(m, 0.5)
+    relax.reset_parameters(m, 0.5)
     assert [pyo.value(row.upper) for row in (first, second)] == [0.5, 0.5]
 
 
 @pytest.mark.casadi
 def test_a_relaxation_that_keeps_numbers_solves():
-    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.Geometric(), backend="casadi")
+    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.schedules.Geometric(), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
@@ -112,6 +113,31 @@ def test_schedule_solves():
     assert relaxed == list(Superlinear().steps())[: len(relaxed)]
 
 
+def test_a_schedule_says_by_its_methods_whether_it_follows_the_barrier_parameter():
+    assert isinstance(PowerOfBarrier(), BarrierSchedule)
+    assert isinstance(PowerOfBarrier(), Schedule)
+    assert isinstance(rcp.schedules.FollowBarrier(), BarrierSchedule)
+    assert not isinstance(Superlinear(), BarrierSchedule)
+
+
+@pytest.mark.parametrize(
+    "backend", [pytest.param(name, marks=getattr(pytest.mark, name)) for name in ("casadi", "executable")]
+)
+def test_a_schedule_that_follows_the_barrier_parameter_solves(backend):
+    schedule = PowerOfBarrier(last=1e-9)
+    result = rcp.solve(corner(), schedule=schedule, backend=backend, polish=False)
+    result.raise_for_status()
+    assert result.objective == pytest.approx(2.0, abs=1e-4)
+    assert result.steps[-1].delta == pytest.approx(1e-9)
+    if backend == "casadi":  # delta moves inside one run, and lags mu by one iteration
+        path = result.steps[0].path
+        mus, deltas = [mu for mu, _ in path[:-1]], [delta for _, delta in path[1:]]
+    else:  # from outside there is one run for each mu; the last one says no mu
+        mus, deltas = zip(*((step.mu, step.delta) for step in result.steps if step.mu is not None), strict=True)
+    assert len(mus) > 3
+    assert list(deltas) == pytest.approx([schedule.delta_for(mu) for mu in mus])
+
+
 # -------------------------------------------------------------------- grouping
 
 
@@ -121,8 +147,8 @@ def test_grouping_keeps_every_pair_once():
     m.single = rcp.Complementarity(expr=rcp.complements(m.a[1] >= 0, m.b[2] >= 0))
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     relax.apply_to(m, grouping=PerComponent(), delta=0.1)
-    rows = relax.relaxed_rows(m)
-    sources = [source.name for row in rows for source in relax.get_source(row)]
+    rows = relax.shifted_rows_of(m)
+    sources = [source.name for row in rows for source in relax.sources_of(row)]
     assert len(rows) == 2
     assert sorted(sources) == ["pair[1]", "pair[2]", "single"]
 

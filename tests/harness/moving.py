@@ -30,7 +30,7 @@ def on_a_phase(
     """A model with a phase ``move`` whose states ``x``, ``y``, ``theta`` have the values of a path in indices.
 
     Their rates are variables, set to the path's slopes by central differences. Where the end of an element is no node
-    of its own, the polynomials decide its value: a motion does not leap.
+    of its own, the polynomials decide its value: a motion does not jump.
     """
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(scheme=scheme, stages=stages, **options)
@@ -60,7 +60,7 @@ def by_states(b: Any, t: Any) -> Any:
     return planar_pose(b.x[t], b.y[t], b.theta[t])
 
 
-def judge(
+def check(
     m: Any,
     shape: Polytope,
     obstacles: Sequence[Any],
@@ -72,7 +72,9 @@ def judge(
 ) -> SafetyReport:
     """The report on one body and several obstacles."""
     bodies = {"body": Body(shape, pose)}
-    bodies |= {f"obstacle {i}": each if isinstance(each, Body) else Body(each) for i, each in enumerate(obstacles, 1)}
+    bodies |= {
+        f"obstacle {i}": given if isinstance(given, Body) else Body(given) for i, given in enumerate(obstacles, 1)
+    }
     clearances = {("body", name): clearance for name in bodies if name != "body"}
     return verify_clearance(motion_of(m.t if points is None else points, m), bodies, clearances, **options)
 
@@ -90,7 +92,7 @@ def distances_by_shapely(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def sampled(poses: Sequence[Sequence[float]], count: int) -> np.ndarray:
-    """Poses between given ones, linear, ``count`` in each interval, shape ``((n - 1) * count + 1, 3)``."""
+    """Poses on the lines between given ones, ``count`` in each interval, shape ``((n - 1) * count + 1, 3)``."""
     given = np.asarray(poses, dtype=float)
     at = np.linspace(0, len(given) - 1, (len(given) - 1) * count + 1)
     return np.stack([np.interp(at, np.arange(len(given)), column) for column in given.T], axis=1)

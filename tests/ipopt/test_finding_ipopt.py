@@ -19,6 +19,7 @@ from pyrobocop_pyomo.ipopt import backends, build_asl, doctor, in_process, ipopt
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.programs import asl_program, compiled_model
 
+REAL_EXECUTABLE = ipopt_executable.find_ipopt_executable()
 ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
 
 
@@ -101,7 +102,7 @@ def test_executables_are_looked_for_in_order(machine, monkeypatch, tmp_path):
         find()
 
 
-def test_pyomo_keeps_the_executable_that_it_has(machine, monkeypatch, tmp_path, caplog):
+def test_pyomo_keeps_the_executable_that_it_has(machine, monkeypatch, tmp_path):
     configure = ipopt_executable.configure_ipopt_executable
     assert configure() is None
     in_prefix = machine.add(machine.prefix / "bin" / "ipopt")
@@ -111,8 +112,9 @@ def test_pyomo_keeps_the_executable_that_it_has(machine, monkeypatch, tmp_path, 
     monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", in_prefix)
     assert configure() == machine.found_by_pyomo == in_prefix
     monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", "/nowhere/ipopt")
-    assert configure() is None  # on import: a warning, no exception
-    assert "/nowhere/ipopt" in caplog.text
+    with pytest.raises(SolverNotFoundError, match="/nowhere/ipopt"):
+        configure()
+    assert machine.found_by_pyomo == in_prefix
 
 
 def test_versions_are_asked_for_with_care(machine, tmp_path):
@@ -220,10 +222,20 @@ def test_the_doctor_survives_a_broken_executable(machine):
     broken = machine.prefix / "bin" / "ipopt"
     machine.add(broken)
     broken.write_text("#!/bin/sh\nexit 3\n")
-    found = doctor.diagnose()
+    found = doctor.examine_backends()
     assert not found[0].works
     assert str(broken) in found[0].where
     assert "does not run" in found[0].result
+
+
+@pytest.mark.executable
+def test_the_doctor_says_when_pyomo_does_not_see_the_executable(machine, monkeypatch):
+    monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", REAL_EXECUTABLE or "")
+    for found in doctor.examine_backends()[:2]:
+        assert found.works
+        assert "configure_ipopt_executable()" in found.note
+    machine.found_by_pyomo = REAL_EXECUTABLE
+    assert doctor.examine_backends()[0].note == ""
 
 
 def test_the_command_line_explains_itself(capsys):

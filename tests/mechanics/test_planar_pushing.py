@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 
-SLIDER = rcp.SquareSlider()
+SLIDER = rcp.mechanics.SquareSlider()
 angles = st.floats(-math.pi, math.pi)
 places = st.tuples(st.floats(-0.045, 0.045), st.floats(-0.045, 0.045))
 forces = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
@@ -32,7 +32,7 @@ def test_the_mean_distance_is_the_mean_distance() -> None:
     middles = [(2 * i + 1 - n) / n * SLIDER.half_side for i in range(n)]
     mean = sum(math.hypot(x, y) for x in middles for y in middles) / n**2
     assert SLIDER.mean_distance == pytest.approx(mean, rel=1e-5)
-    assert rcp.SquareSlider(half_side=0.09).mean_distance == pytest.approx(2 * SLIDER.mean_distance)
+    assert rcp.mechanics.SquareSlider(half_side=0.09).mean_distance == pytest.approx(2 * SLIDER.mean_distance)
 
 
 @given(theta=angles, contact=places, force=forces)

@@ -31,7 +31,9 @@ REVERSE = {"goal": (0.0, 1.3, math.pi / 2), "obstacles": slot(1.3)}
 PARALLEL = {"goal": (-1.35, 4.0, 0.0), "obstacles": {**slot(3.0), "bottom": without_end([[0, 1]], [2.5])}}
 
 
-def park(start: Any = START, scene: Any = REVERSE, clearance: float = 0.1, **options: Any) -> rcp.CarPath:
+def park(
+    start: Any = START, scene: Any = REVERSE, clearance: float = 0.1, **options: Any
+) -> rcp.initial_guesses.CarPath:
     options = {
         "bounds": ((-15, 15), (1, 10)),
         "wheelbase": WHEELBASE,
@@ -42,15 +44,18 @@ def park(start: Any = START, scene: Any = REVERSE, clearance: float = 0.1, **opt
     return hybrid_a_star(start, **{**scene, **options}, clearance=clearance)
 
 
-def least_distance(path: rcp.CarPath, obstacles: Any, body: rcp.Polytope = CAR, every: float = 0.02) -> float:
+def least_distance(
+    path: rcp.initial_guesses.CarPath, obstacles: Any, body: rcp.Polytope = CAR, every: float = 0.02
+) -> float:
     """By the exact distance, which shares nothing with the search, at poses along the path's own arcs."""
     shapes = list(obstacles.values() if isinstance(obstacles, dict) else obstacles)
     ways = np.linspace(0.0, path.length, 2 + int(path.length / every))
     poses = [rcp.planar_pose(*pose) for pose in path.at(ways).tolist()]
-    return min(rcp.signed_distance(body, shape, pose).distance for pose in poses for shape in shapes)
+    return min(rcp.geometry.signed_distance(body, shape, pose).distance for pose in poses for shape in shapes)
 
 
 def is_free(pose: Any, obstacles: Any, clearance: float) -> bool:
     return all(
-        rcp.signed_distance(CAR, each, rcp.planar_pose(*pose)).distance >= clearance for each in obstacles.values()
+        rcp.geometry.signed_distance(CAR, each, rcp.planar_pose(*pose)).distance >= clearance
+        for each in obstacles.values()
     )

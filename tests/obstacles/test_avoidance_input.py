@@ -65,7 +65,7 @@ def test_refused_by_name_and_nothing_left(case):
     options, message = BAD[case]
     m = turning_move(elements=2)
     before = list(m.component_data_objects(descend_into=True)), set(m.move.component_map())
-    with pytest.raises(rcp.ObstacleError, match=f"(?s)'move.avoid'.*{message}|{message}"):
+    with pytest.raises(rcp.errors.ObstacleError, match=f"(?s)'move.avoid'.*{message}|{message}"):
         avoiding(m, **options)
     assert (list(m.component_data_objects(descend_into=True)), set(m.move.component_map())) == before
 
@@ -89,12 +89,12 @@ def test_fixed_poses_that_are_too_close_are_named_with_the_room_there_is():
     m = turning_move(elements=2)
     avoid = avoiding(m, obstacles={"post": rcp.Polytope.box(1, 1, center=(-1, 0))}, clearance={("post", "arrow"): 0.3})
     with pytest.raises(
-        rcp.ObstacleError, match=r"'arrow' and 'post' are only 0\.2 apart at 0\.0.*clearance is 0\.3.*0\.2"
+        rcp.errors.ObstacleError, match=r"'arrow' and 'post' are only 0\.2 apart at 0\.0.*clearance is 0\.3.*0\.2"
     ):
         avoid.initialize()
     inside = turning_move(elements=2)
     avoid = avoiding(inside, obstacles={"post": rcp.Polytope.box(1, 1, center=(4, 0))})
-    with pytest.raises(rcp.ObstacleError, match=r"'arrow' and 'post' are .* into each other at 1\.0"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"'arrow' and 'post' are .* into each other at 1\.0"):
         avoid.initialize()
 
 
@@ -102,7 +102,7 @@ def test_a_pose_without_value_is_named():
     m = turning_move(elements=2)
     avoid = avoiding(m)
     m.move.y[0.5].set_value(None)
-    with pytest.raises(rcp.ObstacleError, match=r"'arrow' at 0\.5 reads 'move\.y\[0\.5\]'"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"'arrow' at 0\.5 reads 'move\.y\[0\.5\]'"):
         avoid.initialize()
 
 
@@ -111,10 +111,10 @@ def test_a_mirrored_pose_is_refused():
 
     def mirrored(b, t):
         cosine, sine = pyo.cos(b.theta[t]), pyo.sin(b.theta[t])
-        return rcp.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
+        return rcp.geometry.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
 
     avoid = avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=mirrored)})
-    with pytest.raises(rcp.ObstacleError, match="'arrow'.*mirrors"):
+    with pytest.raises(rcp.errors.ObstacleError, match="'arrow'.*mirrors"):
         avoid.initialize()
 
 
@@ -203,16 +203,16 @@ def test_shorthand_for_one_body():
     m = turning_move(elements=1, stages=1)
     m.move.avoid = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, obstacles=[WALL], clearance=0.1)
     assert m.move.avoid.record.scene.pairs == [("body", "obstacle 1")]
-    with pytest.raises(rcp.ObstacleError, match="not both"):
+    with pytest.raises(rcp.errors.ObstacleError, match="not both"):
         m.move.other = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, bodies=ARROWS, clearance=1)
 
 
 def test_rules_take_index_sets_only_and_have_to_build():
-    with pytest.raises(rcp.ObstacleError, match="index sets only"):
+    with pytest.raises(rcp.errors.ObstacleError, match="index sets only"):
         rcp.ObstacleAvoidanceBlock([1, 2], rule=lambda block, i: None, body=ARROW)
-    with pytest.raises(rcp.ObstacleError, match="one set of points"):
+    with pytest.raises(rcp.errors.ObstacleError, match="one set of points"):
         rcp.ObstacleAvoidanceBlock([1, 2], [3], body=ARROW, pose=placed, clearance=1)
     m = pyo.ConcreteModel()
-    with pytest.raises(rcp.ObstacleError, match=r"block\.build"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"block\.build"):
         m.avoid = rcp.ObstacleAvoidanceBlock([1, 2], rule=lambda block, i: None)
     assert m.component("avoid") is None

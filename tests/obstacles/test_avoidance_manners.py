@@ -56,7 +56,7 @@ def test_a_rule_that_a_pickle_cannot_hold_is_missed_only_where_it_is_asked():
     again = pickle.loads(pickle.dumps(m))
     again.move.avoid.initialize()
     assert min(again.move.avoid.certificate_gaps().values()) > 0
-    with pytest.raises(rcp.ObstacleError, match="did not survive pickling"):
+    with pytest.raises(rcp.errors.ObstacleError, match="did not survive pickling"):
         again.move.avoid.verify()
 
 

@@ -50,25 +50,25 @@ def solved(height: float = 3.0, **options: Any) -> None:
     rcp.solve(m)
 
 
-def mirrored(b: Any, t: Any) -> rcp.Pose:
+def mirrored(b: Any, t: Any) -> rcp.geometry.Pose:
     cosine, sine = pyo.cos(b.theta[t]), pyo.sin(b.theta[t])
-    return rcp.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
+    return rcp.geometry.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
 
 
-def sheared(b: Any, t: Any) -> rcp.Pose:
+def sheared(b: Any, t: Any) -> rcp.geometry.Pose:
     cosine, sine = pyo.cos(b.theta[t]), pyo.sin(b.theta[t])
-    return rcp.Pose(((cosine, sine), (sine, cosine)), (b.x[t], b.y[t]))
+    return rcp.geometry.Pose(((cosine, sine), (sine, cosine)), (b.x[t], b.y[t]))
 
 
-def spatial(b: Any, t: Any) -> rcp.Pose:
+def spatial(b: Any, t: Any) -> rcp.geometry.Pose:
     return rcp.spatial_pose((b.x[t], b.y[t], 0))
 
 
-def kinked(b: Any, t: Any) -> rcp.Pose:
+def kinked(b: Any, t: Any) -> rcp.geometry.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], abs(b.theta[t]))
 
 
-def jumping(b: Any, t: Any) -> rcp.Pose:
+def jumping(b: Any, t: Any) -> rcp.geometry.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], 0.1 if t > 0.5 else 0.0)
 
 
@@ -128,7 +128,7 @@ REFUSED = [
     ),
     Entry(
         "outline to be cut that crosses itself",
-        lambda: rcp.decompose([SQUARE[k] for k in (0, 2, 1, 3)], name="car"),
+        lambda: rcp.geometry.decompose([SQUARE[k] for k in (0, 2, 1, 3)], name="car"),
         ["'car'", "Self-intersection", "in order"],
     ),
     Entry("padding below zero", lambda: Polytope.ball(-1.0, name="car"), ["'car'", "-1.0", "not negative"]),
@@ -296,7 +296,7 @@ def test_a_solve_that_is_refused_changes_nothing(state: Callable[[pyo.ConcreteMo
     state(m)
     before = [(each, each.value) for each in m.component_data_objects(pyo.Var)]
     names = [each.name for each in m.component_objects()]
-    with pytest.raises(rcp.ObstacleError):
+    with pytest.raises(rcp.errors.ObstacleError):
         rcp.solve(m)
     assert [(each, each.value) for each in m.component_data_objects(pyo.Var)] == before
     assert [each.name for each in m.component_objects()] == names
@@ -317,7 +317,7 @@ def test_a_tighter_tolerance_allows_a_smaller_clearance() -> None:
 )
 def test_a_rule_that_fails_leaves_nothing_half_built(pose: Any) -> None:
     m = turning_move(elements=2)
-    with pytest.raises((rcp.ObstacleError, AttributeError)):
+    with pytest.raises((rcp.errors.ObstacleError, AttributeError)):
         avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=pose)})
     assert m.move.component("avoid") is None
 
@@ -397,7 +397,7 @@ FINE = [
     Entry("rows of any length", lambda: Polytope.from_halfspaces([[2, 0], [-4, 0], [0, 1], [0, -3]], [2, 4, 1, 3]), []),
     Entry("open wedge on purpose", lambda: Polytope.from_halfspaces([[1, 0], [0, 1]], [0, 0], bounded=False), []),
     Entry("rod on purpose", lambda: Polytope.from_vertices([(0, 0), (1, 0)], allow_flat=True), []),
-    Entry("outline to be cut", lambda: rcp.decompose(NOTCHED), []),
+    Entry("outline to be cut", lambda: rcp.geometry.decompose(NOTCHED), []),
     Entry(
         "half-plane: endless, but no question of sizes",
         lambda: moving(placed, obstacles={"ground": Polytope.from_halfspaces([[0, 1]], [-5], bounded=False)}),
@@ -421,12 +421,12 @@ def test_half_spaces_are_normalised() -> None:
 
 
 def test_the_room_that_a_slot_leaves_is_the_one_that_it_names() -> None:
-    with pytest.raises(rcp.ObstacleError) as caught:
+    with pytest.raises(rcp.errors.ObstacleError) as caught:
         guessed(placed, obstacles=SLOT, clearance=0.3)
     room = float(str(caught.value).partition("Ask for less than ")[2].partition(",")[0])
     goal = rcp.planar_pose(4, 0, 0.6)
-    assert room == pytest.approx(rcp.signed_distance(ARROW, SLOT["above"], goal).distance, rel=1e-5)
-    with pytest.raises(rcp.ObstacleError):
+    assert room == pytest.approx(rcp.geometry.signed_distance(ARROW, SLOT["above"], goal).distance, rel=1e-5)
+    with pytest.raises(rcp.errors.ObstacleError):
         guessed(placed, obstacles=SLOT, clearance=1.001 * room)
     guessed(placed, obstacles={"above": SLOT["above"]}, height=-1.0, clearance=0.999 * room)
-    assert rcp.signed_distance(ARROW, WALL, goal).distance > 0.3
+    assert rcp.geometry.signed_distance(ARROW, WALL, goal).distance > 0.3

@@ -68,7 +68,7 @@ def test_distances_of_many_poses_are_those_of_one(pose: Any, corners: Any) -> No
         REVERSE["obstacles"]["wall"],
     ]
     space = FreeSpace.around(CAR, obstacles, 0.25, 30.0)
-    exact = [rcp.signed_distance(CAR, each, rcp.planar_pose(*pose)).distance - 0.25 for each in obstacles]
+    exact = [rcp.geometry.signed_distance(CAR, each, rcp.planar_pose(*pose)).distance - 0.25 for each in obstacles]
     assert space.distances(np.array([pose]))[0] == pytest.approx(exact, abs=1e-7)
 
 
@@ -88,7 +88,7 @@ def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, way: float,
         pytest.fail(f"judged not clear at a distance of {least}")
 
 
-def simple_path() -> rcp.CarPath:
+def simple_path() -> rcp.initial_guesses.CarPath:
     return park((0, 2, 0), {"goal": (1, 4, 0.3), "obstacles": []})
 
 

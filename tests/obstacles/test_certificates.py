@@ -49,7 +49,7 @@ def test_started_certificates_prove_the_exact_distance_wherever_shapes_are_apart
     needs_end = formulation == "optimality" and shape == "wedge"
     needs_inside = formulation in ("dual", "mixed", "offset") and shape == "ball"
     if needs_end or needs_inside:
-        with pytest.raises(rcp.ObstacleError, match="'wall'"):
+        with pytest.raises(rcp.errors.ObstacleError, match="'wall'"):
             model(formulation, shape)
         return
     m = model(formulation, shape)
@@ -141,7 +141,7 @@ def test_poses_at_a_moving_obstacle_and_between_bodies_are_both_turned():
     for index, proven in avoid.certificate_gaps().items():
         times = avoid.record.pieces[index].times
         found = [
-            rcp.signed_distance(ARROW, WALL, placed(m.move, t), rcp.planar_pose(2 * t, -1.5, 0.3 * t)).distance
+            rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, t), rcp.planar_pose(2 * t, -1.5, 0.3 * t)).distance
             for t in times
         ]
         assert 0 < proven <= min(found) + 1e-9

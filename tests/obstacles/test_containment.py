@@ -80,6 +80,6 @@ BAD = {
 def test_refused_and_nothing_left(case):
     options, message = BAD[case]
     m = turning_move(elements=1)
-    with pytest.raises(rcp.ObstacleError, match=message):
+    with pytest.raises(rcp.errors.ObstacleError, match=message):
         held(m, **options)
     assert m.move.component("inside") is None

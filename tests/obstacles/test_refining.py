@@ -80,7 +80,7 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     assert index in avoid.planes
     assert avoid.restore("arrow", "far", 2) == []
     # All pairs are judged, those left out as well.
-    assert {(pair.first, pair.second) for pair in avoid.verify().pairs} == {("arrow", "near"), ("arrow", "far")}
+    assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
 
 
 def test_broad_phase_follows_the_guess():
@@ -97,11 +97,11 @@ def test_broad_phase_follows_the_guess():
 
 def test_slack_needs_a_measure_of_depth():
     avoid = avoiding(turning_move(elements=1), formulation="optimality")
-    with pytest.raises(rcp.ObstacleError, match="how deep"):
+    with pytest.raises(rcp.errors.ObstacleError, match="how deep"):
         avoid.soften()
     planes = avoiding(turning_move(elements=1))
     planes.soften()
-    with pytest.raises(rcp.ObstacleError, match="Harden"):
+    with pytest.raises(rcp.errors.ObstacleError, match="Harden"):
         planes.set_norm("ball")
 
 
@@ -160,7 +160,7 @@ def test_softened_blocks_say_what_is_missing():
     m.avoid.initialize()
     m.least = pyo.Objective(expr=m.avoid.softness)
     pyo.SolverFactory("ipopt").solve(m)
-    depth = -rcp.signed_distance(ARROW, box, rcp.planar_pose(2.5, 0)).distance
+    depth = -rcp.geometry.signed_distance(ARROW, box, rcp.planar_pose(2.5, 0)).distance
     for index in m.avoid.planes:
         assert m.avoid.slack[index].value == pytest.approx(depth + 0.1, abs=1e-6)
     assert pyo.value(m.least) == pytest.approx(2 * 3 * (depth + 0.1), rel=1e-6)
@@ -204,7 +204,7 @@ def test_what_cannot_be_changed_is_refused_and_changes_nothing(ask, message):
     avoid = avoiding(m)
     avoid.initialize()
     before = [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
-    with pytest.raises(rcp.ObstacleError, match=message):
+    with pytest.raises(rcp.errors.ObstacleError, match=message):
         ask(avoid)
     assert before == [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
 
@@ -212,7 +212,7 @@ def test_what_cannot_be_changed_is_refused_and_changes_nothing(ask, message):
 def test_a_certificate_of_one_time_cannot_be_split():
     m = turning_move(elements=2, height=3)
     avoid = avoiding(m, between=None)
-    with pytest.raises(rcp.ObstacleError, match="one time only"):
+    with pytest.raises(rcp.errors.ObstacleError, match="one time only"):
         avoid.split("arrow", "wall", 0.0)
 
 

@@ -41,7 +41,7 @@ def test_lower_distances_are_never_more_than_the_true_ones(seed: int, dimension:
     points = 3.0 * rng.normal(size=(8, dimension))
     bounds = lower_distances(points, shapes)
     for point, bound in zip(points, bounds, strict=True):
-        true = min(rcp.signed_distance(rcp.Polytope.point(point), each).distance for each in shapes)
+        true = min(rcp.geometry.signed_distance(rcp.Polytope.point(point), each).distance for each in shapes)
         assert bound <= true + 1e-9
 
 
@@ -53,7 +53,9 @@ def test_a_way_passes_a_thin_wall_through_its_opening(gap: float, width: float, 
     assert way is not None
     np.testing.assert_array_equal(way[[0, -1]], [[-2.0, 0.0], [2.0, goal]])
     dense = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(way)])
-    clear = [rcp.signed_distance(rcp.Polytope.point(point), each).distance for point in dense for each in walls]
+    clear = [
+        rcp.geometry.signed_distance(rcp.Polytope.point(point), each).distance for point in dense for each in walls
+    ]
     assert min(clear) > 0.0
 
 
@@ -91,7 +93,7 @@ def plan(pose: Any, gap: float = 1.2, *, bounds: tuple[float, float] = (-5, 5)) 
     return m
 
 
-def by_variables(b: Any, t: Any) -> rcp.Pose:
+def by_variables(b: Any, t: Any) -> rcp.geometry.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 
 

@@ -197,7 +197,7 @@ def test_a_statement_that_cannot_be_rows_is_refused_whole(case: str) -> None:
     kind, statement, message = STATEMENTS[case]
     m, b = started()
     before = contents(m)
-    with pytest.raises(rcp.PyRobocopError, match=message):
+    with pytest.raises(rcp.errors.PyRobocopError, match=message):
         getattr(b, kind)(statement)
     assert contents(m) == before
     complete(m)

@@ -13,9 +13,9 @@ from harness.phases import EXACT_COSTS, HORIZON, exact_x, exact_y, oscillators, 
 import pyrobocop_pyomo as rcp
 
 SCHEMES = [
-    *(scheme(stages) for stages in range(1, 6) for scheme in (rcp.radau, rcp.gauss_legendre)),
-    *(rcp.lobatto(stages) for stages in range(2, 6)),
-    *(rcp.explicit(stages) for stages in range(1, 4)),
+    *(scheme(stages) for stages in range(1, 6) for scheme in (rcp.schemes.radau, rcp.schemes.gauss_legendre)),
+    *(rcp.schemes.lobatto(stages) for stages in range(2, 6)),
+    *(rcp.schemes.explicit(stages) for stages in range(1, 4)),
 ]
 # Fine enough for the leading term of the error, coarse enough for three meshes above rounding.
 MESHES = {
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.casadi
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
-def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp.Scheme) -> None:
+def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp.schemes.Scheme) -> None:
     state_errors, cost_errors = [], []
     for elements in MESHES[scheme.order]:
         m = oscillators(elements=elements, scheme=scheme)
@@ -52,17 +52,17 @@ def test_end_state_and_running_cost_converge_with_the_computed_order(scheme: rcp
 
 
 INDEX_ONE = [
-    *(scheme(stages) for stages in range(1, 4) for scheme in (rcp.radau, rcp.gauss_legendre)),
-    *(rcp.lobatto(stages) for stages in range(2, 5)),
-    rcp.explicit(1),
-    rcp.explicit(2),
+    *(scheme(stages) for stages in range(1, 4) for scheme in (rcp.schemes.radau, rcp.schemes.gauss_legendre)),
+    *(rcp.schemes.lobatto(stages) for stages in range(2, 5)),
+    rcp.schemes.explicit(1),
+    rcp.schemes.explicit(2),
 ]
 
 
 @pytest.mark.parametrize("form", ["ode", "residual"])
 @pytest.mark.parametrize("scheme", INDEX_ONE, ids=str)
 def test_a_differential_algebraic_equation_of_index_one_converges_with_the_computed_order(
-    scheme: rcp.Scheme, form: str
+    scheme: rcp.schemes.Scheme, form: str
 ) -> None:
     """``x' - z = 0`` and ``z exp(-x) = cos(t)``: then exp(-x) = 1 - sin(t) and z = cos(t) / (1 - sin(t)).
 
@@ -97,7 +97,7 @@ CONTROL_ORDER = {"radau": 0, "gauss": 1, "lobatto": -1, "explicit": 0}
 
 
 @pytest.mark.parametrize("scheme", [s for s in SCHEMES if s.stages <= 3 and s.b.min() > 1e-14], ids=str)
-def test_optimal_control_and_optimal_cost_converge(scheme: rcp.Scheme) -> None:
+def test_optimal_control_and_optimal_cost_converge(scheme: rcp.schemes.Scheme) -> None:
     """min of the integral of x^2 + u^2, x' = u, x(0) = 1: u = -sinh(T - t) / cosh(T), and the cost is tanh(T).
 
     The cost has the order of the scheme. A collocated control has the number of stages, one more for Gauss, one less

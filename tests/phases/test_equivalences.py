@@ -13,7 +13,12 @@ from pyrobocop_pyomo.errors import TranscriptionError
 
 pytestmark = pytest.mark.casadi
 
-SOME_SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(3)]
+SOME_SCHEMES = [
+    rcp.schemes.radau(1),
+    rcp.schemes.radau(3),
+    rcp.schemes.gauss_legendre(1),
+    rcp.schemes.gauss_legendre(3),
+]
 each_scheme = pytest.mark.parametrize("scheme", SOME_SCHEMES, ids=str)
 
 
@@ -29,7 +34,7 @@ def solved(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
 
 
 @each_scheme
-def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: rcp.Scheme) -> None:
+def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: rcp.schemes.Scheme) -> None:
     substituted = solved(oscillators(elements=4, scheme=scheme))
     kept = pyo.ConcreteModel()
     kept.swing = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
@@ -45,7 +50,7 @@ def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: r
 
 
 @each_scheme
-def test_the_residual_form_is_the_ode_form(scheme: rcp.Scheme) -> None:
+def test_the_residual_form_is_the_ode_form(scheme: rcp.schemes.Scheme) -> None:
     explicit = solved(oscillators(elements=4, scheme=scheme))
     implicit = pyo.ConcreteModel()
     implicit.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
@@ -62,7 +67,7 @@ def test_the_residual_form_is_the_ode_form(scheme: rcp.Scheme) -> None:
 
 
 @each_scheme
-def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.Scheme) -> None:
+def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.schemes.Scheme) -> None:
     fixed = solved(oscillators(elements=4, scheme=scheme, start=0.25))
     free = oscillators(elements=4, scheme=scheme, start=0.25, duration=rcp.Duration(bounds=(0.1, 9)))
     free.swing.duration.fix(HORIZON)
@@ -74,9 +79,9 @@ def test_a_free_duration_held_at_its_value_is_the_fixed_duration(scheme: rcp.Sch
 
 
 @pytest.mark.parametrize(
-    ("name", "scheme"), [("implicit_euler", rcp.radau(1)), ("implicit_midpoint", rcp.gauss_legendre(1))]
+    ("name", "scheme"), [("implicit_euler", rcp.schemes.radau(1)), ("implicit_midpoint", rcp.schemes.gauss_legendre(1))]
 )
-def test_the_one_stage_names_are_the_one_stage_members(name: str, scheme: rcp.Scheme) -> None:
+def test_the_one_stage_names_are_the_one_stage_members(name: str, scheme: rcp.schemes.Scheme) -> None:
     by_name, member = (solved(oscillators(elements=5, scheme=each)) for each in (name, scheme))
     assert values(by_name.swing, "x", "y") == values(member.swing, "x", "y")
 
@@ -109,7 +114,7 @@ def test_a_held_control_on_one_stage_is_the_collocated_one(scheme: str) -> None:
 
 
 def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
-    held, collocated = (double_integrator(each, rcp.radau(3)) for each in ("piecewise_constant", "collocated"))
+    held, collocated = (double_integrator(each, rcp.schemes.radau(3)) for each in ("piecewise_constant", "collocated"))
     for m in (held, collocated):
         solve(m, 1e-10)
     force = held.cart.trajectory().element_signals("force")
@@ -120,7 +125,7 @@ def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
 
 @each_scheme
 @pytest.mark.parametrize("duration", [HORIZON, rcp.Duration(bounds=(1.1, 1.3))])
-def test_an_integral_is_the_gain_of_an_additional_state(scheme: rcp.Scheme, duration: Any) -> None:
+def test_an_integral_is_the_gain_of_an_additional_state(scheme: rcp.schemes.Scheme, duration: Any) -> None:
     m = oscillators(elements=3, scheme=scheme, duration=duration)
     m.swing.gain = rcp.State(initial=0)
     m.swing.ode(lambda b, t: {b.gain: b.x[t] * b.y[t] - b.clock(t)})

@@ -14,7 +14,14 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import GuessError
 
-SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(2), rcp.lobatto(2), rcp.lobatto(4), rcp.explicit(2)]
+SCHEMES = [
+    rcp.schemes.radau(1),
+    rcp.schemes.radau(3),
+    rcp.schemes.gauss_legendre(2),
+    rcp.schemes.lobatto(2),
+    rcp.schemes.lobatto(4),
+    rcp.schemes.explicit(2),
+]
 schemes = st.sampled_from(SCHEMES)
 meshes = st.lists(st.floats(0.05, 1), min_size=1, max_size=5).map(
     lambda widths: [0.0, *(np.cumsum(widths) / np.sum(widths)).tolist()[:-1], 1.0]
@@ -134,7 +141,7 @@ def test_what_is_fixed_stays_and_bounds_are_respected() -> None:
     ],
 )
 def test_straight_lines(initial: Any, final: Any, line: tuple[float, float]) -> None:
-    b = phase(rcp.gauss_legendre(2), x=rcp.State(initial=initial, final=final, guess=7), u=rcp.Control(guess=5))
+    b = phase(rcp.schemes.gauss_legendre(2), x=rcp.State(initial=initial, final=final, guess=7), u=rcp.Control(guess=5))
     b.derivative(b.x)
     b.guess_straight_lines()
     start, end = line

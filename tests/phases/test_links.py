@@ -17,7 +17,13 @@ from pyomo.core.expr.visitor import identify_variables
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import LinkError
 
-SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(2), rcp.lobatto(3)]
+SCHEMES = [
+    rcp.schemes.radau(1),
+    rcp.schemes.radau(3),
+    rcp.schemes.gauss_legendre(1),
+    rcp.schemes.gauss_legendre(2),
+    rcp.schemes.lobatto(3),
+]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 
 
@@ -40,7 +46,7 @@ def running_cost(b: Any) -> Any:
     return b.integral(lambda b, t: b.u[t] ** 2 + pyo.exp(-b.clock(t)) * b.x[t] ** 2)
 
 
-def uncut(scheme: rcp.Scheme, mesh: Any) -> pyo.ConcreteModel:
+def uncut(scheme: rcp.schemes.Scheme, mesh: Any) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel()
     m.whole = rcp.PhaseBlock(duration=2, mesh=mesh, scheme=scheme)
     state_driven(m.whole, initial=1, final=0.5)
@@ -56,7 +62,9 @@ def same_control(pre: Any, post: Any) -> Any:
 @pytest.mark.casadi
 @each_scheme
 @pytest.mark.parametrize("kind", ["known start", "start of a phase", "free duration"])
-def test_a_phase_cut_in_two_and_linked_gives_the_uncut_cost_and_trajectory(scheme: rcp.Scheme, kind: str) -> None:
+def test_a_phase_cut_in_two_and_linked_gives_the_uncut_cost_and_trajectory(
+    scheme: rcp.schemes.Scheme, kind: str
+) -> None:
     mesh = [0, 0.3, 0.8, 1.3, 2.0]
     whole = uncut(scheme, mesh)
     m = pyo.ConcreteModel()
@@ -116,7 +124,7 @@ def test_free_durations_in_a_chain_pass_their_clock_on() -> None:
 def test_a_start_that_is_no_number_is_refused() -> None:
     m = pyo.ConcreteModel()
     for start in ("later", float("nan"), None, [0.0]):
-        with pytest.raises(rcp.PyRobocopError, match="expected a finite number, .* or the phase before"):
+        with pytest.raises(rcp.errors.PyRobocopError, match="expected a finite number, .* or the phase before"):
             m.p = rcp.PhaseBlock(start=start)
         assert m.component("p") is None
 
@@ -214,7 +222,7 @@ def test_links_live_in_sub_blocks_abstract_models_and_prints() -> None:
 
 def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_own_components() -> None:
     m = pyo.ConcreteModel()
-    for name, scheme in (("a", rcp.gauss_legendre(2)), ("b", rcp.radau(2))):
+    for name, scheme in (("a", rcp.schemes.gauss_legendre(2)), ("b", rcp.schemes.radau(2))):
         m.add_component(name, rcp.PhaseBlock(elements=2, scheme=scheme, duration=rcp.Duration(bounds=(1, 2), guess=2)))
         p = m.component(name)
         p.x, p.u, p.k = rcp.State(), rcp.Control(), rcp.Parameter(guess=3)
@@ -238,7 +246,7 @@ def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_
 
 
 @each_scheme
-def test_the_end_of_a_linear_control_is_its_knot(scheme: rcp.Scheme) -> None:
+def test_the_end_of_a_linear_control_is_its_knot(scheme: rcp.schemes.Scheme) -> None:
     m = pyo.ConcreteModel()
     m.a = rcp.PhaseBlock(elements=3, scheme=scheme)
     m.a.x = rcp.State()

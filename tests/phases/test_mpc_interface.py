@@ -12,7 +12,7 @@ from pyomo.contrib.mpc import TimeSeriesData
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import GuessError, TrajectoryError
 
-SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(2), rcp.lobatto(3)]
+SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(2), rcp.schemes.lobatto(3)]
 
 
 def cart(elements: int = 4, duration: Any = 2.0, scheme: Any = "radau", held: bool = False) -> Any:

@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import GuessError, SimulationFailed, TrajectoryError
 
-SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(2), rcp.lobatto(3), rcp.explicit(3)]
+SCHEMES = [
+    rcp.schemes.radau(1),
+    rcp.schemes.radau(3),
+    rcp.schemes.gauss_legendre(2),
+    rcp.schemes.lobatto(3),
+    rcp.schemes.explicit(3),
+]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 
 
@@ -198,7 +204,7 @@ def test_equations_without_a_root_stop_a_simulation() -> None:
     b.residual(no_root_in_the_end)
     with pytest.raises(SimulationFailed, match=r"stopped at t = 0.5: the rows of element 1 were not solved \(resid"):
         b.simulate()
-    m.q = q = rcp.PhaseBlock(elements=2, scheme=rcp.lobatto(2))
+    m.q = q = rcp.PhaseBlock(elements=2, scheme=rcp.schemes.lobatto(2))
     q.f = rcp.Algebraic()
     q.residual(no_root)
     with pytest.raises(SimulationFailed, match="no consistent values at the start"):

@@ -11,7 +11,7 @@ from harness.phases import free_variables, oscillators, rank, rows, undetermined
 import pyrobocop_pyomo as rcp
 
 
-def plant(scheme: rcp.Scheme, parametrization: str = "collocated", **options: Any) -> pyo.ConcreteModel:
+def plant(scheme: rcp.schemes.Scheme, parametrization: str = "collocated", **options: Any) -> pyo.ConcreteModel:
     """Two states, an algebraic, a control, a parameter."""
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(**{"duration": 2, "elements": 6, "scheme": scheme, **options})
@@ -34,14 +34,20 @@ def spring(b: Any, t: float) -> Any:
     return b.f[t] == b.u[t] - b.k * b.x[t]
 
 
-SCHEMES = [rcp.radau(1), rcp.radau(2), rcp.radau(4), rcp.gauss_legendre(1), rcp.gauss_legendre(3)]
+SCHEMES = [
+    rcp.schemes.radau(1),
+    rcp.schemes.radau(2),
+    rcp.schemes.radau(4),
+    rcp.schemes.gauss_legendre(1),
+    rcp.schemes.gauss_legendre(3),
+]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 each_control = pytest.mark.parametrize("parametrization", ["collocated", "piecewise_constant"])
 
 
 @each_scheme
 @each_control
-def test_counts_follow_the_formulas(scheme: rcp.Scheme, parametrization: str) -> None:
+def test_counts_follow_the_formulas(scheme: rcp.schemes.Scheme, parametrization: str) -> None:
     m, n, s = plant(scheme, parametrization), 6, scheme.stages
     ends = 0 if scheme.stiffly_accurate else n
     per_state = 1 + n * s + ends
@@ -55,7 +61,7 @@ def test_counts_follow_the_formulas(scheme: rcp.Scheme, parametrization: str) ->
 
 @each_scheme
 @each_control
-def test_every_variable_is_determined(scheme: rcp.Scheme, parametrization: str) -> None:
+def test_every_variable_is_determined(scheme: rcp.schemes.Scheme, parametrization: str) -> None:
     m = plant(scheme, parametrization, duration=rcp.Duration(bounds=(1, 2)))
     m.p.check()
     assert undetermined(m) == []
@@ -63,7 +69,7 @@ def test_every_variable_is_determined(scheme: rcp.Scheme, parametrization: str) 
 
 
 @each_scheme
-def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.Scheme) -> None:
+def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.schemes.Scheme) -> None:
     m = oscillators(scheme=scheme, elements=4)
     assert len(free_variables(m)) == len(rows(m)) == rank(m)
 
@@ -78,7 +84,7 @@ def test_a_kept_derivative_adds_as_many_rows_as_variables() -> None:
 
 
 def test_a_held_control_is_one_variable_seen_at_each_point_of_its_element() -> None:
-    b = plant(rcp.radau(3), "piecewise_constant").p
+    b = plant(rcp.schemes.radau(3), "piecewise_constant").p
     for t, element in b.grid.element_of.items():
         assert b.u[t] is b.u_per_element[element]
 
@@ -125,7 +131,7 @@ def test_generated_names_are_not_mistaken_for_the_users() -> None:
     m.p = b = rcp.PhaseBlock(elements=2)
     b.x, b.f = rcp.State(initial=0), rcp.Algebraic()
     b.ode(lambda b, t: {b.x: b.f[t]})
-    with pytest.raises(rcp.PyRobocopError, match="too few equations"):
+    with pytest.raises(rcp.errors.PyRobocopError, match="too few equations"):
         b.check()
     b.force_equation = pyo.Constraint(b.points, rule=lambda b, t: b.f[t] == 1 - b.x[t])
     b.check()

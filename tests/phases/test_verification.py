@@ -31,7 +31,7 @@ def simulated(**options: Any) -> Any:
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("scheme", [rcp.radau(2), rcp.gauss_legendre(3)], ids=str)
+@pytest.mark.parametrize("scheme", [rcp.schemes.radau(2), rcp.schemes.gauss_legendre(3)], ids=str)
 @pytest.mark.parametrize("duration", [1.5, rcp.Duration(bounds=(1.5, 1.5))])
 def test_a_solved_phase_is_found_right_and_a_changed_value_wrong(scheme: Any, duration: Any) -> None:
     trajectory = simulated(scheme=scheme, duration=duration).trajectory()

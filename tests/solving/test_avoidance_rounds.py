@@ -45,7 +45,7 @@ def closest(m: pyo.ConcreteModel, obstacles: Any, samples: int = 400) -> float:
     for time in np.linspace(0.0, 1.0, samples):
         there = trajectory(time)
         pose = rcp.planar_pose(there["x"], there["y"], there["theta"])
-        least = min(least, *(rcp.signed_distance(ARROW, each, pose).distance for each in obstacles))
+        least = min(least, *(rcp.geometry.signed_distance(ARROW, each, pose).distance for each in obstacles))
     return float(least)
 
 
@@ -220,7 +220,7 @@ def test_two_blocks_in_one_model() -> None:
     )
     result = rcp.solve(m)
     assert result.safe
-    assert {pair.second for pair in result.safety.pairs} == {"wall", "other"}
+    assert {pair.second for pair in result.safety.body_pairs} == {"wall", "other"}
     assert closest(m, [WALL, other]) > 0.0495
     for avoid in (m.move.avoid, m.move.second):
         assert_hard(avoid)
@@ -237,7 +237,7 @@ def test_indexed_blocks() -> None:
     m.move.avoid = rcp.ObstacleAvoidanceBlock(list(obstacles), rule=each)
     result = rcp.solve(m)
     assert result.safe
-    assert {pair.second for pair in result.safety.pairs} == set(obstacles)
+    assert {pair.second for pair in result.safety.body_pairs} == set(obstacles)
     assert closest(m, obstacles.values()) > 0.0495
 
 
@@ -414,5 +414,5 @@ def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_
     assert report.safe is (closest(m, [WALL]) >= 0.0495)
     # Certificates of single times cannot promise what is between; planes do.
     assert result.safe or formulation != "plane"
-    nodes = [rcp.signed_distance(ARROW, WALL, placed(m.move, t)).distance for t in m.move.time]
+    nodes = [rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, t)).distance for t in m.move.time]
     assert min(nodes) >= 0.05 - 1e-6

@@ -41,7 +41,7 @@ def test_crossed_pairs_are_couples_of_different_pairs_of_an_element() -> None:
     for grouping, expected in (("pair", []), ("element", []), ("crossed", [(1, 2), (2, 1)])):
         m = two_stages()
         relax.apply_to(m, grouping=grouping, lift=True)
-        found = [(a.source.index(), b.source.index()) for a, b in relax.get_crossed_pairs(m)]
+        found = [(a.source.index(), b.source.index()) for a, b in relax.crossed_pairs_of(m)]
         assert found == expected
 
 
@@ -81,7 +81,7 @@ def sliding(elements: int) -> pyo.ConcreteModel:
 def test_a_list_of_pairs_is_crossed_statement_by_statement(left_end: str | None) -> None:
     m = sliding(20)
     grouping = Crossed(left_end=left_end)
-    result = rcp.solve(m, grouping=grouping, schedule=rcp.Geometric(first=1.0), progress=False)
+    result = rcp.solve(m, grouping=grouping, schedule=rcp.schedules.Geometric(first=1.0), progress=False)
     assert result.quality is rcp.Quality.OPTIMAL
     assert result.objective == pytest.approx(2.8, rel=1e-7)
     b, ends = m.phase, {}

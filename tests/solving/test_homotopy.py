@@ -42,7 +42,7 @@ def test_the_data_end_where_they_are_wanted(how):
         "pairs": [(m.p, (1.5, 3.0)), (m.q, 0.25)],
         "function": lambda s: (m.p.set_value(1.5 + 1.5 * s), m.q[1].set_value(0.25), m.q[2].set_value(0.25)),
     }[how]
-    found = rcp.homotopy(m, path, steps=3, **QUICK)
+    found = rcp.studies.homotopy(m, path, steps=3, **QUICK)
     assert (m.p.value, m.q[1].value, m.q[2].value) == (3.0, 0.25, 0.25)
     assert m.x.value == pytest.approx(3.0, abs=1e-5)
     assert found.reached == 1.0
@@ -56,7 +56,7 @@ def test_the_data_end_where_they_are_wanted(how):
 @pytest.mark.casadi
 def test_members_can_have_their_own_ends():
     m = corner()
-    rcp.homotopy(m, [(m.q, (0.5, {1: 0.75}))], steps=2, **QUICK)
+    rcp.studies.homotopy(m, [(m.q, (0.5, {1: 0.75}))], steps=2, **QUICK)
     assert (m.q[1].value, m.q[2].value) == (0.75, 0.5)
 
 
@@ -66,7 +66,7 @@ def test_a_fixed_variable_moves_as_well():
     m.goal = pyo.Var(initialize=1.0)
     m.goal.fix()
     m.row = pyo.Constraint(expr=m.x >= m.goal)
-    rcp.homotopy(m, [(m.goal, 2.0)], steps=2, **QUICK)
+    rcp.studies.homotopy(m, [(m.goal, 2.0)], steps=2, **QUICK)
     assert m.goal.value == 2.0
     assert m.x.value == pytest.approx(2.0, abs=1e-5)
 
@@ -87,7 +87,7 @@ def test_failed_steps_are_halved_and_lengthen_again(monkeypatch):
         return solved(model, **options)
 
     monkeypatch.setattr(module, "solve", short_of_breath)
-    found = rcp.homotopy(m, {"p": (1.0, 3.0)}, steps=4, **QUICK)
+    found = rcp.studies.homotopy(m, {"p": (1.0, 3.0)}, steps=4, **QUICK)
     assert found.reached == 1.0
     assert m.p.value == 3.0
     assert m.x.value == pytest.approx(3.0, abs=1e-5)
@@ -105,14 +105,14 @@ def test_where_the_path_ends_the_last_solved_data_and_point_are_kept():
     m.limit = pyo.Constraint(expr=m.x**2 + m.p**2 <= 8.0)
     m.least = pyo.Constraint(expr=m.x >= m.p)  # together p <= 2, which is a third of the path
     with pytest.raises(HomotopyStalled, match=r"followed to 0\.3\d* of 1") as caught:
-        rcp.homotopy(m, {"p": (1.0, 4.0)}, steps=4, smallest_step=1e-2, **QUICK)
+        rcp.studies.homotopy(m, {"p": (1.0, 4.0)}, steps=4, smallest_step=1e-2, **QUICK)
     error = caught.value
     assert error.reached == pytest.approx(1 / 3, abs=1.1e-2)
     assert error.reached <= 1 / 3 + 1e-5
     assert m.p.value == pytest.approx(1.0 + 3.0 * error.reached)
     assert m.x.value == pytest.approx(m.p.value, abs=1e-3)
     assert error.result.reached == error.reached
-    assert isinstance(error, rcp.SolveFailed)
+    assert isinstance(error, rcp.errors.SolveFailed)
 
 
 @pytest.mark.casadi
@@ -122,7 +122,7 @@ def test_where_the_first_problem_fails_all_is_as_before():
     m.most = pyo.Constraint(expr=m.x <= 0.5)
     before = (m.p.value, m.x.value, m.y.value)
     with pytest.raises(HomotopyStalled, match=r"the first problem of the path was not solved") as caught:
-        rcp.homotopy(m, {"p": (2.0, 0.1)}, **QUICK)
+        rcp.studies.homotopy(m, {"p": (2.0, 0.1)}, **QUICK)
     assert (m.p.value, m.x.value, m.y.value) == before
     assert caught.value.reached == -1.0
 
@@ -131,7 +131,7 @@ def test_where_the_first_problem_fails_all_is_as_before():
 def test_a_time_limit_ends_the_path():
     m = corner()
     with pytest.raises(HomotopyStalled, match="time limit"):
-        rcp.homotopy(m, {"p": (0.0, 1.0)}, steps=10**6, time_limit=0.3, **QUICK)
+        rcp.studies.homotopy(m, {"p": (0.0, 1.0)}, steps=10**6, time_limit=0.3, **QUICK)
     assert math.isfinite(m.x.value)
 
 
@@ -140,7 +140,7 @@ def test_progress_and_tables(monkeypatch):
     pytest.importorskip("pandas")
     stream = io.StringIO()
     monkeypatch.setattr(module, "Progress", lambda show: Progress(show, stream))
-    found = rcp.homotopy(corner(), {"p": (0.0, 1.0)}, steps=2, progress=True, **QUICK)
+    found = rcp.studies.homotopy(corner(), {"p": (0.0, 1.0)}, steps=2, progress=True, **QUICK)
     assert stream.getvalue().count("corner:") == 3
     assert list(found.to_pandas()["position"]) == [0.0, 0.5, 1.0]
     assert str(found).startswith("corner: followed to 1\n")
@@ -163,5 +163,5 @@ def test_progress_and_tables(monkeypatch):
 def test_arguments_that_make_no_sense(path, options, message):
     m = corner()
     with pytest.raises(ModelError, match=message):
-        rcp.homotopy(m, path, **options)
+        rcp.studies.homotopy(m, path, **options)
     assert m.p.value == 1.0

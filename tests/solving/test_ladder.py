@@ -97,7 +97,7 @@ def test_an_unknown_strategy_is_refused() -> None:
 
 
 def finding(objective: float, natural: float, proven: bool) -> Finding:
-    step = rcp.solving.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 1, 0.0, objective, 0.0, 0.0, natural)
+    step = rcp.results.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 1, 0.0, objective, 0.0, 0.0, natural)
     certificate = Certificate.PROVEN if proven else Certificate.UNKNOWN
     return Finding("", [], step, rcp.StopReason.FINISHED, None, lambda: None, certificate)
 
@@ -126,7 +126,7 @@ def test_what_is_infeasible_is_never_called_solved(problem, backend: str) -> Non
     assert not result.solved
     assert result.quality is rcp.Quality.INFEASIBLE
     assert result.certificate is not Certificate.PROVEN
-    with pytest.raises(rcp.SolveFailed):
+    with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()
 
 

@@ -20,7 +20,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
-from pyrobocop_pyomo.motion import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.studies import sequence_solver
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
@@ -56,9 +56,9 @@ def least_effort(sequence: tuple[str, ...]) -> float:
 
 
 def test_all_sequences_come_in_the_order_of_the_modes() -> None:
-    assert rcp.mode_sequences("ab", 2) == [("a", "a"), ("a", "b"), ("b", "a"), ("b", "b")]
-    assert rcp.mode_sequences(GAINS, [2, 1])[:3] == [("slow",), ("fast",), ("back",)]
-    assert len(rcp.mode_sequences(GAINS, range(1, 5))) == 3 + 9 + 27 + 81
+    assert rcp.studies.mode_sequences("ab", 2) == [("a", "a"), ("a", "b"), ("b", "a"), ("b", "b")]
+    assert rcp.studies.mode_sequences(GAINS, [2, 1])[:3] == [("slow",), ("fast",), ("back",)]
+    assert len(rcp.studies.mode_sequences(GAINS, range(1, 5))) == 3 + 9 + 27 + 81
 
 
 @pytest.mark.parametrize("length", [1, 2, 3, 4])
@@ -69,13 +69,13 @@ def test_successions_are_those_of_the_filtered_product(length: int) -> None:
         for each in itertools.product("abc", repeat=length)
         if all(after in follow[before] for before, after in itertools.pairwise(each))
     ]
-    assert rcp.mode_sequences("abc", length, allowed=follow) == expected
-    assert rcp.mode_sequences("abc", length, allowed=lambda before, after: after in follow[before]) == expected
+    assert rcp.studies.mode_sequences("abc", length, allowed=follow) == expected
+    assert rcp.studies.mode_sequences("abc", length, allowed=lambda before, after: after in follow[before]) == expected
 
 
 def test_rare_successions_do_not_cost_the_whole_product() -> None:
     modes = [str(i) for i in range(40)]
-    found = rcp.mode_sequences(modes, 30, allowed={"0": ["1"], "1": ["0"]})
+    found = rcp.studies.mode_sequences(modes, 30, allowed={"0": ["1"], "1": ["0"]})
     assert found == [("0", "1") * 15, ("1", "0") * 15]
 
 
@@ -95,20 +95,20 @@ def test_rare_successions_do_not_cost_the_whole_product() -> None:
 def test_what_makes_no_sequence_is_refused(arguments: Any, message: str) -> None:
     modes, length, *allowed = arguments
     with pytest.raises(ModelError, match=message):
-        rcp.mode_sequences(modes, length, allowed=allowed[0] if allowed else None)
+        rcp.studies.mode_sequences(modes, length, allowed=allowed[0] if allowed else None)
 
 
 # ---------------------------------------------------------------- their ranking
 
 
 @pytest.fixture(scope="module")
-def serial() -> rcp.SequenceRanking:
-    return rcp.solve_sequences(build, rcp.mode_sequences(GAINS, range(1, 3)))
+def serial() -> rcp.studies.SequenceRanking:
+    return rcp.studies.solve_sequences(build, rcp.studies.mode_sequences(GAINS, range(1, 3)))
 
 
 @pytest.mark.casadi
-def test_the_ranking_is_that_of_brute_force(serial: rcp.SequenceRanking) -> None:
-    sequences = rcp.mode_sequences(GAINS, range(1, 3))
+def test_the_ranking_is_that_of_brute_force(serial: rcp.studies.SequenceRanking) -> None:
+    sequences = rcp.studies.mode_sequences(GAINS, range(1, 3))
     able = sorted(
         (s for s in sequences if set(s) != {"back"}), key=lambda s: (round(least_effort(s), 9), sequences.index(s))
     )
@@ -124,7 +124,7 @@ def test_the_ranking_is_that_of_brute_force(serial: rcp.SequenceRanking) -> None
 
 
 @pytest.mark.casadi
-def test_the_best_model_holds_its_solution(serial: rcp.SequenceRanking) -> None:
+def test_the_best_model_holds_its_solution(serial: rcp.studies.SequenceRanking) -> None:
     best = serial.best
     assert best is serial.best
     assert pyo.value(best.effort) == pytest.approx(0.125, rel=1e-6)
@@ -138,7 +138,7 @@ def test_the_best_model_holds_its_solution(serial: rcp.SequenceRanking) -> None:
 
 
 @pytest.mark.casadi
-def test_the_table_tells_everything(serial: rcp.SequenceRanking) -> None:
+def test_the_table_tells_everything(serial: rcp.studies.SequenceRanking) -> None:
     lines = str(serial).splitlines()
     assert len(lines) == 13
     assert lines[1].split()[:6] == ["1", "fast", "-", "fast", "0.125", "optimal"]
@@ -153,8 +153,8 @@ def test_the_table_tells_everything(serial: rcp.SequenceRanking) -> None:
 
 
 @pytest.mark.casadi
-def test_several_processes_give_what_one_gives(serial: rcp.SequenceRanking) -> None:
-    parallel = rcp.solve_sequences(build, rcp.mode_sequences(GAINS, range(1, 3)), workers=2)
+def test_several_processes_give_what_one_gives(serial: rcp.studies.SequenceRanking) -> None:
+    parallel = rcp.studies.solve_sequences(build, rcp.studies.mode_sequences(GAINS, range(1, 3)), workers=2)
     assert [each.sequence for each in parallel] == [each.sequence for each in serial]
     for one, other in zip(parallel, serial, strict=True):
         assert one.standing == other.standing
@@ -167,25 +167,29 @@ def test_several_processes_give_what_one_gives(serial: rcp.SequenceRanking) -> N
 @pytest.mark.casadi
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_error_is_kept_as_the_reason_and_ranks_last(workers: int) -> None:
-    ranking = rcp.solve_sequences(partial(build, goal=2.0), [("broken",), ("back",), ("slow",)], workers=workers)
+    ranking = rcp.studies.solve_sequences(
+        partial(build, goal=2.0), [("broken",), ("back",), ("slow",)], workers=workers
+    )
     assert [each.sequence for each in ranking] == [("slow",), ("back",), ("broken",)]
     assert ranking[2].standing == "error"
     assert ranking[2].reason == "ArithmeticError: this mode is broken"
     assert ranking[0].objective == pytest.approx(4.0, rel=1e-6)
-    with pytest.raises(rcp.SolveFailed, match="broken: there is no solution. ArithmeticError: this mode is broken"):
+    with pytest.raises(
+        rcp.errors.SolveFailed, match="broken: there is no solution. ArithmeticError: this mode is broken"
+    ):
         ranking.model(("broken",))
 
 
 @pytest.mark.casadi
 def test_a_maximum_ranks_from_the_top() -> None:
-    ranking = rcp.solve_sequences(partial(build, sense=pyo.maximize), [("slow",), ("fast",)])
+    ranking = rcp.studies.solve_sequences(partial(build, sense=pyo.maximize), [("slow",), ("fast",)])
     assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
 
 
 @pytest.mark.casadi
 def test_without_a_feasible_sequence_there_is_no_best() -> None:
-    ranking = rcp.solve_sequences(build, [("back",), "broken"])
-    with pytest.raises(rcp.SolveFailed, match="no sequence has a feasible point") as caught:
+    ranking = rcp.studies.solve_sequences(build, [("back",), "broken"])
+    with pytest.raises(rcp.errors.SolveFailed, match="no sequence has a feasible point") as caught:
         _ = ranking.best
     assert caught.value.result is ranking
     assert "this mode is broken" in str(caught.value)
@@ -193,7 +197,7 @@ def test_without_a_feasible_sequence_there_is_no_best() -> None:
 
 @pytest.mark.casadi
 def test_options_reach_solve_and_progress_is_a_line_per_sequence(capsys: Any) -> None:
-    ranking = rcp.solve_sequences(build, [("slow",), ("fast",)], progress=True, options={"max_iter": 1})
+    ranking = rcp.studies.solve_sequences(build, [("slow",), ("fast",)], progress=True, options={"max_iter": 1})
     shown = capsys.readouterr().err
     assert "1/2 slow: feasible" in shown
     assert "2/2 fast" in shown
@@ -216,25 +220,25 @@ def test_a_builder_that_changes_its_mind_is_found_out() -> None:
         (longer, "the model built again has 14 variables where 7 were found"),
         (dearer, "the model built again has the objective .* was found"),
     ):
-        ranking = rcp.solve_sequences(fickle, [("slow",)])
+        ranking = rcp.studies.solve_sequences(fickle, [("slow",)])
         with pytest.raises(ModelError, match=message):
             ranking.model(("slow",))
 
 
 def test_arguments_that_make_no_sense_are_refused() -> None:
     with pytest.raises(ModelError, match="no sequences to solve"):
-        rcp.solve_sequences(build, [])
+        rcp.studies.solve_sequences(build, [])
     for workers in (0, True, 1.5):
         with pytest.raises(ModelError, match="workers = .*; expected a number of processes"):
-            rcp.solve_sequences(build, [("slow",)], workers=workers)
+            rcp.studies.solve_sequences(build, [("slow",)], workers=workers)
 
 
 @pytest.mark.casadi
 def test_a_local_function_cannot_go_to_another_process() -> None:
     with pytest.raises(ModelError, match="build cannot be sent to another process .* or use workers=1"):
-        rcp.solve_sequences(lambda sequence: build(sequence), [("slow",)], workers=2)
+        rcp.studies.solve_sequences(lambda sequence: build(sequence), [("slow",)], workers=2)
     with pytest.raises(ModelError, match="the options cannot be sent"):
-        rcp.solve_sequences(build, [("slow",)], workers=2, options={"tol": lambda: 1})
+        rcp.studies.solve_sequences(build, [("slow",)], workers=2, options={"tol": lambda: 1})
 
 
 def test_without_ipopt_nothing_is_tried(monkeypatch: Any) -> None:
@@ -243,7 +247,7 @@ def test_without_ipopt_nothing_is_tried(monkeypatch: Any) -> None:
 
     monkeypatch.setattr(sequence_solver, "best_backend", none)
     with pytest.raises(SolverNotFoundError, match="no Ipopt here"):
-        rcp.solve_sequences(build, [("slow",)])
+        rcp.studies.solve_sequences(build, [("slow",)])
 
 
 # ---------------------------------------------------------------- stopping early
@@ -256,7 +260,7 @@ def test_ctrl_c_between_solves_keeps_what_is_done() -> None:
             raise KeyboardInterrupt
         return build(sequence)
 
-    ranking = rcp.solve_sequences(pressed, [("slow",), ("fast",), ("back",), ("slow", "slow")])
+    ranking = rcp.studies.solve_sequences(pressed, [("slow",), ("fast",), ("back",), ("slow", "slow")])
     assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
     assert ranking.left == (("back",), ("slow", "slow"))
     assert "interrupted; not solved: back; slow - slow" in str(ranking)
@@ -276,7 +280,7 @@ LONG = """
     if __name__ == "__main__":
         print("started", flush=True)
         tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
-        ranking = rcp.solve_sequences(build, [("short",), ("endless",), ("late",), ("later",)], workers=WORKERS,
+        ranking = rcp.studies.solve_sequences(build, [("short",), ("endless",), ("late",), ("later",)], workers=WORKERS,
                                       options=tight, progress=True)
         print([each.sequence for each in ranking], ranking.left, flush=True)
 """
@@ -321,13 +325,13 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     solved = sequence_solver.solve
-    pair = PairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+    pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model: Any, **options: Any) -> Any:
         return replace(solved(model, **options), safety=SafetyReport((pair,) if model.name == "fast" else ()))
 
     monkeypatch.setattr(sequence_solver, "solve", judged)
-    ranking = rcp.solve_sequences(build, [("fast",), ("slow",)], workers=1)
+    ranking = rcp.studies.solve_sequences(build, [("fast",), ("slow",)], workers=1)
     assert [each.sequence for each in ranking] == [("slow",), ("fast",)]
     assert ranking[1].objective < ranking[0].objective
     assert "not proven" in ranking[1].reason

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.motion import PairSafety, SafetyReport
+from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.studies.random_starts import RandomStarts
 
@@ -45,7 +45,7 @@ def test_a_better_valley_than_that_of_the_guess_is_found(sense):
     rcp.solve(alone, **QUICK)
     assert alone.x.value > 2
     m = two_valleys(sense)
-    found = rcp.multistart(m, 8, seed=1, **QUICK)
+    found = rcp.studies.multistart(m, 8, seed=1, **QUICK)
     found.raise_for_status()
     assert m.x.value == pytest.approx(1.0, abs=0.05)
     assert pyo.value(m.cost) == pytest.approx(found.best.objective)
@@ -62,7 +62,7 @@ def test_a_seed_fixes_the_outcome():
     runs = []
     for seed in (3, 3, 4):
         m = two_valleys()
-        found = rcp.multistart(m, 4, seed=seed, **QUICK)
+        found = rcp.studies.multistart(m, 4, seed=seed, **QUICK)
         runs.append(([(each.start, each.result.objective) for each in found], m.x.value))
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
@@ -129,7 +129,7 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
 
     monkeypatch.setattr(module, "solve", flaky)
     m = two_valleys()
-    found = rcp.multistart(m, 4, **QUICK)
+    found = rcp.studies.multistart(m, 4, **QUICK)
     assert [each.start for each in found][2:] == [3, 2]
     assert (found[2].feasible, found[3].result, found[3].error) == (False, None, "EvaluationError: no value")
     with pytest.raises(SolveFailed, match="start 2 has no point. EvaluationError"):
@@ -142,7 +142,7 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
     solved = module.solve
-    pair = PairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+    pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model, **options):
         result = solved(model, **options)
@@ -150,7 +150,7 @@ def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
 
     monkeypatch.setattr(module, "solve", judged)
     m = two_valleys()
-    found = rcp.multistart(m, 8, seed=1, **QUICK)
+    found = rcp.studies.multistart(m, 8, seed=1, **QUICK)
     assert found.best.safe
     assert found.best.objective > min(each.result.objective for each in found)
     assert m.x.value > 2
@@ -167,7 +167,7 @@ def test_the_guess_comes_back_where_nothing_could_be_solved(monkeypatch):
 
     monkeypatch.setattr(module, "solve", broken)
     m = two_valleys()
-    found = rcp.multistart(m, 2)
+    found = rcp.studies.multistart(m, 2)
     assert (m.x.value, m.y.value) == (3.2, 0.1)
     with pytest.raises(SolveFailed, match="no start could be solved"):
         found.raise_for_status()
@@ -176,7 +176,7 @@ def test_the_guess_comes_back_where_nothing_could_be_solved(monkeypatch):
 @pytest.mark.casadi
 def test_a_time_limit_leaves_starts_undone():
     m = two_valleys()
-    found = rcp.multistart(m, 500, time_limit=0.5, **QUICK)
+    found = rcp.studies.multistart(m, 500, time_limit=0.5, **QUICK)
     assert 0 < found.unused < 500
     assert len(found) + found.unused == 500
     assert found.best.steps[0].status is not IpoptStatus.TIME_LIMIT
@@ -187,7 +187,7 @@ def test_a_time_limit_leaves_starts_undone():
 def test_progress_has_a_line_per_start(monkeypatch):
     stream = io.StringIO()
     monkeypatch.setattr(module, "Progress", lambda show: Progress(show, stream))
-    rcp.multistart(two_valleys(), 3, progress=True, **QUICK)
+    rcp.studies.multistart(two_valleys(), 3, progress=True, **QUICK)
     assert len([line for line in stream.getvalue().splitlines() if "start" in line]) == 3
 
 
@@ -206,5 +206,5 @@ def test_progress_has_a_line_per_start(monkeypatch):
 def test_arguments_that_make_no_sense(arguments, message):
     m = two_valleys()
     with pytest.raises(ModelError, match=message):
-        rcp.multistart(m, **arguments)
+        rcp.studies.multistart(m, **arguments)
     assert m.x.value == 3.2

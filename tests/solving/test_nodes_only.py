@@ -51,7 +51,7 @@ def planned(m: pyo.ConcreteModel, phase: Any, name: str, pose: Any, body: Any, o
     for time in phase.time:
         at = pose(phase, time)
         for obstacle in obstacles.values():
-            assert rcp.signed_distance(body, obstacle, at).distance > clearance - 1e-6
+            assert rcp.geometry.signed_distance(body, obstacle, at).distance > clearance - 1e-6
     return result
 
 
@@ -67,10 +67,10 @@ def fine_times(trajectory: Any) -> list[np.ndarray]:
     return [np.linspace(a, b, SAMPLES) for a, b in itertools.pairwise(boundaries)]
 
 
-def check_agreement(safety: rcp.SafetyReport, sampled: dict[str, np.ndarray]) -> None:
+def check_agreement(safety: rcp.results.SafetyReport, sampled: dict[str, np.ndarray]) -> None:
     """Verdicts and bounds against the samples: for each obstacle the least distance in each interval, 0 in overlap."""
-    assert {pair.second for pair in safety.pairs} == set(sampled)
-    for pair in safety.pairs:
+    assert {pair.second for pair in safety.body_pairs} == set(sampled)
+    for pair in safety.body_pairs:
         least, enough = sampled[pair.second], pair.clearance - pair.tolerance
         assert not pair.undecided
         # What is proven is true, and what is sampled too close is found, interval by interval.
@@ -80,7 +80,7 @@ def check_agreement(safety: rcp.SafetyReport, sampled: dict[str, np.ndarray]) ->
         assert (least[list(pair.violated)] < pair.clearance).all()
         assert pair.safe is bool(least.min() >= enough - 1e-7)
         assert max(pair.distance, 0.0) <= least.min() + 1e-4
-    worst = min(safety.pairs, key=lambda pair: sampled[pair.second].min())
+    worst = min(safety.body_pairs, key=lambda pair: sampled[pair.second].min())
     assert sampled[worst.second].min() == pytest.approx(max(worst.distance, 0.0), abs=1e-3)
 
 
@@ -100,7 +100,7 @@ def test_parallel_parking(elements: int) -> None:
     m = parking.build("parallel", elements=elements, stages=1)
     obstacles = parking.CASES["parallel"]["obstacles"]
 
-    def pose(b: Any, t: Any) -> rcp.Pose:
+    def pose(b: Any, t: Any) -> rcp.geometry.Pose:
         return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 
     result = planned(m, m.drive, "car", pose, parking.CAR, obstacles, parking.CLEARANCE)
@@ -124,7 +124,7 @@ def test_a_quadrotor_at_a_window(case: str, elements: int) -> None:
     m = window.build(case, elements=elements, stages=1)
     obstacles = window.wall(*window.WINDOWS[case])
 
-    def pose(b: Any, t: Any) -> rcp.Pose:
+    def pose(b: Any, t: Any) -> rcp.geometry.Pose:
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))
 
     result = planned(m, m.flight, "quadrotor", pose, window.BODY, obstacles, window.CLEARANCE)
@@ -139,7 +139,7 @@ def test_a_quadrotor_at_a_window(case: str, elements: int) -> None:
                 # Farther than both reach apart from what is closest so far: no need to look.
                 body = window.BODY.placed(rcp.spatial_pose((x, y, z), euler=angles))
                 if box_gap(body, obstacle) < least:
-                    least = min(least, max(rcp.signed_distance(body, obstacle).distance, 0.0))
+                    least = min(least, max(rcp.geometry.signed_distance(body, obstacle).distance, 0.0))
             sampled[name].append(least)
     check_agreement(result.safety, {name: np.array(each) for name, each in sampled.items()})
     assert result.safe is False

@@ -59,7 +59,7 @@ def test_a_side_that_cannot_be_zero_makes_the_other_zero(case: str) -> None:
     m = CASES[case]()
     before = stored_bounds(m)
     RELAX.apply_to(m, lift=True)
-    (decision,) = presolve(RELAX.get_lifted_pairs(m))
+    (decision,) = presolve(RELAX.lifted_pairs_of(m))
     assert decision.side.variable is m.y
     with held_at_zero([decision]):
         assert (m.y.lb, m.y.ub) == (0.0, 0.0)
@@ -84,7 +84,7 @@ def test_bounds_come_back_after_an_exception() -> None:
     m = plane((0.5, None))
     RELAX.apply_to(m, lift=True)
     before = stored_bounds(m)
-    with pytest.raises(ZeroDivisionError), held_at_zero(presolve(RELAX.get_lifted_pairs(m))):
+    with pytest.raises(ZeroDivisionError), held_at_zero(presolve(RELAX.lifted_pairs_of(m))):
         1 / 0  # noqa: B018
     assert stored_bounds(m) == before
 
@@ -92,7 +92,7 @@ def test_bounds_come_back_after_an_exception() -> None:
 def test_a_bound_that_excludes_zero_is_not_overwritten() -> None:
     m = plane((0.5, None))
     RELAX.apply_to(m, lift=True)
-    decisions = presolve(RELAX.get_lifted_pairs(m))
+    decisions = presolve(RELAX.lifted_pairs_of(m))
     m.y.setub(-1.0)
     with held_at_zero(decisions):
         assert m.y.ub == -1.0
@@ -104,7 +104,7 @@ def test_a_side_at_its_upper_bound_is_held_from_below() -> None:
     m.y = pyo.Var(bounds=(None, 2), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y <= 2))
     RELAX.apply_to(m, lift=True)
-    (decision,) = presolve(RELAX.get_lifted_pairs(m))
+    (decision,) = presolve(RELAX.lifted_pairs_of(m))
     assert (decision.side.variable, decision.other_least) == (m.y, 1.0)
     with held_at_zero([decision]):
         assert (m.y.lb, m.y.ub) == (2.0, 2.0)
@@ -117,7 +117,7 @@ def test_an_expression_decides_by_the_intervals_of_its_variables() -> None:
     m.x.setub(1.0)
     m.bent = rcp.Complementarity(expr=rcp.complements(2 - m.x**2 >= 0, m.y >= 0))
     RELAX.apply_to(m, lift=True)
-    (decision,) = presolve(RELAX.get_lifted_pairs(m))
+    (decision,) = presolve(RELAX.lifted_pairs_of(m))
     assert decision.side.variable is m.y
     assert decision.other_least == pytest.approx(1.0)
 
@@ -125,7 +125,7 @@ def test_an_expression_decides_by_the_intervals_of_its_variables() -> None:
 def test_an_open_pair_is_left_open() -> None:
     m = plane()
     RELAX.apply_to(m, lift=True)
-    assert presolve(RELAX.get_lifted_pairs(m)) == []
+    assert presolve(RELAX.lifted_pairs_of(m)) == []
 
 
 def both_positive() -> pyo.ConcreteModel:

@@ -30,7 +30,7 @@ def regulator(parametrization: str = "collocated", start: float = 1.0, **options
 @pytest.mark.parametrize("parametrization", PARAMETRIZATIONS)
 def test_each_plan_is_that_of_a_model_built_from_scratch(parametrization: str) -> None:
     m = regulator(parametrization)
-    controller = rcp.RecedingHorizon(m, m.ahead)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
     state = {"x": 0.5, "v": 0.2}
     for k in range(6):
         step = controller.step(state, advance=0.2 if k else 0.0)
@@ -49,7 +49,7 @@ def test_each_plan_is_that_of_a_model_built_from_scratch(parametrization: str) -
 
 def test_the_loop_settles_and_its_steps_are_short() -> None:
     m = regulator("piecewise_constant")
-    controller = rcp.RecedingHorizon(m, m.ahead)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
     state = {"x": 1.0, "v": 0.0}
     first = controller.step(state)
     iterations = []
@@ -65,7 +65,7 @@ def test_the_loop_settles_and_its_steps_are_short() -> None:
 @pytest.mark.parametrize("parametrization", PARAMETRIZATIONS)
 def test_moving_ahead_is_reading_the_plan_later(parametrization: str) -> None:
     m = regulator(parametrization)
-    controller = rcp.RecedingHorizon(m, m.ahead)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
     before = controller.step({"x": 0.5, "v": 0.0}).plan
     controller._values.shift(0.25)  # one element: held values move onto each other exactly
     after = m.ahead.trajectory()
@@ -78,7 +78,7 @@ def test_moving_ahead_is_reading_the_plan_later(parametrization: str) -> None:
 
 def test_a_failed_solve_leaves_the_rest_of_the_plan_before() -> None:
     m = regulator()
-    controller = rcp.RecedingHorizon(m, m.ahead, options={"max_iter": 30})
+    controller = rcp.studies.RecedingHorizon(m, m.ahead, options={"max_iter": 30})
     good = controller.step({"x": 0.5, "v": 0.0})
     bad = controller.step({"x": 0.5, "v": 1e7}, advance=0.25)
     assert good.solved
@@ -100,7 +100,7 @@ WRONG_STEPS = {
 def test_a_senseless_measurement_is_refused(case: str) -> None:
     state, advance, message = WRONG_STEPS[case]
     m = regulator()
-    controller = rcp.RecedingHorizon(m, m.ahead)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
     with pytest.raises(ModelError, match=message):
         controller.step(state, advance)
 
@@ -108,12 +108,12 @@ def test_a_senseless_measurement_is_refused(case: str) -> None:
 def test_what_cannot_recede_is_refused() -> None:
     m = regulator(duration=rcp.Duration(bounds=(1, 2)))
     with pytest.raises(ModelError, match="phase 'ahead': a receding horizon needs a fixed start, a fixed duration"):
-        rcp.RecedingHorizon(m, m.ahead)
+        rcp.studies.RecedingHorizon(m, m.ahead)
     with pytest.raises(ModelError, match="'ahead' is no phase of 'regulator'"):
-        rcp.RecedingHorizon(regulator(), m.ahead)
+        rcp.studies.RecedingHorizon(regulator(), m.ahead)
     m = regulator()
     m.pair = rcp.Complementarity(expr=rcp.complements(m.ahead.u[3.0] >= 0, m.ahead.x[3.0] >= 0))
     with pytest.raises(ComplementarityError, match="'regulator' has active complementarity pairs"):
-        rcp.RecedingHorizon(m, m.ahead)
+        rcp.studies.RecedingHorizon(m, m.ahead)
     pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, delta=1e-4)
-    assert rcp.RecedingHorizon(m, m.ahead).step({"x": 0.3, "v": 0.0}).solved
+    assert rcp.studies.RecedingHorizon(m, m.ahead).step({"x": 0.3, "v": 0.0}).solved

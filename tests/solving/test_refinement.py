@@ -29,15 +29,15 @@ def hypersensitive(mesh: Any = None, cubic: bool = True, **options: Any) -> Any:
 
 
 def uniform_error(elements: int, **options: Any) -> float:
-    m = hypersensitive(rcp.Mesh.uniform(0, HORIZON, elements), **options)
+    m = hypersensitive(rcp.schemes.Mesh.uniform(0, HORIZON, elements), **options)
     rcp.solve(m).raise_for_status()
     return float(m.p.trajectory().verify().element_error)
 
 
 def test_boundary_layers_take_less_than_half_of_the_best_uniform_mesh() -> None:
-    refined = rcp.solve_refined(hypersensitive, tolerance=1e-6)
+    refined = rcp.studies.solve_refined(hypersensitive, tolerance=1e-6)
     refined.raise_for_status()
-    assert refined.end is rcp.RefinementEnd.REACHED
+    assert refined.end is rcp.studies.RefinementEnd.REACHED
     verdict = refined.trajectory.verify()
     assert verdict.element_error <= 1e-6
     assert verdict.largest_violation < 1e-7
@@ -55,7 +55,7 @@ def test_refined_answers_come_near_the_exact_one(scheme: str) -> None:
 
     root, distances = sqrt(2), []
     for tolerance in (1e-4, 1e-8):
-        refined = rcp.solve_refined(build, tolerance)
+        refined = rcp.studies.solve_refined(build, tolerance)
         refined.raise_for_status()
         assert refined.trajectory.verify().element_error <= tolerance
         time = refined.trajectory.time
@@ -78,7 +78,7 @@ def pendulum(mesh: Any) -> Any:
 
 
 def test_a_warm_start_takes_no_more_iterations_than_a_cold_one() -> None:
-    refined = rcp.solve_refined(pendulum, tolerance=1e-7, elements=12)
+    refined = rcp.studies.solve_refined(pendulum, tolerance=1e-7, elements=12)
     refined.raise_for_status()
     cold = pendulum(refined.model.swing.grid.mesh)
     assert refined.steps[-1].iterations <= rcp.solve(cold).iterations
@@ -98,7 +98,7 @@ def two_phases(meshes: Any) -> Any:
 
 
 def test_several_phases_are_refined_by_name() -> None:
-    refined = rcp.solve_refined(two_phases, 1e-7, phases=["slow", "fast"], elements={"slow": 3}, mesh=None)
+    refined = rcp.studies.solve_refined(two_phases, 1e-7, phases=["slow", "fast"], elements={"slow": 3}, mesh=None)
     refined.raise_for_status()
     assert set(refined.errors) == set(refined.trajectories) == {"slow", "fast"}
     for trajectory in refined.trajectories.values():
@@ -132,7 +132,7 @@ def explicit(mesh: Any) -> Any:
 
 
 def test_implicit_equations_are_judged_like_the_explicit_ones() -> None:
-    refined = rcp.solve_refined(implicit, 1e-5, elements=8)
+    refined = rcp.studies.solve_refined(implicit, 1e-5, elements=8)
     refined.raise_for_status()
     same = explicit(refined.trajectory.grid.mesh)
     same.p.set_guess(refined.trajectory)
@@ -140,17 +140,17 @@ def test_implicit_equations_are_judged_like_the_explicit_ones() -> None:
 
 
 def test_limits_end_with_what_was_found() -> None:
-    refined = rcp.solve_refined(hypersensitive, 1e-6, most_meshes=2)
-    assert (refined.end, len(refined.steps), refined.reached) == (rcp.RefinementEnd.MESH_LIMIT, 2, False)
-    with pytest.raises(rcp.SolveFailed, match=r"'layers': The limit of meshes .* Mesh 2 has .* asked was 1e-06"):
+    refined = rcp.studies.solve_refined(hypersensitive, 1e-6, most_meshes=2)
+    assert (refined.end, len(refined.steps), refined.reached) == (rcp.studies.RefinementEnd.MESH_LIMIT, 2, False)
+    with pytest.raises(rcp.errors.SolveFailed, match=r"'layers': The limit of meshes .* Mesh 2 has .* asked was 1e-06"):
         refined.raise_for_status()
-    refined = rcp.solve_refined(hypersensitive, 1e-6, most_elements=15)
-    assert refined.end is rcp.RefinementEnd.ELEMENT_LIMIT
+    refined = rcp.studies.solve_refined(hypersensitive, 1e-6, most_elements=15)
+    assert refined.end is rcp.studies.RefinementEnd.ELEMENT_LIMIT
     assert refined.steps[-1].elements <= 15
-    refined = rcp.solve_refined(hypersensitive, 1e-6, options={"max_iter": 1})
-    assert refined.end in (rcp.RefinementEnd.FAILED, rcp.RefinementEnd.REACHED)
-    refined = rcp.solve_refined(infeasible)
-    assert refined.end is rcp.RefinementEnd.FAILED
+    refined = rcp.studies.solve_refined(hypersensitive, 1e-6, options={"max_iter": 1})
+    assert refined.end in (rcp.studies.RefinementEnd.FAILED, rcp.studies.RefinementEnd.REACHED)
+    refined = rcp.studies.solve_refined(infeasible)
+    assert refined.end is rcp.studies.RefinementEnd.FAILED
     assert refined.errors == {}
     assert np.isnan(refined.steps[-1].error)
 
@@ -166,7 +166,7 @@ def infeasible(mesh: Any) -> Any:
 
 def test_the_table_prints_and_is_a_frame(capsys: Any) -> None:
     pytest.importorskip("pandas")
-    refined = rcp.solve_refined(hypersensitive, 1e-2, progress=True)
+    refined = rcp.studies.solve_refined(hypersensitive, 1e-2, progress=True)
     shown = capsys.readouterr().err
     lines = str(refined).splitlines()
     assert lines[0] == "layers: Every element's error is within the tolerance. Asked was 0.01."
@@ -205,7 +205,7 @@ def no_phase(mesh: Any) -> Any:
 )
 def test_what_does_not_fit_is_refused(call: dict[str, Any], message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        rcp.solve_refined(**{"build": hypersensitive, **call})
+        rcp.studies.solve_refined(**{"build": hypersensitive, **call})
 
 
 def test_errors_that_cannot_be_estimated_are_explained() -> None:

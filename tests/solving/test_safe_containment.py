@@ -43,7 +43,7 @@ def test_a_body_is_held_inside_between_the_points(obstacle: bool) -> None:
     assert result.safe
     assert m.turn.inside.verify().safe
     assert not result.rounds[0].safe  # what the points alone give is not
-    assert {pair.second for pair in result.safety.pairs} == {"side 1", "side 2"} | ({"far"} if obstacle else set())
+    assert {pair.second for pair in result.safety.body_pairs} == {"side 1", "side 2"} | ({"far"} if obstacle else set())
 
 
 def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
@@ -52,13 +52,13 @@ def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
     assert not result.safe
     assert not result.solved
     assert "side" in str(result)
-    with pytest.raises(rcp.SolveFailed):
+    with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()
 
 
 def test_a_fixed_pose_outside_is_refused_with_what_is_missing() -> None:
     m = turning_over_a_floor(ceiling=0.25)
-    with pytest.raises(rcp.ObstacleError, match=r"'turn.inside': at [01].0, .* is 0.05 beyond side 2"):
+    with pytest.raises(rcp.errors.ObstacleError, match=r"'turn.inside': at [01].0, .* is 0.05 beyond side 2"):
         rcp.solve(m)
 
 
@@ -81,7 +81,7 @@ def test_a_pose_that_cannot_be_followed_is_refused_before_the_solve() -> None:
     b.inside = rcp.Containment(
         b.time, body=BAR, pose=lambda _, t: rcp.planar_pose(0, b.y[t], b.theta[t]), region=rcp.Polytope.box(9, 9)
     )
-    with pytest.raises(rcp.ObstacleError, match="through its first argument"):
+    with pytest.raises(rcp.errors.ObstacleError, match="through its first argument"):
         rcp.solve(m)
 
 

@@ -37,11 +37,11 @@ def everywhere(sense=pyo.minimize, least_z: float = 0.7) -> pyo.ConcreteModel:
     return m
 
 
-def compared_with_resolves(m: pyo.ConcreteModel, parameters, step: float = 1e-4) -> rcp.Sensitivity:
+def compared_with_resolves(m: pyo.ConcreteModel, parameters, step: float = 1e-4) -> rcp.studies.Sensitivity:
     """Every derivative against a central difference of solves from the solution."""
     result = rcp.solve(m, options=TIGHT)
     result.raise_for_status()
-    found = rcp.sensitivity(m, result, parameters)
+    found = rcp.studies.sensitivity(m, result, parameters)
     start = [v.value for v in found.variables]
     for k, parameter in enumerate(found.parameters):
         middle = pyo.value(parameter)
@@ -138,11 +138,11 @@ def test_a_trajectory_with_contact():
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.push[t] ** 2 + 4 * (b.gap[t] - m.target) ** 2))
     result = rcp.solve(m, options=TIGHT)
     result.raise_for_status()
-    found = rcp.sensitivity(m, result, ["target", "stiffness"])
+    found = rcp.studies.sensitivity(m, result, ["target", "stiffness"])
     # Other branches are nearly as good here, and a new solve may end on one: the differences stay on this branch.
     m.held = pyo.ConstraintList()
     for pair, each in zip(rcp.active_pairs(m), result.pairs, strict=True):
-        m.held.add((pair.a if each.active is rcp.ActiveSide.FIRST else pair.b) == 0)
+        m.held.add((pair.a if each.active is rcp.results.ActiveSide.FIRST else pair.b) == 0)
     b.wall.deactivate()
     smooth = compared_with_resolves(m, ["target", "stiffness"])
     places = {variable.name: row for variable, row in zip(smooth.variables, smooth.matrix, strict=True)}
@@ -170,10 +170,10 @@ def test_multipliers_of_pairs_say_how_the_objective_gets_worse(a, b, coupling, m
     m.cost = pyo.Objective(expr=sign * cost, sense=pyo.maximize if maximise else pyo.minimize)
     result = rcp.solve(m, options=TIGHT)
     (pair,) = result.pairs
-    if pair.active is rcp.ActiveSide.BIACTIVE:
+    if pair.active is rcp.results.ActiveSide.BIACTIVE:
         return
     multiplier = pair.first_multiplier + pair.second_multiplier
-    found = rcp.sensitivity(m, result, m.lift)
+    found = rcp.studies.sensitivity(m, result, m.lift)
     assert sign * found.objective_derivative(m.lift) == pytest.approx(multiplier, rel=1e-5, abs=1e-6)
     step = 1e-4
     m.lift.set_value(step)
@@ -185,7 +185,7 @@ def test_multipliers_of_pairs_say_how_the_objective_gets_worse(a, b, coupling, m
 
 def test_prediction_is_first_order_and_takes_names_or_pairs():
     m = everywhere()
-    found = rcp.sensitivity(m, rcp.solve(m, options=TIGHT), [m.p])
+    found = rcp.studies.sensitivity(m, rcp.solve(m, options=TIGHT), [m.p])
     gaps = []
     for step in (2e-2, 1e-2):
         predicted = found.predict({"p": 1.3 + step})
@@ -202,7 +202,7 @@ def test_nothing_of_the_model_changes():
     result = rcp.solve(m)
     before = (m.cost.expr.to_string(), m.balance.expr.to_string(), len(list(m.component_objects())))
     values = [v.value for v in m.component_data_objects(pyo.Var)]
-    rcp.sensitivity(m, result, [m.p, m.least])
+    rcp.studies.sensitivity(m, result, [m.p, m.least])
     assert (m.cost.expr.to_string(), m.balance.expr.to_string(), len(list(m.component_objects()))) == before
     assert [v.value for v in m.component_data_objects(pyo.Var)] == values
     assert m.pair.active
@@ -212,7 +212,7 @@ def test_nothing_of_the_model_changes():
 def test_both_sources_of_derivatives_agree():
     m = everywhere()
     result = rcp.solve(m, options=TIGHT)
-    one, other = (rcp.sensitivity(m, result, [m.p], derivatives_by=each) for each in ("asl", "casadi"))
+    one, other = (rcp.studies.sensitivity(m, result, [m.p], derivatives_by=each) for each in ("asl", "casadi"))
     names = [v.name for v in other.variables]
     for variable, row in zip(one.variables, one.matrix, strict=True):
         assert other.matrix[names.index(variable.name)] == pytest.approx(row, rel=1e-8)
@@ -227,7 +227,7 @@ def test_a_biactive_pair_is_refused_by_name():
     result = rcp.solve(m)
     assert [each.name for each in result.biactive] == ["pair"]
     with pytest.raises(SensitivityError, match=r"1 pairs are biactive .*'pair'"):
-        rcp.sensitivity(m, result, m.p)
+        rcp.studies.sensitivity(m, result, m.p)
 
 
 def test_a_bound_that_nothing_pushes_against_is_refused_by_name():
@@ -236,7 +236,7 @@ def test_a_bound_that_nothing_pushes_against_is_refused_by_name():
     m.x = pyo.Var(bounds=(1, None), initialize=2)
     m.cost = pyo.Objective(expr=(m.x - m.p) ** 2)
     with pytest.raises(SensitivityError, match="a bound of 'x'"):
-        rcp.sensitivity(m, rcp.solve(m), m.p)
+        rcp.studies.sensitivity(m, rcp.solve(m), m.p)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ def test_what_is_no_data_is_refused(parameter, message):
     m.unused, m.number = pyo.Param(initialize=1.0, mutable=True), pyo.Param(initialize=1.0)
     result = rcp.solve(m)
     with pytest.raises(ModelError, match=message):
-        rcp.sensitivity(m, result, [parameter])
+        rcp.studies.sensitivity(m, result, [parameter])
 
 
 def test_a_model_that_has_moved_on_is_refused():
@@ -262,7 +262,7 @@ def test_a_model_that_has_moved_on_is_refused():
     result = rcp.solve(m)
     m.p.set_value(2.0)
     with pytest.raises(ModelError, match=r"values or data were changed since"):
-        rcp.sensitivity(m, result, m.p)
+        rcp.studies.sensitivity(m, result, m.p)
 
 
 def test_a_relaxed_model_is_refused():
@@ -270,13 +270,13 @@ def test_a_relaxed_model_is_refused():
     pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, lift=True)
     result = rcp.solve(m)
     with pytest.raises(ModelError, match=r"a relaxation is applied"):
-        rcp.sensitivity(m, result, m.p)
+        rcp.studies.sensitivity(m, result, m.p)
 
 
 def test_text_and_data_frame():
     pandas = pytest.importorskip("pandas")
     m = everywhere()
-    found = rcp.sensitivity(m, rcp.solve(m), [m.p, m.least])
+    found = rcp.studies.sensitivity(m, rcp.solve(m), [m.p, m.least])
     frame = found.to_pandas()
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame.columns) == ["p", "least"]

@@ -85,13 +85,13 @@ def test_every_backend_finds_the_corner(backend: str) -> None:
 @pytest.mark.parametrize(
     "treatment",
     [
-        {"grouping": "pair", "schedule": rcp.Fixed(1e-8)},
-        {"grouping": "element", "schedule": rcp.Fixed(1e-8)},
-        {"grouping": "pair", "schedule": rcp.FollowBarrier()},
-        {"grouping": "element", "schedule": rcp.FollowBarrier()},
-        {"relaxation": "penalty", "schedule": rcp.Fixed(1e-4)},
+        {"grouping": "pair", "schedule": rcp.schedules.Fixed(1e-8)},
+        {"grouping": "element", "schedule": rcp.schedules.Fixed(1e-8)},
+        {"grouping": "pair", "schedule": rcp.schedules.FollowBarrier()},
+        {"grouping": "element", "schedule": rcp.schedules.FollowBarrier()},
+        {"relaxation": "penalty", "schedule": rcp.schedules.Fixed(1e-4)},
         {"relaxation": "penalty"},
-        {"schedule": rcp.Geometric(first=1.0, factor=0.1, last=1e-8)},
+        {"schedule": rcp.schedules.Geometric(first=1.0, factor=0.1, last=1e-8)},
     ],
     ids=["pair", "element", "pair-mu", "element-mu", "penalty", "penalty-continued", "geometric"],
 )
@@ -148,7 +148,7 @@ def test_a_model_without_pairs_is_solved_by_one_run(backend: str) -> None:
 @pytest.mark.parametrize("backend", ROUTES[:2])
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
-    schedule = rcp.FollowBarrier(floor=1e-8, factor=factor)
+    schedule = rcp.schedules.FollowBarrier(floor=1e-8, factor=factor)
     (step,) = rcp.solve(touching_mass(), backend=backend, schedule=schedule, polish=False).steps
     mus, deltas = zip(*step.path, strict=True)
     assert len(mus) == step.iterations + 1
@@ -164,10 +164,10 @@ def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
 @pytest.mark.parametrize("backend", ROUTES[:2])
 def test_following_mu_takes_fewer_iterations_than_no_relaxation(backend: str) -> None:
     m = corner()
-    followed = rcp.solve(m, backend=backend, schedule=rcp.FollowBarrier())
+    followed = rcp.solve(m, backend=backend, schedule=rcp.schedules.FollowBarrier())
     m = corner()
     RELAX.apply_to(m, delta=1e-8)
-    RELAX.get_delta(m).set_value(0.0)
+    RELAX.delta_of(m).set_value(0.0)
     solver = pyo.SolverFactory("pyrobocop.ipopt", solver_options={"bound_relax_factor": 0.0})
     solver.config.derivatives = backend
     log: list = []
@@ -178,7 +178,9 @@ def test_following_mu_takes_fewer_iterations_than_no_relaxation(backend: str) ->
 
 @pytest.mark.executable
 def test_from_outside_delta_walks_down_with_mu() -> None:
-    result = rcp.solve(touching_mass(), backend="executable", schedule=rcp.FollowBarrier(factor=1.0), polish=False)
+    result = rcp.solve(
+        touching_mass(), backend="executable", schedule=rcp.schedules.FollowBarrier(factor=1.0), polish=False
+    )
     deltas = [step.delta for step in result.steps]
     assert deltas == sorted(deltas, reverse=True)
     assert deltas[0] == pytest.approx(0.1)
@@ -192,11 +194,15 @@ def test_from_outside_delta_walks_down_with_mu() -> None:
 def test_a_limit_is_told_apart_from_success_and_keeps_the_point(backend: str) -> None:
     m = touching_mass()
     start = m.move.push[m.move.final_time].value
-    result = rcp.solve(m, backend=backend, options={"max_iter": 4}, schedule=rcp.FollowBarrier(), polish=False)
+    result = rcp.solve(
+        m, backend=backend, options={"max_iter": 4}, schedule=rcp.schedules.FollowBarrier(), polish=False
+    )
     assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
     assert result.quality is rcp.Quality.INFEASIBLE
     assert m.move.push[m.move.final_time].value != start
-    with pytest.raises(rcp.SolveFailed, match=r"'mass at a wall': Ipopt reached its iteration limit.*'move.wall\["):
+    with pytest.raises(
+        rcp.errors.SolveFailed, match=r"'mass at a wall': Ipopt reached its iteration limit.*'move.wall\["
+    ):
         result.raise_for_status()
 
 
@@ -207,7 +213,7 @@ def test_a_contradiction_is_not_called_solved(backend: str) -> None:
     result = rcp.solve(m, backend=backend)
     assert result.quality is rcp.Quality.INFEASIBLE
     assert len(result.steps) > 1  # other strategies were tried
-    with pytest.raises(rcp.SolveFailed):
+    with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()
 
 
@@ -280,7 +286,7 @@ def test_an_unknown_backend_is_refused() -> None:
 def test_delta_cannot_follow_mu_in_a_penalty() -> None:
     m = corner()
     with pytest.raises(ComplementarityError, match=r"'corner': delta cannot follow.*Use schedule=Geometric"):
-        rcp.solve(m, relaxation="penalty", schedule=rcp.FollowBarrier())
+        rcp.solve(m, relaxation="penalty", schedule=rcp.schedules.FollowBarrier())
     assert m.cost.active
     assert m.pair.active
     assert list(m.component_map()) == ["x", "y", "pair", "cost"]
@@ -323,7 +329,7 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_result_reads_well() -> None:
-    step = rcp.solving.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 12, 0.5, 3.25, 1e-12, 2e-9, 1e-9)
+    step = rcp.results.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 12, 0.5, 3.25, 1e-12, 2e-9, 1e-9)
     assert str(step).split() == ["fixed", "delta", "1.0e-08", "12", "3.25", "1.0e-12", "2.0e-09", "0.50", "SOLVED"]
 
 

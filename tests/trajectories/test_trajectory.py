@@ -17,7 +17,7 @@ from pyomo.contrib.mpc import DynamicModelInterface
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
 
-SCHEMES = [rcp.radau(1), rcp.radau(3), rcp.gauss_legendre(1), rcp.gauss_legendre(4)]
+SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(1), rcp.schemes.gauss_legendre(4)]
 each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 
 
@@ -71,7 +71,7 @@ def test_interpolation_reproduces_the_polynomials_of_the_scheme(scheme: Any, fre
 
 
 def test_values_are_read_by_name() -> None:
-    trajectory = polynomials(rcp.radau(2))
+    trajectory = polynomials(rcp.schemes.radau(2))
     assert trajectory.names == ["x", "u", "held"]
     assert trajectory.x is trajectory.states["x"]
     assert trajectory.u is trajectory.signals["u"]
@@ -90,7 +90,7 @@ def test_values_are_read_by_name() -> None:
 
 
 def test_a_time_index_of_a_free_duration_is_real_time() -> None:
-    fixed, free = polynomials(rcp.gauss_legendre(2)), polynomials(rcp.gauss_legendre(2), free=True)
+    fixed, free = polynomials(rcp.schemes.gauss_legendre(2)), polynomials(rcp.schemes.gauss_legendre(2), free=True)
     np.testing.assert_allclose(free.time, fixed.time, rtol=1e-15)
     np.testing.assert_allclose(free.points, fixed.points, rtol=1e-15)
 
@@ -99,11 +99,11 @@ def test_a_time_index_of_a_free_duration_is_real_time() -> None:
 def test_times_outside_are_refused(times: Any) -> None:
     wrong = next(t for t in np.atleast_1d(times) if not 1 <= t <= 3)
     with pytest.raises(TrajectoryError, match=rf"runs from 1 to 3; asked was t = {wrong:g}\."):
-        polynomials(rcp.radau(2))(times)
+        polynomials(rcp.schemes.radau(2))(times)
 
 
 def test_rounding_at_the_ends_is_forgiven_and_a_table_of_times_is_not() -> None:
-    trajectory = polynomials(rcp.radau(2))
+    trajectory = polynomials(rcp.schemes.radau(2))
     assert trajectory(3 + 1e-12)["x"] == trajectory(3.0)["x"]
     with pytest.raises(TrajectoryError, match=r"times of shape \(1, 2\)"):
         trajectory([[1.0, 2.0]])
@@ -134,7 +134,7 @@ def test_save_and_load_keep_every_bit(scheme: Any, tmp_path: Path) -> None:
 
 
 def test_a_file_holds_no_pickle(tmp_path: Path) -> None:
-    path = polynomials(rcp.radau(2)).save(tmp_path / "run")
+    path = polynomials(rcp.schemes.radau(2)).save(tmp_path / "run")
     with ZipFile(path) as archive:
         for member in archive.namelist():
             array = np.load(archive.open(member), allow_pickle=False)
@@ -231,4 +231,4 @@ def test_one_time_is_the_same_as_many(t: float) -> None:
     assert {name: values[0] for name, values in trajectory([t, 2.0]).items()} == pytest.approx(trajectory(t), abs=1e-14)
 
 
-HYPOTHESIS_TRAJECTORY = polynomials(rcp.radau(3))
+HYPOTHESIS_TRAJECTORY = polynomials(rcp.schemes.radau(3))

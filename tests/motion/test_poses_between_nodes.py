@@ -1,4 +1,4 @@
-"""What happens between the nodes: poses follow the polynomials that trajectories evaluate."""
+"""Poses between the nodes follow the polynomials that trajectories evaluate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, judge, on_a_phase, on_points
+from harness.moving import by_states, check, on_a_phase, on_points
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -35,7 +35,7 @@ def by_clock(m: Any, t: Any) -> Any:
 @pytest.mark.parametrize("horizon", [{"duration": 2.0}, FREE], ids=["fixed", "free"])
 @pytest.mark.parametrize(("scheme", "stages"), SCHEMES, ids=str)
 def test_poses_follow_the_trajectory(scheme: str, stages: int | None, horizon: dict[str, Any]) -> None:
-    """In expressions, in the template's values and in its enclosures alike, whatever the scheme and the horizon."""
+    """In expressions, in the template's values and in its Taylor forms alike, whatever the scheme and the horizon."""
     m = on_a_phase(path, scheme, stages, elements=4, **horizon)
     if "moving" in horizon:
         for i, boundary in enumerate([0.0, 0.15, 0.55, 0.7, 1.0]):
@@ -45,7 +45,7 @@ def test_poses_follow_the_trajectory(scheme: str, stages: int | None, horizon: d
     template = template_of(motion, by_clock, "body", 2)
     fractions = np.array([0.13, 0.47, 0.86])
     for interval in range(4):
-        ends = [pyo.value(motion.clock(motion.intervals[interval][k])) for k in (0, -1)]
+        ends = [pyo.value(motion.time_at(motion.intervals[interval][k])) for k in (0, -1)]
         clocks = ends[0] + fractions * (ends[1] - ends[0])
         at = trajectory(clocks)
         expected = np.stack([at["x"] + 0.1 * clocks, at["y"] * np.cos(clocks), np.cos(at["theta"] - 2.0)], axis=1)
@@ -55,9 +55,9 @@ def test_poses_follow_the_trajectory(scheme: str, stages: int | None, horizon: d
         where = np.full(3, interval)
         entries = template.values(where, fractions)
         assert entries[:, [4, 5, 0]] == pytest.approx(expected, abs=1e-12)
-        for column, jet in zip(entries.T, template.jets(where, fractions - 0.1, fractions + 0.1), strict=True):
-            assert (jet.value.low <= column).all()
-            assert (column <= jet.value.high).all()
+        for column, form in zip(entries.T, template.taylor_forms(where, fractions - 0.1, fractions + 0.1), strict=True):
+            assert (form.value.low <= column).all()
+            assert (column <= form.value.high).all()
 
 
 @pytest.mark.parametrize("points", ["time", "points"])
@@ -230,13 +230,13 @@ def test_parts_are_numbered_within_their_body() -> None:
     assert not both.moves
 
 
-def test_a_clone_is_judged_by_its_own_values() -> None:
+def test_a_clone_is_checked_with_its_own_values() -> None:
     m = on_points([(0, 0, 0), (1, 0, 0)])
     other = m.clone()
     other.x[1] = 5.0
     wall = Polytope.box(1, 1, center=(4.0, 0))
-    assert judge(m, Polytope.box(1, 1), [wall], 0.1).safe
-    assert not judge(other, Polytope.box(1, 1), [wall], 0.1).safe
+    assert check(m, Polytope.box(1, 1), [wall], 0.1).safe
+    assert not check(other, Polytope.box(1, 1), [wall], 0.1).safe
 
 
 def test_phases_over_an_index_set_are_told_apart() -> None:

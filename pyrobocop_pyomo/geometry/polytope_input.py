@@ -1,4 +1,7 @@
-"""What a list of corners must be, and what is dropped from it with a word: repeated points, points inside."""
+"""Checks of what a polytope is made from: lists of corners and rays, and lists of half-spaces.
+
+What changes nothing (repeated points, points inside, redundant half-spaces) is left out with a warning in the log.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,14 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import GeometryError
 
-from .hulls import affine_basis, convex_hull
-from .representations import in_cone
+from .polyhedra import EmptyInterior, affine_basis, affine_rank, convex_hull, corners_of, in_cone
 
 logger = logging.getLogger(__name__)
 
 # Points closer than this, relative to the extent of the list, are one point.
 SAME_POINT = 1e-9
+# Corners closer than this to a plane, relative to the extent of the set, lie in it.
+ON_PLANE = 1e-9
 
 
 def read_points(points: Any, name: str, what: str = "vertices") -> np.ndarray:
@@ -139,10 +143,64 @@ def _in_hull(points: np.ndarray, rays: np.ndarray, i: int, others: list[int]) ->
 
 
 def _needed(spanned_by_others: list) -> list[int]:
-    """Indices left when each that the remaining others span is taken out, one after the other."""
+    """Indices that are left after those that the remaining others span are taken out, one after the other."""
     kept = list(range(len(spanned_by_others)))
     for i, is_spanned in enumerate(spanned_by_others):
         others = [j for j in kept if j != i]
         if is_spanned(others):
             kept = others
     return kept
+
+
+def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Corners and rays of ``{y : normals @ y <= offsets}``; redundant rows are told in the log.
+
+    Raises
+    ------
+    GeometryError
+        For rows that are zero or not finite, a set that is empty or flat, and one without end if `bounded`.
+    """
+    rows = read_points(normals, name, "normals")
+    try:
+        sides = np.array(offsets, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise GeometryError(f"'{name}': offsets are no list of numbers: {error}.") from None
+    if sides.shape != (len(rows),) or not np.isfinite(sides).all():
+        raise GeometryError(f"'{name}': {len(rows)} normals need as many finite offsets; given: {sides}.")
+    lengths = np.linalg.norm(rows, axis=1)
+    if len(rows) == 0 or lengths.min() == 0.0:
+        where = f"row {int(np.argmin(lengths))} of the normals is zero" if len(rows) else "there are no rows"
+        raise GeometryError(f"'{name}': {where}, which is no half-space.")
+    rows, sides = rows / lengths[:, None], sides / lengths
+    try:
+        corners, rays = corners_of(rows, sides)
+    except EmptyInterior as error:
+        what = "is empty" if error.radius < -ON_PLANE else "has no interior"
+        raise GeometryError(
+            f"'{name}': the set normals @ y <= offsets {what}. "
+            "Normals point outwards, away from the body: check their signs."
+        ) from None
+    if bounded and len(rays):
+        raise GeometryError(
+            f"'{name}': the set normals @ y <= offsets has no end in the direction {rays[0].round(6)}. "
+            "Check that normals point outwards and that no side is missing; "
+            "for a half-space or a wedge say bounded=False."
+        )
+    _tell_redundant_rows(rows, sides, corners, rays, name)
+    return corners, rays
+
+
+def _tell_redundant_rows(rows: np.ndarray, sides: np.ndarray, corners: np.ndarray, rays: np.ndarray, name: str) -> None:
+    # Between the extent of the set and what rounding leaves of it, far from the origin.
+    tolerance = ON_PLANE * float(np.ptp(corners, axis=0).max()) + 1e-14 * float(np.abs(sides).max())
+    facets: list[int] = []
+    for i, (row, side) in enumerate(zip(rows, sides, strict=True)):
+        touching = corners[side - corners @ row <= tolerance]
+        along = rays[np.abs(rays @ row) <= ON_PLANE]
+        is_facet = len(touching) > 0 and affine_rank(touching, along) == rows.shape[1] - 1
+        repeated = any(np.abs(rows[i] - rows[j]).max() <= ON_PLANE for j in facets)
+        if is_facet and not repeated:
+            facets.append(i)
+    redundant = sorted(set(range(len(rows))) - set(facets))
+    if redundant:
+        logger.warning("'%s': half-spaces that cut nothing off are left out: rows %s.", name, redundant)

@@ -1,4 +1,4 @@
-"""Enclosures of formulas over stretches of time hold all values, slopes and curvatures that sampling finds."""
+"""Taylor forms on subintervals contain all values, slopes and curvatures that sampling finds."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.motion.enclosures import Enclosure
 from pyrobocop_pyomo.motion.expression_values import ExpressionValues
-from pyrobocop_pyomo.motion.jets import Jet, polynomial_jet
+from pyrobocop_pyomo.motion.interval_arithmetic import Interval
+from pyrobocop_pyomo.motion.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
 
 SAMPLES = 1000
@@ -66,7 +66,7 @@ def formula(m: pyo.ConcreteModel, choices: list[int]) -> object:
     start=st.floats(0, 0.9),
     width=st.floats(0.02, 1.0),
 )
-def test_enclosures_hold_what_sampling_finds(
+def test_taylor_forms_contain_all_samples(
     choices: list[int], degree: int, seed: int, start: float, width: float
 ) -> None:
     end = min(start + width, 1.0)
@@ -74,27 +74,27 @@ def test_enclosures_hold_what_sampling_finds(
     expression = formula(m, choices)
     random = np.random.default_rng(seed)
     signals = {id(v): random.normal(size=(1, degree + 1)) for v in (m.a, m.b)}
-    jets = {}
+    forms = {}
     for key, coefficients in signals.items():
         slopes = derivative_coefficients(coefficients)
         triple = (coefficients, slopes, derivative_coefficients(slopes))
-        jets[key] = polynomial_jet(tuple(restrict(each, [start], [end]) for each in triple))
-    jet = ExpressionValues(jets).of(expression)
+        forms[key] = taylor_form_of_polynomial(tuple(restrict(order, [start], [end]) for order in triple))
+    form = ExpressionValues(forms).of(expression)
 
     at = np.linspace(start, end, SAMPLES)
     step = at[1] - at[0]
     basis = bernstein_matrix(degree, at)
-    found = ExpressionValues({key: basis @ each[0] for key, each in signals.items()}).of(expression)
+    found = ExpressionValues({key: basis @ rows[0] for key, rows in signals.items()}).of(expression)
     # By the mean value theorem divided differences are values of the derivatives; rounding is divided with them.
     rounding = 1e-12 * (1.0 + np.abs(found).max())
     slopes, curvatures = np.diff(found) / step, np.diff(found, 2) / step**2
-    for values, enclosure, slack in (
-        (found, jet.value, rounding),
-        (slopes, jet.first, rounding / step),
-        (curvatures, jet.second, rounding / step**2),
+    for values, interval, slack in (
+        (found, form.value, rounding),
+        (slopes, form.first, rounding / step),
+        (curvatures, form.second, rounding / step**2),
     ):
-        assert enclosure.low[0] - slack <= values.min()
-        assert values.max() <= enclosure.high[0] + slack
+        assert interval.low[0] - slack <= values.min()
+        assert values.max() <= interval.high[0] + slack
 
 
 @settings(max_examples=200)
@@ -103,23 +103,23 @@ def test_enclosures_hold_what_sampling_finds(
     seed=st.integers(0, 10**6),
     at=st.floats(0, 1),
 )
-def test_enclosures_of_an_instant_are_points(choices: list[int], seed: int, at: float) -> None:
-    """Nothing is lost on a stretch of length zero, so that halving stretches converges."""
+def test_taylor_forms_of_an_instant_are_points(choices: list[int], seed: int, at: float) -> None:
+    """Nothing is lost on a subinterval of length zero, so that halving subintervals converges."""
     m = model()
     expression = formula(m, choices)
     random = np.random.default_rng(seed)
-    jets, values = {}, {}
+    forms, values = {}, {}
     for variable in (m.a, m.b):
         coefficients = random.normal(size=(1, 4))
         slopes = derivative_coefficients(coefficients)
         triple = (coefficients, slopes, derivative_coefficients(slopes))
-        jets[id(variable)] = polynomial_jet(tuple(restrict(each, [at], [at]) for each in triple))
+        forms[id(variable)] = taylor_form_of_polynomial(tuple(restrict(order, [at], [at]) for order in triple))
         values[id(variable)] = bernstein_matrix(3, at) @ coefficients[0]
-    jet = ExpressionValues(jets).of(expression)
+    form = ExpressionValues(forms).of(expression)
     found = ExpressionValues(values).of(expression)
-    assert jet.value.low[0] == pytest.approx(found[0], rel=1e-8, abs=1e-8)
-    for enclosure in (jet.value, jet.first, jet.second):
-        assert enclosure.high[0] - enclosure.low[0] <= 1e-9 * (1.0 + enclosure.magnitude[0])
+    assert form.value.low[0] == pytest.approx(found[0], rel=1e-8, abs=1e-8)
+    for interval in (form.value, form.first, form.second):
+        assert interval.high[0] - interval.low[0] <= 1e-9 * (1.0 + interval.magnitude[0])
 
 
 bounds = st.tuples(st.floats(-30, 30), st.floats(0, 8)).map(lambda pair: (pair[0], pair[0] + pair[1]))
@@ -127,9 +127,9 @@ bounds = st.tuples(st.floats(-30, 30), st.floats(0, 8)).map(lambda pair: (pair[0
 
 @pytest.mark.parametrize("name", ["sin", "cos", "tan", "exp", "arctan"])
 @given(bounds=bounds)
-def test_functions_enclose_their_values(name: str, bounds: tuple[float, float]) -> None:
+def test_functions_contain_their_values(name: str, bounds: tuple[float, float]) -> None:
     low, high = bounds
-    found = getattr(Enclosure(np.array([low]), np.array([high])), name)()
+    found = getattr(Interval(np.array([low]), np.array([high])), name)()
     values = getattr(np, name)(np.linspace(low, high, SAMPLES))
     assert found.low[0] <= values.min()
     assert values.max() <= found.high[0]
@@ -137,10 +137,10 @@ def test_functions_enclose_their_values(name: str, bounds: tuple[float, float]) 
 
 @pytest.mark.parametrize("exponent", [2.0, 3.0, -1.0, -2.0, 0.5, 1.5, -0.5, 0.0, 1.0])
 @given(bounds=bounds)
-def test_powers_enclose_their_values(exponent: float, bounds: tuple[float, float]) -> None:
+def test_powers_contain_their_values(exponent: float, bounds: tuple[float, float]) -> None:
     low, high = bounds
     with np.errstate(all="ignore"):
-        found = Enclosure(np.array([low]), np.array([high])).power(exponent)
+        found = Interval(np.array([low]), np.array([high])).power(exponent)
         values = np.linspace(low, high, SAMPLES) ** exponent
     if low < 0.0 and exponent != round(exponent):
         # Not a number anywhere: no comparison with it is true, so that it proves nothing.
@@ -153,26 +153,26 @@ def test_powers_enclose_their_values(exponent: float, bounds: tuple[float, float
 
 
 @given(first=bounds, second=bounds)
-def test_products_enclose_the_products_of_their_corners(
+def test_products_contain_the_products_of_their_corners(
     first: tuple[float, float], second: tuple[float, float]
 ) -> None:
-    found = Enclosure(*np.array(first)[:, None]) * Enclosure(*np.array(second)[:, None])
+    found = Interval(*np.array(first)[:, None]) * Interval(*np.array(second)[:, None])
     products = np.multiply.outer(np.linspace(*first, 33), np.linspace(*second, 33))
     assert found.low[0] <= products.min()
     assert products.max() <= found.high[0]
 
 
-def test_a_stretch_over_a_pole_is_unbounded() -> None:
-    across = Enclosure(np.array([1.0]), np.array([2.0])).tan()
+def test_a_subinterval_over_a_pole_is_unbounded() -> None:
+    across = Interval(np.array([1.0]), np.array([2.0])).tan()
     assert (across.low[0], across.high[0]) == (-np.inf, np.inf)
-    over_zero = Enclosure(np.array([-1.0]), np.array([1.0])).reciprocal()
+    over_zero = Interval(np.array([-1.0]), np.array([1.0])).reciprocal()
     assert (over_zero.low[0], over_zero.high[0]) == (-np.inf, np.inf)
 
 
 def test_constants_have_no_slope() -> None:
-    jet = Jet.constant(2.5, 3)
-    assert jet.value.low.tolist() == [2.5] * 3
-    assert jet.first.magnitude.max() == jet.second.magnitude.max() == 0.0
+    form = TaylorForm.constant(2.5, 3)
+    assert form.value.low.tolist() == [2.5] * 3
+    assert form.first.magnitude.max() == form.second.magnitude.max() == 0.0
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_constants_have_no_slope() -> None:
         (lambda m: pyo.Expr_if(m.a >= 0, m.a, 0.0), "Expr_if"),
     ],
 )
-def test_what_cannot_be_enclosed_is_refused(make: object, word: str) -> None:
+def test_unsupported_functions_are_refused(make: object, word: str) -> None:
     m = model()
     with pytest.raises(ObstacleError, match=word):
         ExpressionValues({id(m.a): np.zeros(3)}).of(make(m))

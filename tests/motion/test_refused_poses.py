@@ -7,7 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, judge, on_a_phase, on_points
+from harness.moving import by_states, check, on_a_phase, on_points
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ObstacleError
@@ -24,7 +24,7 @@ def line() -> pyo.ConcreteModel:
 
 def refused(m: Any, pose: Any, match: str, points: Any = None) -> None:
     with pytest.raises(ObstacleError, match=match) as caught:
-        judge(m, BOX, [FAR], 0.1, points=points, pose=pose)
+        check(m, BOX, [FAR], 0.1, points=points, pose=pose)
     assert "'body'" in str(caught.value)
 
 

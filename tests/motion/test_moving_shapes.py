@@ -1,4 +1,4 @@
-"""Bounds on the paths of corners over stretches of time hold every instant, and are exact where they should be."""
+"""Bounds on the paths of corners hold at every instant of a subinterval, and are exact for parabolas."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
+from pyrobocop_pyomo.motion.clearance_proof import ProofSettings, _Proof
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
-from pyrobocop_pyomo.motion.pair_proof import Effort, _Proof
 
 SHAPE = Polytope.from_vertices([(-1.0, -0.5), (2.0, -0.5), (2.0, 0.25), (0.0, 1.0)])
 WEDGE = Polytope.from_vertices([(0.0, 0.0)], rays=[(1.0, 0.2), (1.0, -0.2)], allow_flat=True)
 
 seeds = st.integers(0, 10**6)
-stretches = st.tuples(st.floats(0, 0.95), st.floats(0.02, 1.0)).map(lambda each: (each[0], min(sum(each), 1.0)))
+subintervals = st.tuples(st.floats(0, 0.95), st.floats(0.02, 1.0)).map(lambda pair: (pair[0], min(sum(pair), 1.0)))
 
 
 def moving(m: Any, shape: Polytope, pose: Any = by_states) -> MovingShape:
     return moving_shapes(motion_of(m.t, m), {"body": Body(shape, pose)})["body"][0]
 
 
-@given(seed=seeds, stretch=stretches, direction=st.floats(0, 6.3), turn=st.floats(0, 4))
+@given(seed=seeds, subinterval=subintervals, direction=st.floats(0, 6.3), turn=st.floats(0, 4))
 def test_values_and_boxes_hold_every_instant(
-    seed: int, stretch: tuple[float, float], direction: float, turn: float
+    seed: int, subinterval: tuple[float, float], direction: float, turn: float
 ) -> None:
     poses = np.random.default_rng(seed).normal(size=(2, 3)) * [2, 2, turn]
-    at = np.array([0]), np.array([stretch[0]]), np.array([stretch[1]])
+    at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
     shape = SHAPE.padded(0.1)
-    found = moving(on_points(poses), shape).stretches(*at)
-    fractions = np.linspace(*stretch, 501)
+    found = moving(on_points(poses), shape).path_bounds(*at)
+    fractions = np.linspace(*subinterval, 501)
     corners = placed(SHAPE.vertices, poses[0] + fractions[:, None] * (poses[1] - poses[0]))
     normal = np.array([[np.cos(direction), np.sin(direction)]])
-    values = found.values(normal)
+    values = found.value_bounds(normal)
     assert (values.low[0] <= (corners @ normal[0]).min(axis=0) + 1e-12).all()
     assert ((corners @ normal[0]).max(axis=0) <= values.high[0] + 1e-12).all()
     box = found.boxes()
@@ -46,50 +46,52 @@ def test_values_and_boxes_hold_every_instant(
     assert (corners.max(axis=(0, 1)) + 0.1 <= box.high[0] + 1e-12).all()
 
 
-@given(seed=seeds, stretch=stretches, direction=st.floats(0, 6.3), turn=st.floats(0, 4))
+@given(seed=seeds, subinterval=subintervals, direction=st.floats(0, 6.3), turn=st.floats(0, 4))
 def test_a_plane_proves_no_more_than_its_smallest_gap(
-    seed: int, stretch: tuple[float, float], direction: float, turn: float
+    seed: int, subinterval: tuple[float, float], direction: float, turn: float
 ) -> None:
-    """Both shapes move; the bound is below the gap at every instant, and close to the smallest on short stretches."""
+    """The bound is below the gap of two moving shapes at every instant, and close to it on short subintervals."""
     random = np.random.default_rng(seed)
     poses, others = random.normal(size=(2, 3)) * [2, 2, turn], random.normal(size=(2, 3)) * [2, 2, turn]
     first, second = moving(on_points(poses), SHAPE), moving(on_points(others), Polytope.box(0.5, 0.7))
-    proof = _Proof(first, second, 0.1, Effort(0.001, 5, 100), 1)
-    at = np.array([0]), np.array([stretch[0]]), np.array([stretch[1]])
+    proof = _Proof(first, second, 0.1, ProofSettings(0.001, 5, 100), 1)
+    at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
     normal = np.array([[np.cos(direction), np.sin(direction)]])
-    bound = proof._plane_bounds(normal, first.stretches(*at), second.stretches(*at))[0]
-    fractions = np.linspace(*stretch, 501)[:, None]
+    bound = proof._plane_bounds(normal, first.path_bounds(*at), second.path_bounds(*at))[0]
+    fractions = np.linspace(*subinterval, 501)[:, None]
     p = placed(SHAPE.vertices, poses[0] + fractions * (poses[1] - poses[0])) @ normal[0]
     q = placed(second.shape.vertices, others[0] + fractions * (others[1] - others[0])) @ normal[0]
     gaps = p.min(axis=1) - q.max(axis=1)
     assert bound <= gaps.min() + 1e-12
-    length = stretch[1] - stretch[0]
-    # An angle that changes by a at constant rate bends the path of a corner at distance r by r a^2.
-    bends = [
+    length = subinterval[1] - subinterval[0]
+    # An angle that changes by a at constant rate curvatures the path of a corner at distance r by r a^2.
+    curvatures = [
         np.linalg.norm(vertices, axis=1).max() * float(pair[1, 2] - pair[0, 2]) ** 2
         for vertices, pair in ((SHAPE.vertices, poses), (second.shape.vertices, others))
     ]
-    assert bound >= min(gaps[0], gaps[-1]) - 3 * length**2 / 8 * sum(bends) - 1e-9
+    assert bound >= min(gaps[0], gaps[-1]) - 3 * length**2 / 8 * sum(curvatures) - 1e-9
 
 
-def test_the_sag_of_a_parabola_is_exact() -> None:
+def test_the_chord_deviation_of_a_parabola_is_exact() -> None:
     """``h^2 / 8`` times the second derivative: the smallest constant that is right for all paths."""
     m = on_points([(0, 0, 0), (0, 0, 0)], [0.0, 1.0])
     body = moving(m, Polytope.point((0.0, 0.0)), lambda b, t: planar_pose(0, (2 * t - 1) ** 2))
     for start, end in ((0.0, 1.0), (0.2, 0.8), (0.375, 0.625)):
-        found = body.stretches(np.array([0]), np.array([start]), np.array([end]))
+        found = body.path_bounds(np.array([0]), np.array([start]), np.array([end]))
         assert found.boxes().low[0, 1] == pytest.approx(0.0, abs=1e-12)
         assert found.boxes().high[0, 1] == pytest.approx((2 * end - 1) ** 2)
 
 
-@given(seed=seeds, stretch=stretches, turn=st.floats(0, 2), direction=st.floats(0, 6.3))
-def test_rays_turn_with_the_body(seed: int, stretch: tuple[float, float], turn: float, direction: float) -> None:
+@given(seed=seeds, subinterval=subintervals, turn=st.floats(0, 2), direction=st.floats(0, 6.3))
+def test_rays_turn_with_the_body(seed: int, subinterval: tuple[float, float], turn: float, direction: float) -> None:
     poses = np.random.default_rng(seed).normal(size=(2, 3)) * [1, 1, turn]
-    found = moving(on_points(poses), WEDGE).stretches(np.array([0]), np.array([stretch[0]]), np.array([stretch[1]]))
+    found = moving(on_points(poses), WEDGE).path_bounds(
+        np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
+    )
     angles = sampled(poses, 1000)[:, 2]
-    angles = angles[int(stretch[0] * 1000) + 1 : int(stretch[1] * 1000)]
+    angles = angles[int(subinterval[0] * 1000) + 1 : int(subinterval[1] * 1000)]
     normal = np.array([[np.cos(direction), np.sin(direction)]])
-    slopes = found.ray_slopes(normal)
+    slopes = found.ray_bounds(normal)
     turned = placed(WEDGE.rays, np.column_stack([np.zeros_like(angles), np.zeros_like(angles), angles])) @ normal[0]
     assert (slopes.low[0] <= turned.min(axis=0, initial=np.inf) + 1e-12).all()
     assert (turned.max(axis=0, initial=-np.inf) <= slopes.high[0] + 1e-12).all()
@@ -103,6 +105,6 @@ def test_a_resting_shape_is_where_it_is() -> None:
     m = pyo.ConcreteModel()
     m.t = pyo.RangeSet(0, 1)
     wall = moving_shapes(motion_of(m.t, m), {"wall": Body(SHAPE)})["wall"][0]
-    box = wall.stretches(np.array([0]), np.array([0.0]), np.array([1.0])).boxes()
+    box = wall.path_bounds(np.array([0]), np.array([0.0]), np.array([1.0])).boxes()
     assert box.low[0] == pytest.approx([-1.0, -0.5], abs=1e-12)
     assert box.high[0] == pytest.approx([2.0, 1.0], abs=1e-12)

@@ -2,31 +2,52 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+from pyomo.common.config import PositiveFloat
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .formulation import Product, products
-from .record import Record, RelaxedPair
+from .record import Record, RelaxedPair, only_record
 
 
-def update(record: Record, delta: float, multipliers: Mapping[Any, float] | None) -> bool:
+def finite_positive(number: Any) -> float:
+    """Return a positive finite number as a float; any other one is a ValueError."""
+    number = PositiveFloat(number)
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite number, found {number}")
+    return number
+
+
+def update_parameters(model: Any, delta: float, multipliers: Mapping[Any, float] | None = None) -> bool:
     """Set delta for the next solve, and the numbers of the relaxation from the point and the multipliers of the last.
+
+    Parameters
+    ----------
+    model : Block
+        Relaxed, with the values of the last solve.
+    delta : float
+        For the next one; positive.
+    multipliers : mapping, optional
+        From generated rows to their multipliers, of either sign; asked by relaxations that decide from these.
+        Default: the model's import suffix ``dual``.
 
     Returns
     -------
     bool
-        Whether anything changed.
+        Whether any number of the model changed.
 
     Raises
     ------
     ComplementarityError
-        If multipliers are needed and there is no active import suffix ``dual`` to read them from.
+        If the model holds no or several relaxations, a side has no value, or multipliers are needed and missing.
     """
+    record, delta = only_record(model), finite_positive(delta)
     before = record.main.delta.value
     changed = before != delta
     if record.abilities.keeps_multipliers:
@@ -37,8 +58,9 @@ def update(record: Record, delta: float, multipliers: Mapping[Any, float] | None
     return changed
 
 
-def restart(record: Record, delta: float) -> None:
-    """Set delta for a first solve, and the numbers of the relaxation to what they were before any."""
+def reset_parameters(model: Any, delta: float) -> None:
+    """Set delta for a first solve, and whatever `update_parameters` has changed to its first value."""
+    record, delta = only_record(model), finite_positive(delta)
     record.main.delta.set_value(delta)
     for group in record.groups:
         for state in group.states:

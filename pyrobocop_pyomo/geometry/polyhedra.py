@@ -1,23 +1,79 @@
-"""From corners and rays to half-spaces and back, for sets that may be unbounded, in two or three dimensions.
+"""Convex polyhedra by corners and rays, and by half-spaces: hulls, and the conversion from one to the other.
 
-Both ways are one computation, by polarity: with the origin inside, the facets of ``{y : A y <= b}`` divided by
-their offsets are points whose convex hull has one facet per corner, and one facet through the origin per ray.
-Directions in which a set extends both ways (a half-space, a slab) are split off first: what is left is pointed.
+Both conversions are one computation, by polarity. With the origin inside, the facets of ``{y : A y <= b}`` divided by
+their offsets are points. The convex hull of these points has one facet per corner, and one facet through the origin
+per ray. Directions in which a set extends both ways (a half-space, a slab) are split off first: the rest is pointed.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .hulls import affine_basis, convex_hull
-from .minimum_norm import nearest_difference
+from .nearest_points import nearest_difference
 
+# Planes closer than this (unit normals, points scaled to extent one) are one facet that Qhull has cut in triangles.
+SAME_PLANE = 1e-9
 # Relative to unit rows and a scene of extent one.
 ZERO = 1e-9
 # A set whose largest ball is smaller than this, relative to its extent, counts as flat.
 THINNEST = 1e-8
+
+
+class Hull(NamedTuple):
+    """Corners (indices; around in the plane), and facets ``normals @ y <= offsets`` with unit rows."""
+
+    corners: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+
+
+def convex_hull(points: np.ndarray) -> Hull:
+    """Hull of points that span their space.
+
+    Parameters
+    ----------
+    points : (k, dimension) array
+        Not all in one plane; `affine_rank` tells.
+    """
+    dimension = points.shape[1]
+    if dimension == 1:
+        low, high = int(np.argmin(points)), int(np.argmax(points))
+        return Hull(np.array([low, high]), np.array([[-1.0], [1.0]]), np.array([-points[low, 0], points[high, 0]]))
+    center = points.mean(axis=0)
+    extent = np.abs(points - center).max()
+    hull = scipy.spatial.ConvexHull((points - center) / extent)
+    normals = _distinct_planes(hull.equations)[:, :-1]
+    # Offsets afresh from all points: a merged facet's own plane may leave a corner outside by a rounding.
+    return Hull(hull.vertices, normals, (points @ normals.T).max(axis=0))
+
+
+def affine_rank(points: np.ndarray, rays: np.ndarray, tolerance: float = 1e-9) -> int:
+    """Dimension of the smallest plane that holds the points and, from them, the rays."""
+    return len(affine_basis(points, rays, tolerance))
+
+
+def affine_basis(points: np.ndarray, rays: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
+    """Orthonormal rows (rank, dimension) that span the directions between the points, and the rays."""
+    differences = points - points.mean(axis=0)
+    extent = np.abs(differences).max()
+    # Rays have no length: each counts as much as the extent does.
+    rows = np.vstack([differences / extent if extent > 0.0 else differences, rays])
+    _, values, basis = np.linalg.svd(rows, full_matrices=False)
+    return basis[: int((values > tolerance * np.sqrt(len(rows))).sum())]
+
+
+def _distinct_planes(equations: np.ndarray) -> np.ndarray:
+    kept: list[np.ndarray] = []
+    remaining = equations
+    while len(remaining):
+        same = np.abs(remaining - remaining[0]).max(axis=1) <= SAME_PLANE
+        kept.append(remaining[0])
+        remaining = remaining[~same]
+    return np.array(kept)
 
 
 def halfspaces_of(vertices: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,23 +172,23 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
     center = np.zeros(dimension)
     for _ in range(4):
         # Planes far away, cut short, only make the ball smaller; their numbers would drown those of the near ones.
-        answer = scipy.optimize.linprog(
+        solution = scipy.optimize.linprog(
             np.append(np.zeros(dimension), -1.0),
             A_ub=np.column_stack([normals, np.ones(len(normals))]),
             b_ub=np.minimum((offsets - normals @ center) / scale, 1e3),
             bounds=[(None, None)] * dimension + [(None, 1.0)],
             method="highs",
         )
-        if answer.x is None:
+        if solution.x is None:
             break
-        center = center + scale * answer.x[:-1]
+        center = center + scale * solution.x[:-1]
         radius = float((offsets - normals @ center).min())
         if radius > 1e-4 * scale or scale < ZERO * whole:
             break
         # Small compared with how far the planes are from the origin: once more, seen from near.
         scale *= 1e-4
-    if answer.x is None or radius <= 1e-3 * ZERO * whole:
-        raise EmptyInterior(-np.inf if answer.x is None else radius / whole)
+    if solution.x is None or radius <= 1e-3 * ZERO * whole:
+        raise EmptyInterior(-np.inf if solution.x is None else radius / whole)
     return center, radius
 
 

@@ -1,4 +1,4 @@
-"""What is called safe is safe, what is clear is called so, and what hides between the nodes is found."""
+"""Motions reported as safe are safe, clear motions are reported as such, and collisions between nodes are found."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, distances_by_shapely, judge, on_a_phase, on_points, placed, sampled
+from harness.moving import by_states, check, distances_by_shapely, on_a_phase, on_points, placed, sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,7 +25,7 @@ seeds = st.integers(0, 10**6)
 
 def check_against_samples(report: Any, distances: np.ndarray, clearance: float) -> None:
     """Distances found by sampling never contradict a report; ``distances`` is zero in overlap."""
-    pair = report.pairs[0]
+    pair = report.body_pairs[0]
     closest = float(distances.min())
     assert max(pair.proven, 0.0) <= closest + 1e-9
     assert pair.proven <= pair.distance + 1e-12
@@ -47,7 +47,7 @@ def test_random_planar_motions(seed: int, clearance: float, offset: float, turn:
     poses = np.cumsum(random.normal(size=(4, 3)) * [0.8, 0.8, turn], axis=0)
     corners = random.normal(size=(8, 2)) * 0.4
     obstacle = Polytope.hull(corners + poses.mean(axis=0)[:2] + offset * np.array([1.0, 0.5]))
-    report = judge(on_points(poses), CAR, [obstacle], clearance)
+    report = check(on_points(poses), CAR, [obstacle], clearance)
     dense = placed(CAR.vertices, sampled(poses, DENSE))
     still = np.broadcast_to(obstacle.vertices, (len(dense), *obstacle.vertices.shape))
     check_against_samples(report, distances_by_shapely(dense, still), clearance)
@@ -72,7 +72,7 @@ def test_random_polynomials_against_a_body_that_moves_by_formula(
         return planar_pose(offset + pyo.cos(b.clock(t)), 0.3 * t**2, 0.8 * pyo.sin(2 * t))
 
     box = Polytope.box(0.6, 0.4)
-    report = judge(m.move, CAR, [Body(box, truck)], clearance, points=m.move.time)
+    report = check(m.move, CAR, [Body(box, truck)], clearance, points=m.move.time)
     times = np.linspace(0, 2, 3 * DENSE + 1)
     at = m.move.trajectory()(times)
     first = placed(CAR.vertices, np.stack([at["x"], at["y"], at["theta"]], axis=1))
@@ -94,7 +94,7 @@ def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> 
 
     shape = Polytope.box(0.8, 0.5, 0.3)
     wall = Polytope.box(0.6, 0.6, 0.6, center=(*(nodes.mean(axis=0)[:2] + offset), 0.0))
-    report = judge(m, shape, [wall], clearance, pose=pose)
+    report = check(m, shape, [wall], clearance, pose=pose)
     at = np.linspace(0, 2, 301)
     q = np.stack([np.interp(at, [0, 1, 2], column) for column in nodes.T], axis=1)
     moved = np.array([shape.placed(spatial_pose(row[:3], euler=row[3:])).vertices for row in q])
@@ -105,8 +105,8 @@ def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> 
 def test_a_thin_wall_between_two_nodes_is_found() -> None:
     """Both nodes are four metres from the wall, which the body passes through in between."""
     m = on_points([(-5, 0, 0), (5, 0, 0)])
-    report = judge(m, CAR, [Polytope.box(0.01, 3)], 0.1)
-    pair = report.pairs[0]
+    report = check(m, CAR, [Polytope.box(0.01, 3)], 0.1)
+    pair = report.body_pairs[0]
     assert not report.safe
     assert pair.verdict == "overlap"
     assert pair.distance == pytest.approx(-0.505)
@@ -118,65 +118,65 @@ def test_a_thin_wall_between_two_nodes_is_found() -> None:
 @given(at=st.floats(-4, 4).filter(lambda x: abs(x) > 0.01), thickness=st.floats(1e-4, 0.2), size=st.floats(0.01, 0.5))
 def test_thin_walls_anywhere_are_found(at: float, thickness: float, size: float) -> None:
     m = on_points([(-5, 0, 0), (5, 0, 0)])
-    report = judge(m, Polytope.box(size, size), [Polytope.box(thickness, 3, center=(at, 0))], 0.005)
-    assert report.pairs[0].violated == (0,)
-    reached = report.pairs[0].time * 10 - 5
+    report = check(m, Polytope.box(size, size), [Polytope.box(thickness, 3, center=(at, 0))], 0.005)
+    assert report.body_pairs[0].violated == (0,)
+    reached = report.body_pairs[0].time * 10 - 5
     assert abs(reached - at) <= (thickness + size) / 2 + 0.005
 
 
 def test_sliding_along_a_wall_at_the_clearance_takes_one_plane_per_interval() -> None:
     m = on_points([(float(i), 0, 0) for i in range(11)])
-    report = judge(m, CAR, [Polytope.box(30, 1, center=(5, -0.85))], 0.1)
+    report = check(m, CAR, [Polytope.box(30, 1, center=(5, -0.85))], 0.1)
     assert report.safe
-    assert report.pairs[0].pieces == 10
-    assert report.pairs[0].proven == pytest.approx(0.1)
+    assert report.body_pairs[0].subintervals == 10
+    assert report.body_pairs[0].proven == pytest.approx(0.1)
 
 
-def test_passing_a_corner_at_the_clearance_takes_few_pieces() -> None:
+def test_passing_a_corner_at_the_clearance_takes_few_subintervals() -> None:
     """The chord of the swept body is exactly as far as asked, from a corner that no middle normal separates best."""
     angle = math.radians(35)
     normal = np.array([math.cos(angle), math.sin(angle)])
     along = np.array([-normal[1], normal[0]])
     poses = [(*(0.1 * normal + s * along), 0.0) for s in (-2.0, 0.0, 2.0)]
-    report = judge(on_points(poses), Polytope.point((0, 0)), [Polytope.box(1, 1, center=(-0.5, -0.5))], 0.1)
+    report = check(on_points(poses), Polytope.point((0, 0)), [Polytope.box(1, 1, center=(-0.5, -0.5))], 0.1)
     assert report.safe
-    assert report.pairs[0].pieces <= 6
+    assert report.body_pairs[0].subintervals <= 6
 
 
-def test_rolling_along_a_wall_at_the_clearance_takes_few_pieces() -> None:
-    """A square that turns while its lowest corner keeps the distance: the sag is what the tolerance has to cover."""
+def test_rolling_along_a_wall_at_the_clearance_takes_few_subintervals() -> None:
+    """A square that turns while its lowest corner keeps its distance: the tolerance covers the chord deviation."""
 
     def pose(b: Any, t: Any) -> Any:
         # The lowest corner is always that at (1/2, -1/2): it lies 0.3 above the wall.
         return planar_pose(t, 0.3 - (0.5 * pyo.sin(t) - 0.5 * pyo.cos(t)), t)
 
     m = on_points([(0, 0, 0)] * 2, [-1.4, 0.0])
-    report = judge(m, Polytope.box(1, 1), [Polytope.box(20, 1, center=(0, -0.5))], 0.3, pose=pose)
+    report = check(m, Polytope.box(1, 1), [Polytope.box(20, 1, center=(0, -0.5))], 0.3, pose=pose)
     assert report.safe
-    assert report.pairs[0].pieces <= 31
-    assert report.pairs[0].distance == pytest.approx(0.3)
+    assert report.body_pairs[0].subintervals <= 31
+    assert report.body_pairs[0].distance == pytest.approx(0.3)
 
 
 def test_bodies_that_move_together_keep_their_distance() -> None:
     """Neither of them rests, and the boxes they sweep meet: the second's motion is seen from the first."""
     m = on_points([(0, 0, 0), (6, 1, 0), (9, -2, 0)])
     trailer = Body(Polytope.box(1, 0.5, center=(0, 0.6)), by_states)
-    report = judge(m, CAR, [trailer], 0.1)
+    report = check(m, CAR, [trailer], 0.1)
     assert report.safe
-    assert report.pairs[0].pieces == 2
-    assert report.pairs[0].proven == pytest.approx(0.1)
+    assert report.body_pairs[0].subintervals == 2
+    assert report.body_pairs[0].proven == pytest.approx(0.1)
 
 
 @settings(max_examples=20)
 @given(seed=seeds, factor=st.floats(0.1, 10), shift=st.floats(-5, 5))
-def test_time_is_a_label(seed: int, factor: float, shift: float) -> None:
-    """Stretching and shifting time changes when, not how far."""
+def test_distances_do_not_depend_on_the_scale_of_time(seed: int, factor: float, shift: float) -> None:
+    """Scaling and shifting time changes the instants, and no distance."""
     random = np.random.default_rng(seed)
     poses = np.cumsum(random.normal(size=(4, 3)) * 0.6, axis=0)
     obstacle = Polytope.box(0.5, 0.5, center=(1.2, 0.4))
-    plain = judge(on_points(poses, [0.0, 1.0, 2.0, 3.0]), CAR, [obstacle], 0.1).pairs[0]
-    times = [shift + factor * each for each in (0.0, 1.0, 2.0, 3.0)]
-    other = judge(on_points(poses, times), CAR, [obstacle], 0.1).pairs[0]
+    plain = check(on_points(poses, [0.0, 1.0, 2.0, 3.0]), CAR, [obstacle], 0.1).body_pairs[0]
+    times = [shift + factor * time for time in (0.0, 1.0, 2.0, 3.0)]
+    other = check(on_points(poses, times), CAR, [obstacle], 0.1).body_pairs[0]
     assert (other.safe, other.violated, other.interval) == (plain.safe, plain.violated, plain.interval)
     assert other.distance == pytest.approx(plain.distance, abs=1e-9)
     assert other.time == pytest.approx(shift + factor * plain.time, abs=1e-6 * factor)
@@ -188,9 +188,9 @@ def test_cutting_intervals_changes_nothing_about_safety(seed: int, share: float)
     random = np.random.default_rng(seed)
     poses = np.cumsum(random.normal(size=(4, 3)) * 0.6, axis=0)
     obstacle = Polytope.box(0.5, 0.5, center=(1.5, 0.8))
-    coarse = judge(on_points(poses), CAR, [obstacle], 0.1).pairs[0]
+    coarse = check(on_points(poses), CAR, [obstacle], 0.1).body_pairs[0]
     cut = [[a, a + share * (b - a)] for a, b in pairwise(poses)]
-    fine = judge(on_points([*(pose for pair in cut for pose in pair), poses[-1]]), CAR, [obstacle], 0.1).pairs[0]
+    fine = check(on_points([*(pose for pair in cut for pose in pair), poses[-1]]), CAR, [obstacle], 0.1).body_pairs[0]
     if abs(coarse.distance - coarse.clearance) > 2 * coarse.tolerance:
         assert fine.safe == coarse.safe
     assert max(coarse.proven, fine.proven) <= min(coarse.distance, fine.distance) + 1e-12
@@ -203,7 +203,7 @@ def test_a_free_duration_counts_in_the_users_time() -> None:
         duration=rcp.Duration(bounds=(1, 9), guess=4.0),
         start=rcp.Start(guess=3.0),
     )
-    pair = judge(m.move, CAR, [Polytope.box(0.01, 3, center=(-2.5, 0))], 0.1, points=m.move.time).pairs[0]
+    pair = check(m.move, CAR, [Polytope.box(0.01, 3, center=(-2.5, 0))], 0.1, points=m.move.time).body_pairs[0]
     assert pair.time == pytest.approx(3.0 + 4.0 * 0.25, abs=1e-6)
     assert pair.interval == 0
 
@@ -211,15 +211,15 @@ def test_a_free_duration_counts_in_the_users_time() -> None:
 def test_padding_counts() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
     wall = Polytope.box(20, 1, center=(0, -1.5))
-    assert judge(m, Polytope.ball(0.75, (0, 0)), [wall], 0.2).safe
-    assert not judge(m, Polytope.ball(0.75, (0, 0)), [wall.padded(0.1)], 0.2).safe
+    assert check(m, Polytope.ball(0.75, (0, 0)), [wall], 0.2).safe
+    assert not check(m, Polytope.ball(0.75, (0, 0)), [wall.padded(0.1)], 0.2).safe
 
 
 def test_shapes_without_end() -> None:
     m = on_points([(0, 0, 0), (4, 0, 1.0), (50, 3, -2.0)])
     below = Polytope.from_halfspaces([[0, 1]], [-0.75], bounded=False)
-    assert judge(m, CAR, [below], 0.1).safe
-    assert not judge(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
+    assert check(m, CAR, [below], 0.1).safe
+    assert not check(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
 
 
 def test_nothing_is_gained_along_a_wall_without_end() -> None:
@@ -237,19 +237,22 @@ def test_nothing_is_gained_along_a_wall_without_end() -> None:
         lowest = float((body.vertices @ outwards).min())
         ends = [outwards * (distance * factor - lowest) + tangent * along * factor for factor in (1.0, 1.1)]
         wall = Polytope.from_halfspaces([outwards], [0.0], bounded=False)
-        report = judge(on_points([(*end, 0.0) for end in ends]), body, [wall], distance / 2)
-        assert report.pairs[0].proven <= distance + 1e-15 * along, seed
+        report = check(on_points([(*end, 0.0) for end in ends]), body, [wall], distance / 2)
+        assert report.body_pairs[0].proven <= distance + 1e-15 * along, seed
 
 
-def test_unions_are_judged_part_by_part() -> None:
+def test_unions_are_checked_part_by_part() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
     fence = Body([Polytope.box(0.2, 1, center=(2, 1.5)), Polytope.box(0.2, 1, center=(2, 0.6))])
-    report = judge(m, CAR, [fence], 0.1)
-    assert [(pair.second, pair.safe) for pair in report.pairs] == [("obstacle 1[1]", True), ("obstacle 1[2]", False)]
-    assert report.worst is report.pairs[1]
+    report = check(m, CAR, [fence], 0.1)
+    assert [(pair.second, pair.safe) for pair in report.body_pairs] == [
+        ("obstacle 1[1]", True),
+        ("obstacle 1[2]", False),
+    ]
+    assert report.worst is report.body_pairs[1]
 
 
-def test_points_without_order_are_judged_alone() -> None:
+def test_points_without_order_are_checked_alone() -> None:
     m = pyo.ConcreteModel()
     m.places = pyo.Set(initialize=["here", "there"])
     m.x = pyo.Var(m.places, initialize={"here": 0.0, "there": 3.0})
@@ -257,17 +260,17 @@ def test_points_without_order_are_judged_alone() -> None:
     wall = Body(Polytope.box(1, 1, center=(5, 0)))
     report = verify_clearance(motion_of(m.places, m), {"body": body, "wall": wall}, {("body", "wall"): 0.5})
     assert report.safe
-    assert (report.pairs[0].time, report.pairs[0].interval) == ("there", None)
-    assert report.pairs[0].distance == pytest.approx(1.0)
+    assert (report.body_pairs[0].time, report.body_pairs[0].interval) == ("there", None)
+    assert report.body_pairs[0].distance == pytest.approx(1.0)
     assert "at the points" in str(report)
 
 
 def test_infinite_speed_is_no_proof_but_values_still_are() -> None:
     """The square root has no bounded slope at its start; the interval is halved until its values decide."""
     m = on_points([(0, 0, 0), (1, 0, 0)])
-    clear = judge(m, CAR, [Polytope.box(1, 1, center=(3, 0))], 0.1, pose=lambda b, t: planar_pose(pyo.sqrt(b.x[t]), 0))
+    clear = check(m, CAR, [Polytope.box(1, 1, center=(3, 0))], 0.1, pose=lambda b, t: planar_pose(pyo.sqrt(b.x[t]), 0))
     assert clear.safe
-    through = judge(
+    through = check(
         m, CAR, [Polytope.box(0.01, 1, center=(1.2, 0))], 0.1, pose=lambda b, t: planar_pose(2 * pyo.sqrt(b.x[t]), 0)
     )
     assert not through.safe
@@ -280,8 +283,8 @@ SCHEMES: list[tuple[str, int | None]] = [
 
 
 @pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
-@pytest.mark.parametrize("leap", [0.0, 1e-7, 4.0])
-def test_a_leap_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | None, leap: float) -> None:
+@pytest.mark.parametrize("jump", [0.0, 1e-7, 4.0])
+def test_a_jump_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | None, jump: float) -> None:
     """Values that are not solved: both elements stand still, the second one beyond the obstacle."""
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(
@@ -290,7 +293,7 @@ def test_a_leap_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | No
     b.x, b.rate = rcp.State(), rcp.State()
     b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
     for t in b.time:
-        b.x[t].set_value(-2.0 if t < 1 else -2.0 + leap)
+        b.x[t].set_value(-2.0 if t < 1 else -2.0 + jump)
         b.rate[t].set_value(0.0)
     b.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
@@ -300,15 +303,15 @@ def test_a_leap_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | No
         clearance=0.05,
     )
     report = b.avoid.verify()
-    assert report.safe == (leap < 1.0)
-    pair = report.pairs[0]
-    assert pair.verdict in ({"clear"} if leap < 1.0 else {"undecided", "overlap"})
+    assert report.safe == (jump < 1.0)
+    pair = report.body_pairs[0]
+    assert pair.verdict in ({"clear"} if jump < 1.0 else {"undecided", "overlap"})
     assert set(pair.undecided) | set(pair.violated) == {
         interval for interval in range(2) if pair.interval_proven[interval] < 0.05 * 0.99
     }
 
 
-def test_a_state_that_leaps_at_a_node_within_an_element_is_seen() -> None:
+def test_a_state_that_jumps_at_a_node_within_an_element_is_seen() -> None:
     """The polynomial of a Lobatto scheme follows right-hand sides; the values at its middle nodes may lie elsewhere."""
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, scheme="lobatto", stages=4)
@@ -346,7 +349,7 @@ def test_a_rod_that_shrinks_between_the_nodes_is_no_proof(elements: int, rigid: 
         return spatial_pose((0, 0, 0), quaternion=(m.move.w[t], 0.0, 0.0, m.move.z[t]))
 
     rod = Polytope.capsule((0, 0, 0), (2, 0, 0), 0.05)
-    report = judge(m, rod, [Polytope.box(0.1, 0.1, 0.1, center=(0, 3, 0))], 0.1, points=b.time, pose=pose)
+    report = check(m, rod, [Polytope.box(0.1, 0.1, 0.1, center=(0, 3, 0))], 0.1, points=b.time, pose=pose)
     assert report.safe == rigid
 
 
@@ -366,33 +369,33 @@ def test_what_has_no_pose_does_not_hide_an_overlap() -> None:
         obstacles=[Polytope.box(0.2, 1, center=(0.7, 0))],
         clearance=0.2,
     )
-    pair = b.avoid.verify().pairs[0]
+    pair = b.avoid.verify().body_pairs[0]
     assert pair.violated == (0,)
     assert pair.distance == pytest.approx(0.1)
     assert not pair.safe
 
 
-def test_what_is_not_decided_is_not_safe() -> None:
-    """Closer to the clearance than the tolerance allows to tell with few pieces."""
+def test_undecided_is_not_safe() -> None:
+    """The distance is so close to the clearance that few subintervals do not decide."""
     m = on_points([(0, 0, 0), (0, 0, 3.0)])
     corner = math.hypot(0.5, 0.25)
     wall = Polytope.box(1, 4, center=(0.5 + corner + 0.1, 0))
-    report = judge(m, CAR, [wall], 0.1, tolerance=1e-7, depth=3)
+    report = check(m, CAR, [wall], 0.1, tolerance=1e-7, depth=3)
     assert not report.safe
-    assert report.undecided == report.pairs
-    assert report.pairs[0].verdict == "undecided"
-    assert judge(m, CAR, [wall], 0.1, tolerance=1e-7, pieces=3).undecided
-    proven = judge(m, CAR, [wall], 0.1, tolerance=1e-7)
+    assert report.undecided == report.body_pairs
+    assert report.body_pairs[0].verdict == "undecided"
+    assert check(m, CAR, [wall], 0.1, tolerance=1e-7, max_subintervals=3).undecided
+    proven = check(m, CAR, [wall], 0.1, tolerance=1e-7)
     assert proven.safe
-    assert str(proven).startswith("clear: 1 pair keeps its clearance at all times")
+    assert str(proven).startswith("clear: 1 body pair keeps its clearance at all times")
     assert "array" not in repr(proven)
-    assert "NOT SAFE: 0 of 1 pairs too close, 1 undecided" in str(report)
+    assert "NOT SAFE: 0 of 1 body pairs too close, 1 undecided" in str(report)
 
 
 def test_the_deepest_instant_of_a_violation_is_reported() -> None:
     """The midpoint is too close already; the search goes on for what a margin has to cover."""
     m = on_points([(-2, 0.9, 0), (2, 0.5, 0)])
-    pair = judge(m, CAR, [Polytope.box(4, 1, center=(0, 0))], 0.2).pairs[0]
+    pair = check(m, CAR, [Polytope.box(4, 1, center=(0, 0))], 0.2).body_pairs[0]
     assert pair.distance == pytest.approx(0.5 - 0.75, abs=1e-6)
     assert pair.time == pytest.approx(1.0)
     assert pair.interval_distance.shape == pair.interval_proven.shape == (1,)
@@ -400,11 +403,11 @@ def test_the_deepest_instant_of_a_violation_is_reported() -> None:
 
 def test_reports_are_plain_and_picklable() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
-    report = judge(m, CAR, [Polytope.box(1, 1, center=(0, 3)), Polytope.box(0.1, 1, center=(2, 0))], 0.1)
+    report = check(m, CAR, [Polytope.box(1, 1, center=(0, 3)), Polytope.box(0.1, 1, center=(2, 0))], 0.1)
     again = pickle.loads(pickle.dumps(report))
     assert str(again) == str(report)
     lines = report.table().splitlines()
-    assert lines[0].split() == ["pair", "asked", "closest", "found", "at", "t", "=", "proven", "verdict"]
+    assert lines[0].split() == ["body", "pair", "asked", "closest", "found", "at", "t", "=", "proven", "verdict"]
     assert lines[1].startswith("body - obstacle 2")
     assert lines[1].endswith("overlap")
     assert lines[2].endswith("clear")
@@ -412,15 +415,15 @@ def test_reports_are_plain_and_picklable() -> None:
 
 
 def test_many_pairs_and_intervals_cost_little() -> None:
-    """100 intervals and 20 near obstacles stay within a count of pieces: the cost is linear in them."""
+    """100 intervals and 20 near obstacles stay within a number of subintervals: the cost is linear in them."""
     poses = [(s * 0.1, 0.1 * math.sin(9 * s / 100), 0.3 * math.sin(7 * s / 100)) for s in range(101)]
     obstacles = [Polytope.box(0.4, 0.4, center=(k * 0.5, (-1) ** k * 0.78)) for k in range(20)]
-    report = judge(on_points(poses), CAR, obstacles, 0.02)
+    report = check(on_points(poses), CAR, obstacles, 0.02)
     assert report.safe
-    assert sum(pair.pieces for pair in report.pairs) <= 1.1 * 20 * 100
+    assert sum(pair.subintervals for pair in report.body_pairs) <= 1.1 * 20 * 100
 
 
 def test_a_pose_of_numbers_is_a_body_that_rests() -> None:
     m = on_points([(0, 0, 0), (4, 0, 0)])
-    report = judge(m, CAR, [Body(Polytope.box(1, 1), lambda b, t: Pose.identity(2))], 0.1, pose=by_states)
-    assert report.pairs[0].verdict == "overlap"
+    report = check(m, CAR, [Body(Polytope.box(1, 1), lambda b, t: Pose.identity(2))], 0.1, pose=by_states)
+    assert report.body_pairs[0].verdict == "overlap"

@@ -1,0 +1,326 @@
+"""Relaxing the pairs of a model, asking about what was generated, and the way back."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.common.gc_manager import PauseGC
+
+from pyrobocop_pyomo.errors import ComplementarityError
+
+from .canonical import CanonicalPair
+from .formulation import crossings
+from .grouping import Grouping, PerPair, as_grouping
+from .lifting import LiftedPair, SideVariable, side_variable
+from .pair_checks import refuse_leaves
+from .pairs import active_sources, canonical_form, put_to_sleep
+from .parameters import finite_positive
+from .preconditions import (
+    only_objective,
+    refuse_nothing,
+    refuse_other_options,
+    refuse_second_delta,
+    refuse_unusable,
+)
+from .record import Application, Group, Record, only_record, record_of, record_on, records_above, records_below
+from .relaxations import ObjectiveTerm, Relaxation, Scholtes, as_relaxation
+from .rows import add_statements, new_record, remove_statements
+
+logger = logging.getLogger(__name__)
+
+FIRST_DELTA = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxationToken:
+    """What `revert` needs to undo one application of `relax`.
+
+    Attributes
+    ----------
+    model : Block
+        The model that was relaxed.
+    block : Block
+        The generated block on it, with ``delta``, ``rows`` and ``sides``.
+    application : int
+        Which application on this block the token stands for.
+    """
+
+    model: Any
+    block: Any
+    application: int
+
+
+def relax(
+    model: Any,
+    *,
+    relaxation: str | Relaxation | ObjectiveTerm | None = None,
+    grouping: str | Grouping | None = None,
+    delta: float | None = None,
+    lift: bool | None = None,
+    targets: Iterable[Any] | None = None,
+) -> RelaxationToken:
+    """Replace the active pairs of a model by rows that a nonlinear solver can hold; see `RelaxComplementarity`.
+
+    Parameters
+    ----------
+    model : Block
+        Constructed.
+    relaxation, grouping : str or object, optional
+        How one product is bounded ("scholtes") and which products share a bound ("pair").
+    delta : float, optional
+        First value, 1e-2.
+    lift : bool, optional
+        Whether a generated variable stands for each side that is more than a variable with a sign and an offset;
+        False.
+    targets : iterable of components, optional
+        Blocks, components or single pairs; all if not given.
+
+    Returns
+    -------
+    RelaxationToken
+        For `revert`. Where the model is relaxed already, what is new is added: options that are given have to be the
+        same as before, and a delta that is given replaces the value before until the token is reverted.
+
+    Raises
+    ------
+    ComplementarityError
+        If there is no active pair, if a pair cannot be relaxed, or if the options contradict what is in use.
+    ValueError
+        If an option is none.
+    """
+    options = {
+        "relaxation": None if relaxation is None else as_relaxation(relaxation),
+        "grouping": None if grouping is None else as_grouping(grouping),
+        "lift": lift,
+    }
+    delta = None if delta is None else finite_positive(delta)
+    refuse_unusable(model)
+    with PauseGC():
+        sources = active_sources(model, targets)
+        record = record_on(model)
+        if record is None:
+            refuse_nothing(model, sources, targets)
+            refuse_second_delta(model)
+            chosen = options["relaxation"] or Scholtes()
+            objective = only_objective(model) if isinstance(chosen, ObjectiveTerm) else None
+            record = new_record(delta or FIRST_DELTA, chosen, options["grouping"] or PerPair(), bool(lift), objective)
+        else:
+            refuse_other_options(model, record, options)
+        # A pair that is known already was activated again by hand: it only has to be deactivated.
+        known = record.statements
+        forms = [canonical_form(source) for source in sources if not known or source not in known]
+        refuse_leaves(forms)
+        if forms:
+            add_statements(record, model, forms)
+        previous = None
+        if delta is not None and record.applications:
+            previous = record.main.delta.value
+            record.main.delta.set_value(delta)
+        put_to_sleep(sources)
+    application = record.next_application
+    record.next_application += 1
+    record.applications[application] = Application([form.source for form in forms], sources, previous)
+    logger.debug("'%s': relaxed %d complementarity statements", model.name, len(forms))
+    return RelaxationToken(model, record.main, application)
+
+
+def revert(model: Any, token: RelaxationToken | None = None) -> None:
+    """Undo one application, or all of them.
+
+    Parameters
+    ----------
+    model : Block
+        The model that `relax` was called with.
+    token : RelaxationToken, optional
+        What `relax` returned. Without it everything on this model is undone, which also serves a
+        clone: a token belongs to the model that it was made for.
+
+    Raises
+    ------
+    ComplementarityError
+        If the model is not relaxed, or if the token is used up or belongs to another model.
+    """
+    record = record_on(model)
+    if token is not None and token.model is not model:
+        raise ComplementarityError(
+            f"'{model.name}': the token was made for another model, '{token.model.name}'. "
+            "On a clone, call revert(model) without a token."
+        )
+    if record is None or (token is not None and record.main is not token.block):
+        raise ComplementarityError(f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before.")
+    if token is None:
+        wanted = list(record.applications)
+    elif token.application in record.applications:
+        wanted = [token.application]
+    else:
+        raise ComplementarityError(f"'{model.name}': this application was reverted before.")
+    with PauseGC():
+        for number in reversed(wanted):
+            application = record.applications.pop(number)
+            if application.previous_delta is not None:
+                record.main.delta.set_value(application.previous_delta)
+            if application.sources:
+                remove_statements(record, application.sources)
+            for source in application.deactivated:
+                source.activate()
+
+
+def pairs_of(model: Any) -> list[CanonicalPair]:
+    """Return all pairs of a model in canonical form: the relaxed ones, then those still active."""
+    known: dict[int, tuple[CanonicalPair, ...]] = {}
+    for record in records_below(model):
+        known.update((id(source), statement.form.pairs) for source, statement in record.statements.items())
+    for record in records_above(model):
+        known.update(
+            (id(source), statement.form.pairs)
+            for source, statement in record.statements.items()
+            if _is_inside(source, model)
+        )
+    for source in active_sources(model):
+        if id(source) not in known:
+            known[id(source)] = canonical_form(source).pairs
+    return [pair for pairs in known.values() for pair in pairs]
+
+
+def lifted_pairs_of(model: Any) -> list[LiftedPair]:
+    """Return the pairs that were relaxed with ``lift``, with the variables that stand for their sides."""
+    return [
+        LiftedPair(relaxed.pair, _as_variable(relaxed.a), _as_variable(relaxed.b))
+        for record in records_below(model)
+        if record.lift
+        for relaxed in record.relaxed_pairs
+    ]
+
+
+def crossed_pairs_of(model: Any) -> list[tuple[CanonicalPair, CanonicalPair]]:
+    """Return the couples of different pairs that the grouping crosses: a of the first with b of the second.
+
+    Where one of the two sides has to be zero as well, a branch of the pairs as stated does not see to it.
+    """
+    return [
+        (first.pair, second.pair)
+        for record in records_below(model)
+        for group in record.groups
+        for first, second in crossings(record, group.pairs)
+    ]
+
+
+def delta_of(model: Any) -> Any:
+    """Return the mutable parameter delta of a relaxed model."""
+    return only_record(model).main.delta
+
+
+def relaxation_of(model: Any) -> Any:
+    """Return the relaxation object of a relaxed model."""
+    return only_record(model).relaxation
+
+
+def has_penalty(model: Any) -> bool:
+    """Whether the objective of a relaxed model has a penalty term."""
+    return only_record(model).main.component("objective") is not None
+
+
+@contextmanager
+def without_penalty(model: Any) -> Iterator[None]:
+    """Put the user's objective back for a moment; without one of the user, none is active."""
+    record = only_record(model)
+    generated = record.main.component("objective")
+    generated.deactivate()
+    if record.objective is not None:
+        record.objective.activate()
+    try:
+        yield
+    finally:
+        if record.objective is not None:
+            record.objective.deactivate()
+        generated.activate()
+
+
+def rows_of(source: Any) -> list[Any]:
+    """Return the generated rows of a pair: those that relax its products, then those of its sides."""
+    for record in records_above(source):
+        statement = record.statements.get(source)
+        if statement is None:
+            continue
+        rows = []
+        for group in {id(pair.group): pair.group for pair in statement.pairs}.values():
+            for row in (*group.rows, *group.budgets):
+                origin = record.origins[row.parent_component().local_name, row.index()]
+                if any(known is source for known in origin):
+                    rows.append(row)
+        return [*rows, *statement.rows]
+    raise ComplementarityError(
+        f"'{source.name}': is not relaxed. Apply pyrobocop.relax_complementarity to its model first."
+    )
+
+
+def sources_of(row: Any) -> list[Any]:
+    """Return the pairs, as declared, that a generated row, side or objective came from."""
+    record = _record_of_row(row)
+    if record is not None and row is record.main.component("objective"):
+        return list(record.statements)
+    sources = None if record is None else record.origins.get((row.parent_component().local_name, row.index()))
+    if sources is None:
+        raise ComplementarityError(f"'{row.name}': was not generated by pyrobocop.relax_complementarity.")
+    return list(sources)
+
+
+def relaxation_rows_of(model: Any) -> list[Any]:
+    """Return the active rows that relax products, and not those that keep or define sides."""
+    return [
+        row
+        for record in records_below(model)
+        for group in _groups_seen(record, model)
+        for row in (*group.rows, *group.budgets)
+        if row.active
+    ]
+
+
+def shifted_rows_of(model: Any) -> list[Any]:
+    """Return the active rows ``... <= shift(delta)`` whose bound may move while a solver runs."""
+    return [
+        row
+        for record in records_below(model)
+        if record.abilities.shifts
+        for group in _groups_seen(record, model)
+        for row in group.rows
+        if row.active
+    ]
+
+
+def _as_variable(side: Any) -> SideVariable:
+    found = side_variable(side)
+    assert found is not None, "whatever is no variable was lifted"
+    return found
+
+
+def _groups_seen(record: Record, model: Any) -> list[Group]:
+    """The groups whose generated block a solver sees."""
+    seen = {id(home) for home, block in record.blocks.items() if _seen_by_a_solver(block, model)}
+    return [group for group in record.groups if id(group.home) in seen]
+
+
+def _record_of_row(row: Any) -> Record | None:
+    block = record_of(row.parent_block()).main
+    return None if block is None else record_of(block)
+
+
+def _seen_by_a_solver(block: Any, model: Any) -> bool:
+    while block is not None:
+        if not block.active:
+            return False
+        if block is model:
+            return True
+        block = block.parent_block()
+    return True
+
+
+def _is_inside(component: Any, block: Any) -> bool:
+    parent = component.parent_block()
+    while parent is not None and parent is not block:
+        parent = parent.parent_block()
+    return parent is block

@@ -1,0 +1,41 @@
+"""`Deadline`: until when work may go on, as a value that is handed from call to call."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """A point in time after which no new work is started, or none.
+
+    Attributes
+    ----------
+    end : float or None
+        On the clock `time.perf_counter`; None without a limit.
+    """
+
+    end: float | None = None
+
+    @classmethod
+    def after(cls, seconds: float | None) -> Deadline:
+        """The deadline in so many seconds from now; without a number there is none."""
+        return cls(None if seconds is None else time.perf_counter() + seconds)
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left, negative when it has passed; None without a limit."""
+        return None if self.end is None else self.end - time.perf_counter()
+
+    @property
+    def has_passed(self) -> bool:
+        """Whether no new work may be started."""
+        return self.end is not None and time.perf_counter() >= self.end
+
+    def within(self, seconds: float | None) -> Deadline:
+        """The earlier one of this deadline and the one in so many seconds."""
+        if seconds is None:
+            return self
+        end = time.perf_counter() + seconds
+        return Deadline(end if self.end is None else min(self.end, end))
