@@ -32,9 +32,10 @@ FINDERS = {
     "casadi": lambda: casadi_available() and find_ipopt_library() is not None,
     "ipopt": lambda: bool(available_backends()),
 }
-# How a test with such a mark may start Ipopt. Without any mark it may not.
+# How a test with such a mark may start Ipopt; without any mark it may not. `solve` improves in this process, where it
+# can, what the executable found.
 ALLOWED = {
-    "executable": {"as a process"},
+    "executable": {"in this process", "as a process"},
     "asl": {"in this process"},
     "casadi": {"in this process"},
     "ipopt": {"in this process", "as a process"},

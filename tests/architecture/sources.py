@@ -13,9 +13,7 @@ ROOT = Path(__file__).parents[2] / "pyrobocop_pyomo"
 @functools.cache
 def trees() -> dict[Path, ast.Module]:
     """Path relative to the package -> syntax tree, for every file of it."""
-    return {
-        path.relative_to(ROOT): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))
-    }
+    return {path.relative_to(ROOT): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))}
 
 
 def folder_trees() -> dict[Path, ast.Module]:
