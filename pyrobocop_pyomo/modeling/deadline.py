@@ -39,3 +39,6 @@ class Deadline:
             return self
         end = time.perf_counter() + seconds
         return Deadline(end if self.end is None else min(self.end, end))
+
+
+NO_DEADLINE = Deadline()

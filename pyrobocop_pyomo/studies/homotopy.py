@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, PyRobocopError, SolverNotFoundError
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.solving.attempt import FINAL_REASONS
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
-from pyrobocop_pyomo.solving.variable_values import VariableValues
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .data_path import DataPath
 
@@ -175,7 +175,7 @@ class _Follower:
     ) -> None:
         self._model, self._path, self._bar, self._options = model, path, bar, options
         self._longest, self._shortest, self._time_limit = 1.0 / steps, smallest_step, time_limit
-        self._values = VariableValues(model)
+        self._values = VariableValues.of_free(model)
         self._good = self._values.read()
         self._steps: list[HomotopyStep] = []
         self._position = -1.0  # nothing solved yet
@@ -204,7 +204,7 @@ class _Follower:
             successes = 0
             self._go_back()
             length *= 0.5
-            cut = step.result is not None and step.result.stop_reason in FINAL_REASONS
+            cut = step.result is not None and step.result.stop_reason.is_final
             if cut or self._position < 0.0 or length < self._shortest:
                 raise self._stalled(step, length)
         return self._so_far()

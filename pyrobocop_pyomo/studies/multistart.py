@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.solving.assessment import PointJudge
-from pyrobocop_pyomo.solving.attempt import FINAL_REASONS
+from pyrobocop_pyomo.solving.iterate_log import ModelCheck
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
-from pyrobocop_pyomo.solving.variable_values import Values, VariableValues
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .random_starts import RandomStarts
 
@@ -192,8 +192,8 @@ def multistart(
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
     started = time.perf_counter()
-    values = VariableValues(model)
-    sign = PointJudge(model).sign
+    values = VariableValues.of_free(model)
+    sign = ModelCheck(model).sign
     guess = values.read()
     draws = RandomStarts(model, seed, spread) if starts > 1 else None
     bar = Progress(progress)
@@ -209,7 +209,7 @@ def multistart(
             outcome = _solve_one(model, number, values, {**options, "time_limit": left})
             done.append(outcome)
             bar.line(f"start {_line(outcome)}")
-            if outcome.result is not None and outcome.result.stop_reason in FINAL_REASONS:
+            if outcome.result is not None and outcome.result.stop_reason.is_final:
                 break
     except KeyboardInterrupt:
         if not done:

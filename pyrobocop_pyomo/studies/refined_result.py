@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import SolveFailed, TrajectoryError
 from pyrobocop_pyomo.optional_imports import pandas
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
+from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.trajectories import Trajectory
 
 Array = NDArray[np.float64]

@@ -15,8 +15,9 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Mesh, remesh
 from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .phase_builder import PhaseBuilder

@@ -18,8 +18,9 @@ from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.solving.assessment import PointJudge
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult
+from pyrobocop_pyomo.solving.iterate_log import ModelCheck
+from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .named_data import by_component, data_members, named
 from .parametric_model import ParametricBuilder, ParametricModel
@@ -218,7 +219,7 @@ def _check(model: Any, result: SolveResult) -> None:
         )
     if result.quality is Quality.INFEASIBLE:
         raise ModelError(f"'{result.name}': {result.quality.value} There is no solution to differentiate.")
-    objective = PointJudge(model).objective()
+    objective = ModelCheck(model).objective()
     if not abs(objective - result.objective) <= 1e-8 * max(1.0, abs(objective)):
         raise ModelError(
             f"'{model.name}': has the objective {objective:.10g} where the result has {result.objective:.10g}: values "

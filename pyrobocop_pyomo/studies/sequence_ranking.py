@@ -12,8 +12,9 @@ from pyomo.core.base.objective import Objective
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.optional_imports import pandas
-from pyrobocop_pyomo.solving.assessment import PointJudge
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving.iterate_log import ModelCheck
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +162,7 @@ class SequenceRanking(Sequence[SequenceOutcome]):
             raise SolveFailed(f"{' - '.join(found.sequence)}: there is no solution. {found.error}", self)
         model = self.build(found.sequence)
         VariableValues.of_all(model).write(found.values)
-        objective = PointJudge(model).objective()
+        objective = ModelCheck(model).objective()
         if abs(objective - found.result.objective) > 1e-9 * max(1.0, abs(objective)):
             raise ModelError(
                 f"{' - '.join(found.sequence)}: the model built again has the objective {objective:.9g} where "

@@ -17,8 +17,8 @@ from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundErr
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import StopReason
 
 from .sequence_ranking import SequenceOutcome, SequenceRanking, sense_of
 
