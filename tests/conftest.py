@@ -65,12 +65,18 @@ def _note_and_solve(solve: Any, *arguments: Any) -> int:
     return solve(*arguments)
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` looks at the marks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what is quick; more examples for hypothesis where they are asked for."""
+    """Mark what is quick: it needs no Ipopt, is neither heavy nor slow, and tries no hundred examples of a law."""
+    longer = {*FINDERS, "heavy", "slow"}
+    laws = {item.function for item in items if is_hypothesis_test(getattr(item, "function", None))}
+    for item in items:
+        if getattr(item, "function", None) not in laws and longer.isdisjoint(mark.name for mark in item.iter_markers()):
+            item.add_marker("quick")
     if config.getoption("--hypothesis-profile") == "thorough":
-        for function in {item.function for item in items if is_hypothesis_test(getattr(item, "function", None))}:
-            asked = function._hypothesis_internal_use_settings
-            function._hypothesis_internal_use_settings = settings(asked, max_examples=10 * asked.max_examples)
+        for law in laws:
+            asked = law._hypothesis_internal_use_settings
+            law._hypothesis_internal_use_settings = settings(asked, max_examples=10 * asked.max_examples)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
