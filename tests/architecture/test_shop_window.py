@@ -43,8 +43,8 @@ PUBLIC = {
         KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
     """,
     "results": """
-        ActiveSide BodyPairSafety Certificate Diagnosis JoinedTrajectory Multipliers PairReport SafetyReport
-        Stationarity Step Verification
+        ActiveSide BodyPairSafety Certificate Diagnosis Iterate JoinedTrajectory Multipliers PairReport SafetyReport
+        Stationarity Verification
     """,
     "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",

@@ -7,7 +7,7 @@ the set when one term is repeated at all of its points, or at all but the first 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,17 +16,17 @@ from pyomo.core.base.expression import Expression
 from pyomo.core.base.initializer import ConstantInitializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import native_types
+from pyomo.core.expr import MonomialTermExpression, NegationExpression, ProductExpression, SumExpression
+from pyomo.core.expr.numvalue import native_types, value
 from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.errors import TranscriptionError
 
-from .expressions import repeated_times, variables_in
-from .structure import Spot, axes_of, axis_on
+from .structure import Spot, axes_of, axis_on, variables_in
 
 
 @dataclass(frozen=True)
-class Suspect:
+class PossibleSum:
     """An expression at several points of the set whose rule can be run again."""
 
     component: Any
@@ -37,19 +37,19 @@ class Suspect:
     def check(self, domain: Any) -> None:
         """Raise a `TranscriptionError` when the rule now says something else."""
         try:
-            answer = self.component._rule(self.component.parent_block(), self.index)
+            result = self.component._rule(self.component.parent_block(), self.index)
         except Exception as error:
             raise TranscriptionError(
                 f"'{self.component.name}': holds variables at several points of '{domain.name}', and its rule fails "
                 f"now that the set has more: {type(error).__name__}: {error}"
             ) from error
-        parts = answer if isinstance(answer, (tuple, list)) else (answer,)
+        parts = result if isinstance(result, (tuple, list)) else (result,)
         parts = [part for part in parts if part.__class__ in native_types or hasattr(part, "is_expression_type")]
-        if {id(each) for part in parts for each in variables_in(part, self.leaves)} - self.variables:
+        if {id(variable) for part in parts for variable in variables_in(part, self.leaves)} - self.variables:
             raise _refusal(self.component, self.index, domain)
 
 
-def find_suspects(spots: list[Spot], domain: Any) -> list[Suspect]:
+def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
     """What has to be looked at again after the set has grown.
 
     Raises
@@ -62,25 +62,25 @@ def find_suspects(spots: list[Spot], domain: Any) -> list[Suspect]:
     # Expressions of their own are looked at by themselves.
     named = [spot.component for spot in spots if spot.component.ctype in (Integral, Expression)]
     leaves = frozenset(id(data) for component in named for data in component.values())
-    suspects = []
+    possible_sums = []
     for spot in spots:
         if spot.component.ctype not in (Objective, Constraint, Expression) or isinstance(spot.component, Integral):
             continue
         if spot.component.is_reference():
             continue
         axis = axis_on(spot.component, domain)
-        around = {time for each, time in spot.outer if each is domain}
+        around = {time for outer, time in spot.outer if outer is domain}
         for index, data in spot.component.items():
             own = around if axis is None else {axis.time(index)}
             variables = list(variables_in(data.expr, leaves))
-            times = {place[id(each)][1] for each in variables if id(each) in place}
+            times = {place[id(variable)][1] for variable in variables if id(variable) in place}
             if len(times | own) < 2:
                 continue
             if _can_be_asked(spot.component):
-                suspects.append(Suspect(spot.component, index, frozenset(map(id, variables)), leaves))
+                possible_sums.append(PossibleSum(spot.component, index, frozenset(map(id, variables)), leaves))
             elif _covers(repeated_times(data.expr, place, leaves), points):
                 raise _refusal(spot.component, index, domain)
-    return suspects
+    return possible_sums
 
 
 def _places(spots: list[Spot], domain: Any) -> Iterator[tuple[int, tuple[Any, float]]]:
@@ -89,8 +89,8 @@ def _places(spots: list[Spot], domain: Any) -> Iterator[tuple[int, tuple[Any, fl
             continue
         axes = axes_of(spot.component)
         for index, data in spot.component.items():
-            for each, time in spot.points(index, axes):
-                if each is domain:
+            for along, time in spot.points(index, axes):
+                if along is domain:
                     yield id(data), (spot.family(index, axes, domain), time)
 
 
@@ -101,7 +101,7 @@ def _can_be_asked(component: Any) -> bool:
 
 
 def _covers(times: set[float], points: tuple[float, ...]) -> bool:
-    return len(times) > 1 and times >= min(set(points[1:]), set(points[:-1]), key=lambda each: len(each - times))
+    return len(times) > 1 and times >= min(set(points[1:]), set(points[:-1]), key=lambda inner: len(inner - times))
 
 
 def _refusal(component: Any, index: Any, domain: Any) -> TranscriptionError:
@@ -112,3 +112,62 @@ def _refusal(component: Any, index: Any, domain: Any) -> TranscriptionError:
         "mesh build it after the transformation; for a sum over chosen points, such as times of measurements, give "
         "it a function, rule=..., that sums over those."
     )
+
+
+def repeated_times(expression: Any, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]) -> set[float]:
+    """Times at which the same term comes again and again in one sum: what a sum over a set looks like afterwards.
+
+    Parameters
+    ----------
+    place : mapping of the id of a variable to (family, time)
+        Terms are the same when they differ in times, and in the size of numbers, only.
+    """
+    reader = _Reader(place, leaves)
+    reader.read(expression)
+    return reader.repeated
+
+
+class _Reader:
+    def __init__(self, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]) -> None:
+        self._place, self._leaves = place, leaves
+        self.repeated: set[float] = set()
+
+    def read(self, part: Any) -> tuple[Any, frozenset[float]]:
+        """What a term is up to times and sizes, None for a number; and its times."""
+        if part.__class__ in native_types or not part.is_potentially_variable():
+            return None, frozenset()
+        if id(part) in self._leaves or not part.is_expression_type():
+            family, time = self._place.get(id(part), (id(part), None))
+            return family, frozenset() if time is None else frozenset([time])
+        read = [self.read(argument) for argument in part.args]
+        times = frozenset().union(*(found for _, found in read))
+        terms = [term for term, _ in read if term is not None]
+        if isinstance(part, SumExpression):
+            self._compare(read)
+        elif isinstance(part, (ProductExpression, MonomialTermExpression, NegationExpression)) and len(terms) == 1:
+            return (("-", terms[0]) if self._negative(part) else terms[0]), times
+        elif part.is_named_expression_type():
+            return terms[0] if terms else None, times
+        if len(terms) == 1 and isinstance(part, SumExpression):
+            return terms[0], times
+        return (type(part).__name__, tuple(term for term, _ in read)), times
+
+    def _compare(self, read: list[tuple[Any, frozenset[float]]]) -> None:
+        found: dict[Any, set[frozenset[float]]] = {}
+        for term, times in read:
+            if term is not None and times:
+                found.setdefault(term, set()).add(times)
+        for different in found.values():
+            if len(different) > 1:
+                self.repeated |= frozenset().union(*different)
+
+    @staticmethod
+    def _negative(part: Any) -> bool:
+        if isinstance(part, NegationExpression):
+            return True
+        numbers = [
+            argument
+            for argument in part.args
+            if argument.__class__ in native_types or not argument.is_potentially_variable()
+        ]
+        return any((value(argument, exception=False) or 0) < 0 for argument in numbers)

@@ -1,4 +1,4 @@
-"""Where nothing is: points of a set that are no collocation points, but for states.
+"""Values that are absent: at points that are no collocation points, only states have one.
 
 Equations hold at collocation points. At the other points of the grid, the first for Radau and every element boundary
 for Gauss, states have a value and nothing else has:
@@ -19,20 +19,14 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
-from pyomo.mpec import Complementarity as MpecComplementarity
 
-from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
-from .derivatives import rows_of, state_ids
-from .expressions import variables_in
 from .record import Discretisation
-from .structure import Spot, axes_of
-
-PAIRS = (Complementarity, MpecComplementarity)
+from .structure import PAIRS, Spot, axes_of, variables_of
 
 
-class Absence:
+class AbsentValues:
     """What has no place on the grids of a model's discretised sets.
 
     Parameters
@@ -44,12 +38,18 @@ class Absence:
 
     def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
         self._spots = spots
-        self._done = {id(each.domain): each for each in discretisations}
-        self._points = {key: frozenset(each.grid.points) for key, each in self._done.items()}
-        self._states = {key: state_ids(each) for key, each in self._done.items()}
-        self._generated = {id(rows) for each in self._done.values() for rows in rows_of(each)}
+        self._discretisations = {id(discretisation.domain): discretisation for discretisation in discretisations}
+        self._points = {
+            key: frozenset(discretisation.grid.points) for key, discretisation in self._discretisations.items()
+        }
+        self._states = {key: discretisation.state_ids() for key, discretisation in self._discretisations.items()}
+        self._generated = {
+            id(rows)
+            for discretisation in self._discretisations.values()
+            for rows in discretisation.generated_constraints()
+        }
         self._absent: dict[int, tuple[Any, Any, float]] = {}
-        self._held: dict[int, Any] = {}  # derivatives that the user fixed where nothing else is
+        self._fixed: dict[int, Any] = {}  # derivatives that the user fixed where nothing else is
         self._along: set[Any] | None = None
         self._find()
 
@@ -75,11 +75,11 @@ class Absence:
                     if not data.fixed or data.value is None:
                         self._absent[id(data)] = (data, domain, time)
                     elif isinstance(component, DerivativeVar):
-                        self._held[id(data)] = data
+                        self._fixed[id(data)] = data
 
     # ---------------------------------------------------------------- rows
 
-    def silence(self, silenced: list[Any]) -> None:
+    def deactivate_rows(self, deactivated: list[Any]) -> None:
         """Deactivate the rows and pairs that do not hold, and put them on the list; delete the generated ones.
 
         Raises
@@ -97,8 +97,12 @@ class Absence:
                 if not data.active:
                     continue
                 outside = self._outside(spot.points(index, axes))
-                variables = [] if generated and outside is None and len(self._done) == 1 else list(variables_of(data))
-                absent = next((each for each in variables if id(each) in self._absent), None)
+                variables = (
+                    []
+                    if generated and outside is None and len(self._discretisations) == 1
+                    else list(variables_of(data))
+                )
+                absent = next((variable for variable in variables if id(variable) in self._absent), None)
                 if generated:
                     if absent is not None:
                         del component[index]
@@ -108,10 +112,10 @@ class Absence:
                     seen.update(map(id, variables))
                 elif absent is not None or self._follows(data, spot.family(index, axes), outside):
                     data.deactivate()
-                    silenced.append(data)
+                    deactivated.append(data)
                 else:
                     seen.update(map(id, variables))
-        self._check_held(seen)
+        self._check_fixed(seen)
         self._check_equations(seen)
 
     def _follows(self, data: Any, family: Any, outside: tuple[Any, float]) -> bool:
@@ -119,7 +123,7 @@ class Absence:
         domain, time = outside
         if data.ctype in PAIRS:
             return True
-        if data.ctype is not Constraint or not data.equality or time == self._done[id(domain)].grid.times[0]:
+        if data.ctype is not Constraint or not data.equality or time == self._discretisations[id(domain)].grid.times[0]:
             return False
         if self._along is None:
             self._along = {
@@ -135,7 +139,7 @@ class Absence:
 
     def _refusal(self, data: Any, absent: Any) -> TranscriptionError:
         _, domain, time = self._absent[id(absent)]
-        scheme = self._done[id(domain)].grid.scheme
+        scheme = self._discretisations[id(domain)].grid.scheme
         return TranscriptionError(
             f"'{data.name}': holds '{absent.name}', but {scheme.name} has no collocation point at "
             f"{domain.local_name} = {time:g}: only states have a value there. Leave that point out, write an Integral "
@@ -145,10 +149,10 @@ class Absence:
 
     # ---------------------------------------------------------------- checks
 
-    def _check_held(self, seen: set[int]) -> None:
-        for key, data in self._held.items():
+    def _check_fixed(self, seen: set[int]) -> None:
+        for key, data in self._fixed.items():
             component = data.parent_component()
-            if key not in seen and not all(each.fixed for each in component.values()):
+            if key not in seen and not all(point.fixed for point in component.values()):
                 raise TranscriptionError(
                     f"'{data.name}': is fixed, but every row that holds it holds an algebraic or control as well, "
                     "which has no value at that point. State the condition in states alone, or choose lobatto."
@@ -156,9 +160,9 @@ class Absence:
 
     def _check_equations(self, seen: set[int]) -> None:
         """A derivative that has an equation somewhere needs one at every collocation point."""
-        for done in self._done.values():
-            states = self._states[id(done.domain)]
-            for _, derivative in done.derivatives:
+        for discretisation in self._discretisations.values():
+            states = self._states[id(discretisation.domain)]
+            for _, derivative in discretisation.derivatives:
                 missing, found = None, False
                 for data in derivative.values():
                     if id(data) in seen:
@@ -168,27 +172,15 @@ class Absence:
                 if found and missing is not None:
                     raise TranscriptionError(
                         f"'{missing.name}': has no equation, though the same derivative has one at other points. Index "
-                        f"the constraint by '{done.domain.local_name}' itself and not by a list of its points."
+                        f"the constraint by '{discretisation.domain.local_name}' itself, not by a list of its points."
                     )
 
     # ---------------------------------------------------------------- variables
 
-    def void(self) -> list[tuple[Any, float | None]]:
+    def clear_variables(self) -> list[tuple[Any, float | None]]:
         """Fix to None what has no value; returns the variables with the values that they had."""
-        voided = [(data, data.value) for data, _, _ in self._absent.values()]
-        for data, _ in voided:
+        cleared = [(data, data.value) for data, _, _ in self._absent.values()]
+        for data, _ in cleared:
             data.fix(None, skip_validation=True)
             data.stale = True
-        return voided
-
-
-def variables_of(data: Any) -> Iterable[Any]:
-    """Every variable of a row, an objective, an expression or a pair."""
-    if data.ctype is MpecComplementarity:
-        sides = data._args or ()
-    elif data.ctype is Complementarity:
-        sides = data.args
-    else:
-        sides = (data.expr,)
-    for side in sides:
-        yield from variables_in(side)
+        return cleared
