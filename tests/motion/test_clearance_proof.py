@@ -222,6 +222,7 @@ def test_shapes_without_end() -> None:
     assert not check(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
 
 
+@pytest.mark.heavy
 def test_nothing_is_gained_along_a_wall_without_end() -> None:
     """Far from the corner of its description, a normal that leans over the wall by rounding measures too much."""
     for seed in range(60):

@@ -49,6 +49,7 @@ def test_bodies_are_where_the_polynomials_of_the_scheme_say(case: str) -> None:
     assert truck.translation == pytest.approx(np.column_stack([9 + 0 * time, -time]), abs=1e-9)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("case", CASES)
 def test_a_block_draws_and_animates_itself(case: str, tmp_path: Path) -> None:
     m = model(case)

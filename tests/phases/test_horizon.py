@@ -31,6 +31,7 @@ def double_integrator(b: Any, t: float) -> dict[Any, Any]:
     return {b.x: b.v[t], b.v: b.u[t]}
 
 
+@pytest.mark.ipopt
 @pytest.mark.parametrize("elements", [2, 3, 5])
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 1.0), (-2.0, 1.0), (-0.5, 1.0)])
 def test_the_switch_of_a_minimum_time_plan_falls_on_an_element_end(elements: int, low: float, high: float) -> None:
@@ -46,12 +47,14 @@ def test_the_switch_of_a_minimum_time_plan_falls_on_an_element_end(elements: int
     assert verdict.horizon_error < 1e-6
 
 
+@pytest.mark.ipopt
 def test_on_a_mesh_that_stands_still_the_same_plan_is_worse() -> None:
     least = math.sqrt(3.0)
     still = rcp.solve(rest_to_rest(5, -2, 1, moving=None)).objective
     assert still > least + 1e-3
 
 
+@pytest.mark.ipopt
 def test_elements_keep_within_their_factors() -> None:
     m = rest_to_rest(4, -2, 1, moving=(0.7, 1.4))
     assert rcp.solve(m).solved
@@ -78,6 +81,7 @@ def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
     np.testing.assert_allclose(b.trajectory().time, clocks)
 
 
+@pytest.mark.ipopt
 def test_a_free_start_waits_for_the_best_moment() -> None:
     # The wind blows as (t - 4)^2: a ride of length 2 is cheapest around 4.
     m = pyo.ConcreteModel()
@@ -93,6 +97,7 @@ def test_a_free_start_waits_for_the_best_moment() -> None:
     assert trajectory.verify().largest_violation < 1e-7
 
 
+@pytest.mark.ipopt
 def test_a_phase_can_start_where_another_ends() -> None:
     m = pyo.ConcreteModel()
     m.first = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 2), guess=1), elements=3)
@@ -110,6 +115,7 @@ def test_a_phase_can_start_where_another_ends() -> None:
     assert pyo.value(m.second.clock(0.0)) == 2.0
 
 
+@pytest.mark.ipopt
 def test_moving_phases_clone_and_pickle() -> None:
     m = rest_to_rest(3, -2, 1)
     for copy in (m.clone(), pickle.loads(pickle.dumps(m))):
