@@ -1,4 +1,4 @@
-"""The numbered formulas on certificates and on planning in rounds, evaluated against the code."""
+"""The numbered formulas on separations and on planning in rounds, evaluated against the code."""
 
 from __future__ import annotations
 

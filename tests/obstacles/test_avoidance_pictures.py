@@ -28,7 +28,7 @@ def model(case: str, **options) -> pyo.ConcreteModel:
     b.steering = rcp.Control(guess=lambda t: scale * t)
     b.ode(lambda b, t: {b.x: 2 * scale * t, b.theta: b.steering[t]})
     bodies = {"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], 0, b.theta[t]))}
-    obstacles = {"wall": WALL, "truck": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(9, -b.clock(t)))}
+    obstacles = {"wall": WALL, "truck": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(9, -b.time_at(t)))}
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time, **{"bodies": bodies, "obstacles": obstacles, "clearance": 0.1, **options}
     )

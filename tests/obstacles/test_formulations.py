@@ -82,7 +82,7 @@ def test_optimality_conditions_reproduce_the_fixed_clearance_of_the_seed():
         assert pyo.value(avoid.gap[index].body) == pytest.approx(wanted, abs=1e-15)
 
 
-# In the plane, of 4 corners or sides each: (variables, rows) per certificate.
+# In the plane, of 4 corners or sides each: (variables, rows) per separation.
 SIZES = {"plane": (3, 9), "dual": (8, 4), "mixed": (4, 5), "offset": (8, 4), "optimality": (18, 11)}
 
 

@@ -68,11 +68,11 @@ def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
     """With boundaries put anywhere, integrals and the clock are those of the moved mesh."""
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=3.0, start=1.0, elements=4, scheme=scheme, moving=(0.2, 3))
-    cost = b.integral(lambda b, t: b.clock(t))
+    cost = b.integral(lambda b, t: b.time_at(t))
     for each, fraction in zip(b.boundary.values(), [0, 0.1, 0.35, 0.8, 1.0], strict=True):
         each.set_value(fraction)
     assert pyo.value(cost) == pytest.approx((4.0**2 - 1.0) / 2, rel=1e-12 if scheme != "explicit" else 0.2)
-    clocks = [pyo.value(b.clock(t)) for t in b.time]
+    clocks = [pyo.value(b.time_at(t)) for t in b.time]
     assert clocks == sorted(clocks)
     assert clocks[0] == 1.0
     assert clocks[-1] == pytest.approx(4.0)
@@ -89,7 +89,7 @@ def test_a_free_start_waits_for_the_best_moment() -> None:
     b.x = rcp.State(initial=0, final=1)
     b.u = rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t]})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + (b.clock(t) - 4) ** 2))
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + (b.time_at(t) - 4) ** 2))
     assert rcp.solve(m).solved
     assert m.p.start.value == pytest.approx(3.0, abs=1e-6)
     trajectory = b.trajectory()
@@ -104,15 +104,15 @@ def test_a_phase_can_start_where_another_ends() -> None:
     m.second = rcp.PhaseBlock(duration=1.0, start=m.first.duration + 0.5, elements=3)
     for b in (m.first, m.second):
         b.x = rcp.State(initial=0)
-        b.ode(lambda b, t: {b.x: b.clock(t)})
+        b.ode(lambda b, t: {b.x: b.time_at(t)})
     m.first.duration.fix(1.5)
     m.cost = pyo.Objective(expr=0.0 * m.first.x[1.0])
     assert rcp.solve(m).solved
     assert m.second.x[1.0].value == pytest.approx((3.0**2 - 2.0**2) / 2)
     copy = m.clone()
     copy.first.duration.fix(0.5)
-    assert pyo.value(copy.second.clock(0.0)) == 1.0
-    assert pyo.value(m.second.clock(0.0)) == 2.0
+    assert pyo.value(copy.second.time_at(0.0)) == 1.0
+    assert pyo.value(m.second.time_at(0.0)) == 2.0
 
 
 @pytest.mark.ipopt
