@@ -203,10 +203,10 @@ def test_what_cannot_be_changed_is_refused_and_changes_nothing(ask, message):
     m = turning_move(elements=2, height=3)
     avoid = avoiding(m)
     avoid.initialize()
-    before = [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
+    before = [(variable.name, pyo.value(variable)) for variable in avoid.component_data_objects(pyo.Var)]
     with pytest.raises(rcp.errors.ObstacleError, match=message):
         ask(avoid)
-    assert before == [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
+    assert before == [(variable.name, pyo.value(variable)) for variable in avoid.component_data_objects(pyo.Var)]
 
 
 def test_a_separation_of_one_time_cannot_be_split():
