@@ -64,13 +64,13 @@ class Recovery:
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
         self._guess = VariableValues.of_free(model)
-        self._sides = {block: dict(block.record.sides) for block in blocks}
+        self._sides = {block: dict(block.record.directions) for block in blocks}
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start; the caller stops asking when a plan is good enough."""
         yield self._from_guess
         # Where no certificate takes part, obstacles are not what makes the rest infeasible.
-        if not any(block.planes for block in self._blocks):
+        if not any(block.separations for block in self._blocks):
             return
         formulations = [block.record.formulation for block in self._blocks]
         if self._has_a_way_around():
@@ -91,7 +91,7 @@ class Recovery:
             region.margin.store_values(dict.fromkeys(region.times, 0.0))
         for block in self._blocks:
             clear_margins(block)
-            block.initialize(sides={**self._sides[block], **(sides or {}).get(block, {})})
+            block.initialize(directions={**self._sides[block], **(sides or {}).get(block, {})})
 
     def _from_guess(self) -> SolveResult:
         self._start()
@@ -161,13 +161,13 @@ class Recovery:
         gaps = {
             (block, index): gap - value(block.required[index])
             for block in self._blocks
-            for index, gap in block.certificate_gaps().items()
+            for index, gap in block.separation_gaps().items()
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
         at_last_point = _normal(block, first, second, start)
         self._start()
         # The broad phase may leave out at the guess what is in the way now.
-        normal = _normal(block, first, second, start) if (first, second, start) in block.planes else at_last_point
+        normal = _normal(block, first, second, start) if (first, second, start) in block.separations else at_last_point
         parts = block.record.scene.parts
         return block, (parts[first].body, parts[second].body), normal
 
@@ -178,7 +178,7 @@ def _normal(block: ObstacleAvoidanceBlockData, first: str, second: str, start: A
 
 def clear_margins(block: ObstacleAvoidanceBlockData) -> None:
     """Forget what another motion asked for."""
-    for index in block.planes:
+    for index in block.separations:
         block.margin[index] = 0.0
 
 

@@ -59,7 +59,7 @@ def advice_on_motion(safety: SafetyReport) -> str:
         return "The motion keeps its clearances, but is not feasible."
     return (
         f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give a guess that is clear of "
-        "obstacles, say on which side to pass by initialize(sides=...), refine the mesh, or ask for less clearance. "
+        "obstacles, say where to pass by initialize(directions=...), refine the mesh, or ask for less clearance. "
         "With between=None nothing is asked between the points. There may be no such motion."
     )
 

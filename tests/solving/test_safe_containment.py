@@ -100,7 +100,7 @@ def test_blocks_with_the_same_names_are_tightened_each_by_its_own_report() -> No
     result = rcp.solve(m)
     assert result.safe
     assert len(result.rounds) > 1
-    sagging = max(pyo.value(b.near.margin[index]) for index in b.near.planes)
+    sagging = max(pyo.value(b.near.margin[index]) for index in b.near.separations)
     assert sagging > 0
     # The far one is asked for its own sag only; what the near one missed would add 0.027.
-    assert max(pyo.value(b.far.margin[index]) for index in b.far.planes) < 0.01
+    assert max(pyo.value(b.far.margin[index]) for index in b.far.separations) < 0.01

@@ -55,7 +55,7 @@ def test_started_certificates_prove_the_exact_distance_wherever_shapes_are_apart
     m = model(formulation, shape)
     poses_of(m, poses)
     m.move.avoid.initialize()
-    gaps = m.move.avoid.certificate_gaps()
+    gaps = m.move.avoid.separation_gaps()
     for (_, _, time), proven in gaps.items():
         (distance,) = exact(m.move, ARROW, SHAPES[shape], [time])
         # 1e-9 of the scene's size: both numbers are differences of coordinates up to 5.
@@ -76,18 +76,18 @@ def test_no_normal_of_a_plane_proves_more_than_the_distance(between, shape, pose
     m = model("plane", shape, between)
     poses_of(m, poses)
     avoid = m.move.avoid
-    for index in avoid.planes:
+    for index in avoid.separations:
         avoid.normal[(*index, 0)].set_value(length * np.cos(angle), skip_validation=True)
         avoid.normal[(*index, 1)].set_value(length * np.sin(angle), skip_validation=True)
-    for index, proven in avoid.certificate_gaps().items():
-        assert proven <= min(exact(m.move, ARROW, SHAPES[shape], avoid.record.pieces[index].times)) + 1e-8
+    for index, proven in avoid.separation_gaps().items():
+        assert proven <= min(exact(m.move, ARROW, SHAPES[shape], avoid.record.segments[index].times)) + 1e-8
 
 
 def test_a_normal_of_zero_proves_nothing():
     avoid = model("plane", "box").move.avoid
     for entry in avoid.normal.values():
         entry.set_value(0.0)
-    assert set(avoid.certificate_gaps().values()) == {-float("inf")}
+    assert set(avoid.separation_gaps().values()) == {-float("inf")}
 
 
 @settings(max_examples=30)
@@ -99,25 +99,25 @@ def test_rows_hold_what_the_corners_say(poses, margin, scale):
     avoid.initialize()
     avoid.scale_clearance(scale)
     try:
-        for index in avoid.planes:
+        for index in avoid.separations:
             avoid.set_margin(*index, margin)
             normal = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
             offset = avoid.offset[index].value
-            for time in avoid.record.pieces[index].times:
+            for time in avoid.record.segments[index].times:
                 corners = ARROW.placed(placed(m.move, time)).vertices
                 for number, corner in enumerate(corners):
-                    row = avoid.first_side[(*index, time, number)]
+                    row = avoid.first_shape[(*index, time, number)]
                     wanted = normal @ corner - offset - 0.05 * scale - margin
                     assert pyo.value(row.body) == pytest.approx(wanted, abs=1e-12)
                     assert (row.lb, row.ub) == (0, None)
-            start = avoid.record.pieces[index].times[0]
+            start = avoid.record.segments[index].times[0]
             for number, corner in enumerate(SHAPES["triangle"].vertices):
-                row = avoid.second_side[(*index, start, number)]
+                row = avoid.second_shape[(*index, start, number)]
                 assert pyo.value(row.body) == pytest.approx(normal @ corner - offset, abs=1e-12)
                 assert (row.lb, row.ub) == (None, 0)
     finally:
         avoid.scale_clearance(1)
-        for index in avoid.planes:
+        for index in avoid.separations:
             avoid.set_margin(*index, 0)
 
 
@@ -138,8 +138,8 @@ def test_poses_at_a_moving_obstacle_and_between_bodies_are_both_turned():
     truck = rcp.Body(WALL, pose=lambda b, t: rcp.planar_pose(2 * t, -1.5, 0.3 * t))
     avoid = avoiding(m, obstacles={"truck": truck})
     avoid.initialize()
-    for index, proven in avoid.certificate_gaps().items():
-        times = avoid.record.pieces[index].times
+    for index, proven in avoid.separation_gaps().items():
+        times = avoid.record.segments[index].times
         found = [
             rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, t), rcp.planar_pose(2 * t, -1.5, 0.3 * t)).distance
             for t in times

@@ -1,4 +1,4 @@
-"""What changes between solves: pieces, what was pruned, margins, norms, slack."""
+"""What changes between solves: segments, what was pruned, margins, norms, slack."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ def test_splitting_keeps_the_whole_motion_covered(choices):
     avoid = avoiding(m)
     avoid.initialize()
     for choice in choices:
-        before = list(avoid.planes)
+        before = list(avoid.separations)
         index = before[choice % len(before)]
         avoid.set_margin(*index, 0.01)
         left, right = avoid.split(*index)
         assert pyo.value(avoid.margin[left]) == pyo.value(avoid.margin[right]) == 0.01
-        assert set(avoid.planes) == (set(before) - {index}) | {left, right}
-    pieces = avoid.record.pieces_of("arrow", "wall")
-    assert pieces[0].times[0] == 0.0
-    assert pieces[-1].times[-1] == 1.0
-    for before, after in itertools.pairwise(pieces):
+        assert set(avoid.separations) == (set(before) - {index}) | {left, right}
+    segments = avoid.record.segments_of("arrow", "wall")
+    assert segments[0].times[0] == 0.0
+    assert segments[-1].times[-1] == 1.0
+    for before, after in itertools.pairwise(segments):
         assert before.times[-1] == after.times[0]
-    # Rows, variables and pieces tell of the same certificates.
+    # Rows, variables and segments tell of the same certificates.
     for component in (avoid.offset, avoid.required, avoid.unit):
-        assert set(component) == set(avoid.planes) == set(avoid.record.pieces)
-    assert {key[:3] for key in avoid.first_side} == set(avoid.planes)
-    gaps = avoid.certificate_gaps()
+        assert set(component) == set(avoid.separations) == set(avoid.record.segments)
+    assert {key[:3] for key in avoid.first_shape} == set(avoid.separations)
+    gaps = avoid.separation_gaps()
     assert min(gaps.values()) > 0
-    # Where a piece was cut, its pose is that of the collocation polynomial.
+    # Where a segment was cut, its pose is that of the collocation polynomial.
     trajectory = m.move.trajectory()
     for (body, time), pose in avoid.record.poses.items():
         if body == "arrow":
@@ -56,28 +56,28 @@ def test_splitting_never_raises_the_cost_nor_costs_safety():
     avoid.initialize()
     solve_once(m)
     before = pyo.value(m.effort)
-    for index in list(avoid.planes):
+    for index in list(avoid.separations):
         avoid.split(*index)
     solve_once(m)
     assert pyo.value(m.effort) <= before * (1 + 1e-7)
-    assert min(avoid.certificate_gaps().values()) >= 0.05 - 1e-6
+    assert min(avoid.separation_gaps().values()) >= 0.05 - 1e-6
 
 
 def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     m = turning_move(elements=4, height=3)
     avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
     avoid.initialize()
-    assert not any(second == "far" for _, second, _ in avoid.planes)
+    assert not any(second == "far" for _, second, _ in avoid.separations)
     record = avoid.record
-    for piece in record.pruned.values():
-        shape = FAR[piece.second]
-        assert min(exact(m.move, ARROW, shape, piece.times)) > 2.0
-    assert len(record.pieces) + len(record.pruned) == 2 * 4
+    for segment in record.pruned.values():
+        shape = FAR[segment.second]
+        assert min(exact(m.move, ARROW, shape, segment.times)) > 2.0
+    assert len(record.segments) + len(record.pruned) == 2 * 4
     (index,) = avoid.restore("far", "arrow", 2)
     assert index == ("arrow", "far", m.move.grid.mesh.boundaries[2])
-    assert avoid.certificate_gaps()[index] > 2.0
+    assert avoid.separation_gaps()[index] > 2.0
     avoid.initialize()
-    assert index in avoid.planes
+    assert index in avoid.separations
     assert avoid.restore("arrow", "far", 2) == []
     # All pairs are judged, those left out as well.
     assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
@@ -89,10 +89,10 @@ def test_broad_phase_follows_the_guess():
     m.move.y.set_values(dict.fromkeys(m.move.time, 19.0), skip_validation=True)
     m.move.y.unfix()
     avoid.initialize()
-    assert {second for _, second, _ in avoid.planes} == {"far"}
+    assert {second for _, second, _ in avoid.separations} == {"far"}
     m.move.y.set_values(dict.fromkeys(m.move.time, 100.0), skip_validation=True)
     avoid.initialize()
-    assert len(avoid.planes) == len(avoid.first_side) == len(avoid.normal) == 0
+    assert len(avoid.separations) == len(avoid.first_shape) == len(avoid.normal) == 0
 
 
 def test_slack_needs_a_measure_of_depth():
@@ -112,10 +112,10 @@ def test_margins_and_scaled_clearances_are_kept_as_asked(formulation):
     avoid = avoiding(m, formulation=formulation)
     avoid.initialize()
     avoid.scale_clearance(0.5)
-    for index in avoid.planes:
+    for index in avoid.separations:
         avoid.set_margin(*index, 0.1)
     solve_once(m)
-    gaps = avoid.certificate_gaps()
+    gaps = avoid.separation_gaps()
     assert min(gaps.values()) >= 0.125 - 1e-6
     assert formulation == "offset" or min(gaps.values()) == pytest.approx(0.125, abs=1e-5)
 
@@ -161,14 +161,14 @@ def test_softened_blocks_say_what_is_missing():
     m.least = pyo.Objective(expr=m.avoid.softness)
     pyo.SolverFactory("ipopt").solve(m)
     depth = -rcp.geometry.signed_distance(ARROW, box, rcp.planar_pose(2.5, 0)).distance
-    for index in m.avoid.planes:
+    for index in m.avoid.separations:
         assert m.avoid.slack[index].value == pytest.approx(depth + 0.1, abs=1e-6)
     assert pyo.value(m.least) == pytest.approx(2 * 3 * (depth + 0.1), rel=1e-6)
-    required = {index: pyo.value(m.avoid.required[index]) for index in m.avoid.planes}
+    required = {index: pyo.value(m.avoid.required[index]) for index in m.avoid.separations}
     m.avoid.harden()
     assert len(m.avoid.slack) == 0
     assert pyo.value(m.avoid.softness) == 0
-    for index in m.avoid.planes:
+    for index in m.avoid.separations:
         assert pyo.value(m.avoid.required[index]) == pytest.approx(0.1) != required[index]
 
 
@@ -177,26 +177,26 @@ def test_split_and_restored_certificates_are_soft_too():
     avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
     avoid.initialize()
     avoid.soften()
-    avoid.split(*next(iter(avoid.planes)))
+    avoid.split(*next(iter(avoid.separations)))
     avoid.restore("arrow", "far", 0)
-    assert set(avoid.slack) == set(avoid.planes)
+    assert set(avoid.slack) == set(avoid.separations)
     for slack in avoid.slack.values():
         slack.set_value(1.0)
-    assert pyo.value(avoid.softness) == len(avoid.planes)
+    assert pyo.value(avoid.softness) == len(avoid.separations)
 
 
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda a: a.split("arrow", "wall", 0.123), "no certificate"),
+        (lambda a: a.split("arrow", "wall", 0.123), "no separation"),
         (lambda a: a.set_margin("arrow", "wall", 0.0, -1), "margin"),
         (lambda a: a.set_norm("cube"), "'cube'.*'ball' and 'sphere'"),
         (lambda a: a.scale_clearance(0), "factor"),
         (lambda a: a.soften(-1), "weight"),
         (lambda a: a.restore("arrow", "nobody", 0), "'nobody'"),
-        (lambda a: a.initialize(sides={("arrow", "nobody"): (0, 1)}), "'nobody'"),
-        (lambda a: a.initialize(sides={("arrow", "wall"): (0, 0)}), "not all zero"),
-        (lambda a: a.initialize(sides={("arrow", "wall"): (0, 0, 1)}), "expected 2 numbers"),
+        (lambda a: a.initialize(directions={("arrow", "nobody"): (0, 1)}), "'nobody'"),
+        (lambda a: a.initialize(directions={("arrow", "wall"): (0, 0)}), "not all zero"),
+        (lambda a: a.initialize(directions={("arrow", "wall"): (0, 0, 1)}), "expected 2 numbers"),
     ],
 )
 def test_what_cannot_be_changed_is_refused_and_changes_nothing(ask, message):
@@ -217,8 +217,8 @@ def test_a_certificate_of_one_time_cannot_be_split():
 
 
 def normals_along_time(avoid):
-    pieces = avoid.record.pieces_of("arrow", "wall")
-    return np.array([[avoid.normal[(*piece.index, axis)].value for axis in (0, 1)] for piece in pieces])
+    segments = avoid.record.segments_of("arrow", "wall")
+    return np.array([[avoid.normal[(*segment.index, axis)].value for axis in (0, 1)] for segment in segments])
 
 
 @settings(max_examples=20)
@@ -241,7 +241,7 @@ def test_the_user_says_where_to_pass(side, named):
     box = rcp.Polytope.box(0.8, 2, center=(2, 0.1 * side[1]))
     avoid = avoiding(m, obstacles={"wall": box}, between=None)
     toward = side if named == ("arrow", "wall") else (-side[0], -side[1])
-    avoid.initialize(sides={named: toward})
+    avoid.initialize(directions={named: toward})
     solve_once(m)
     middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
     assert m.move.y[middle].value * side[1] > 0.5
