@@ -83,6 +83,7 @@ def test_a_scene_in_space_has_all_faces_and_equal_scales() -> None:
     assert axis.get_title() == "flight"
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("body", [car(), quadrotor()], ids=["plane", "space"])
 def test_an_animation_has_its_frames_and_shows_motion(body: rcp.drawing.BodyPath, tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
