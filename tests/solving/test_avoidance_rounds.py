@@ -19,6 +19,8 @@ from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.planning.recovery import Recovery, softened
 from pyrobocop_pyomo.solving.solve_result import StopReason
 
+pytestmark = pytest.mark.ipopt
+
 box = rcp.Polytope.box
 
 

@@ -234,6 +234,7 @@ def test_nothing_but_values_differs_afterwards(backend: str, strategies: str | N
 
 
 @pytest.mark.parametrize("backend", ["asl", "casadi", "vectorised"])
+@pytest.mark.ctrl_c
 def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     iterations = []
 
