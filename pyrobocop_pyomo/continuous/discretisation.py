@@ -72,7 +72,7 @@ def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -
 
 
 def discretisations_on(root: Any) -> list[Discretisation]:
-    """What was done for each set of a model."""
+    """The discretisations of all sets of a model."""
     return list(discretisations_of(continuous_sets(list(spots(root)))))
 
 
@@ -175,7 +175,7 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
 
 
 def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
-    """Tell pairs their element, their family and their quadrature weight, where the user has not."""
+    """Set the element, the family and the quadrature weight of pairs, where the user has not."""
     elements, weights = discretisation.grid.element_of, discretisation.grid.quadrature_weights
     for spot in found:
         if spot.component.ctype is not Complementarity:
@@ -193,7 +193,7 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
 
 
 class _Strong:
-    """What a variable knows its derivative by: a reference that a pickle can hold and a clone follows."""
+    """The reference from a variable to its derivative: a pickle can hold it, and a clone follows it."""
 
     def __init__(self, component: Any) -> None:
         self.component = component
@@ -238,7 +238,7 @@ def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
 
 
 def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None:
-    """Keep the user's own rules: those of the components are wrapped in the trapezoidal rule.
+    """Keep the user's own rules: pyomo.dae wraps them in the trapezoidal rule.
 
     Raises
     ------
@@ -275,8 +275,8 @@ def integrate(integral: Any, discretisation: Discretisation, record: Discretisat
 
 
 def become_expression(integral: Any) -> None:
-    """An integral whose set is discretised is an expression like any other, as pyomo.dae has it."""
+    """Make an integral whose set is discretised a plain expression, as pyomo.dae does."""
     if integral.ctype is Integral:
         integral.parent_block().reclassify_component_type(integral, Expression)
-    # The wrapped rule has done its work, and no pickle can hold it.
+    # The wrapped rule is not needed any more, and no pickle can hold it.
     integral._rule = None

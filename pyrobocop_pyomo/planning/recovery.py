@@ -1,7 +1,7 @@
 """What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
 
-A wrong side, sides that contradict each other, a plane that has to see too long a step, or a guess deep inside an
-obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: each ends with the full
+A wrong side, sides that contradict each other, a plane that has to see too long a step, or an initial guess deep inside
+an obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: all end with the full
 clearance and hard planes.
 """
 
@@ -198,17 +198,17 @@ def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float
     users = list(model.component_data_objects(Objective, active=True))
     home = blocks[0]
     name = unique_component_name(home, "softened_objective")
-    own = sum(each.expr if each.is_minimizing() else -each.expr for each in users)
+    own = sum(objective.expr if objective.is_minimizing() else -objective.expr for objective in users)
     try:
         for block in blocks:
             block.soften(weight)
         home.add_component(name, Objective(expr=own + sum(block.softness for block in blocks)))
-        for each in users:
-            each.deactivate()
+        for objective in users:
+            objective.deactivate()
         yield
     finally:
-        for each in users:
-            each.activate()
+        for objective in users:
+            objective.activate()
         home.del_component(name)
         for block in blocks:
             block.harden()

@@ -16,7 +16,7 @@ from pyomo.core.expr.visitor import identify_mutable_parameters, identify_variab
 from pyrobocop_pyomo.complementarity import (
     CanonicalForm,
     CanonicalPair,
-    Part,
+    SidePart,
     active_sources,
     canonical_form,
     pair_residuals,
@@ -155,8 +155,10 @@ class ParametricBuilder:
                     held_by_first = True
             # The parts of a free side are zero together: it is held once, and only where no bound of the range is.
             whole = [pair for pair in form.pairs if values[id(pair)].a >= values[id(pair)].b]
-            parts = [pair for pair in whole if pair.b_part is not Part.WHOLE]
-            for pair in [each for each in whole if each.b_part is Part.WHOLE] + ([] if held_by_first else parts[:1]):
+            parts = [pair for pair in whole if pair.b_part is not SidePart.WHOLE]
+            for pair in [each for each in whole if each.b_part is SidePart.WHOLE] + (
+                [] if held_by_first else parts[:1]
+            ):
                 self._hold(pair, pair.b, "second")
 
     def _hold(self, pair: CanonicalPair, side: Any, which: str) -> None:

@@ -1,4 +1,4 @@
-"""The words that stand for relaxations."""
+"""The names of the relaxations."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ RELAXATIONS: dict[str, Callable[[], Any]] = {
 
 
 def as_relaxation(choice: str | Relaxation | ObjectiveTerm) -> Any:
-    """Turn a word such as "scholtes" or "penalty", or a relaxation object, into the object.
+    """Return the relaxation of a name such as "scholtes" or "penalty"; an object is returned as it is.
 
     Raises
     ------
     ValueError
-        If it is neither a known word nor an object that can bound or charge a product.
+        If it is neither a known name nor an object that can bound or penalise a product.
     """
     if isinstance(choice, str):
-        word = choice.replace("_", "-")
-        if word not in RELAXATIONS:
+        name = choice.replace("_", "-")
+        if name not in RELAXATIONS:
             raise ValueError(f"unknown relaxation {choice!r}. Known: {', '.join(map(repr, RELAXATIONS))}.")
-        return RELAXATIONS[word]()
+        return RELAXATIONS[name]()
     if isinstance(choice, type) or not isinstance(choice, (Relaxation, ObjectiveTerm)):
         raise ValueError(
-            f"{choice!r} is no relaxation: it needs the methods residual(a, b, delta) and shift(delta), "
-            "or coefficient(delta). Pass an object or a word."
+            f"{choice!r} is not a relaxation: it needs the methods residual(a, b, delta) and shift(delta), "
+            "or coefficient(delta). Pass an object or a name."
         )
     return choice
