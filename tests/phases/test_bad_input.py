@@ -293,7 +293,7 @@ OPTIONS = {
     "mesh of a free duration": (
         {"mesh": [0, 2], "duration": rcp.Duration(bounds=(1, 2))},
         DeclarationError,
-        "or with moving elements, takes a mesh from 0 to 1",
+        "or with free element widths, takes a mesh from 0 to 1",
     ),
     "scheme": ({"scheme": "euler"}, SchemeError, "unknown scheme 'euler'; known are 'radau'"),
     "stages": ({"stages": 0}, SchemeError, "stages = 0; expected an integer"),

@@ -198,7 +198,7 @@ def test_what_does_not_go_together_is_refused() -> None:
     with pytest.raises(TranscriptionError, match="phase 'r': control 'u' .*the stage at c = 0 has weight 0 .* Choose"):
         m.r.check()
     m.q = rcp.PhaseBlock(duration=2, elements=4, free_element_widths=(0.5, 2))
-    with pytest.raises(DeclarationError, match="knots of its own do not go with moving elements"):
+    with pytest.raises(DeclarationError, match="knots of its own do not go with free element widths"):
         m.q.u = rcp.Control(parametrization="piecewise_constant", knots=[0, 0.5, 1])
     m.p.x = rcp.State()
     with pytest.raises(TranscriptionError, match="phase 'p': 'x' is no control; its controls are none"):
