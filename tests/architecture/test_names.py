@@ -1,18 +1,19 @@
-"""One name, one thing."""
+"""Names: a class name stands for one class in the whole package."""
 
 from __future__ import annotations
 
 import ast
 from collections import defaultdict
+from pathlib import Path
 
-from .sources import folder_trees, nodes
+from .sources import nodes, trees
 
 
 def test_no_class_name_twice() -> None:
-    """Private ones too: who reads a message, a log line or a traceback sees the name only."""
-    homes = defaultdict(list)
-    for path, tree in folder_trees().items():
+    """One word, one meaning: also where the two classes would never meet in one file."""
+    found: defaultdict[str, list[Path]] = defaultdict(list)
+    for path, tree in trees().items():
         for node in nodes(tree, ast.ClassDef):
-            homes[node.name].append(f"{path}, line {node.lineno}")
-    twice = {name: places for name, places in homes.items() if len(places) > 1}
-    assert not twice, "\n".join(f"{name}: {'; '.join(places)}" for name, places in twice.items())
+            found[node.name].append(path)
+    twice = {name: [str(path) for path in paths] for name, paths in found.items() if len(paths) > 1}
+    assert not twice, "\n".join(f"{name}: {', '.join(paths)}" for name, paths in twice.items())
