@@ -131,7 +131,7 @@ def as_phase(elements: int, backend: str, keep_derivatives: bool = False) -> Mea
         inside = sum(step.seconds for step in result.steps)
     ended = time.perf_counter()
     free = sum(not v.fixed for v in m.component_data_objects(pyo.Var))
-    judge = result.judging_seconds
+    judge = result.checking_seconds
     hand_off = ended - built - inside - judge
     return Measured(built - started, None, hand_off, inside, result.objective, result.iterations, free, judge)
 

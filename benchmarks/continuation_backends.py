@@ -29,8 +29,11 @@ from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.catalogue import mpcc_problem
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 from pyrobocop_pyomo.solving.in_process_session import InProcessSession
+from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions, warm_continuation
+from pyrobocop_pyomo.solving.iterates import Iterate
 from pyrobocop_pyomo.solving.relaxed_model import relaxed_model
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
@@ -38,7 +41,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import planar_pushing
 
 PATH = rcp.schedules.Geometric(first=1.0, factor=0.1, last=1e-8)
-OPTIONS = {"max_iter": 500, "bound_relax_factor": 0.0}
+OPTIONS = IpoptOptions(default={"max_iter": 500, "bound_relax_factor": 0.0})
 CATALOGUE = ("kth3", "bard2", "oligopoly 1.1, 60", "crossed qpec 4x12", "gripper", "string over a floor 31",
              "planted qpec 8x30", "membrane 12x12")  # fmt: skip
 MODELS: dict[str, Callable[[], Any]] = {
@@ -66,13 +69,13 @@ class Walk:
         deltas = list(PATH.steps())
         started = time.perf_counter()
         with relaxed_model(model, "scholtes", "pair", deltas[0]) as relaxed:
-            session = (
-                ExecutableSession(relaxed, OPTIONS, ())
-                if derivatives is None
-                else InProcessSession(relaxed, derivatives, OPTIONS, ())
-            )
+            session = ExecutableSession(relaxed) if derivatives is None else InProcessSession(relaxed, derivatives)
             try:
-                runs = [session.run(delta, warm=warm and i > 0) for i, delta in enumerate(deltas)]
+                runs: list[Iterate] = []
+                for delta in deltas:
+                    start = runs[-1] if warm and runs else None
+                    purpose = {} if start is None else warm_continuation(delta)
+                    runs.append(session.run(delta, OPTIONS.resolve(purpose), NO_DEADLINE, start))
             finally:
                 session.close()
         self.seconds = time.perf_counter() - started

@@ -1,9 +1,8 @@
 """Paths of cars among obstacles, as initial guesses: hybrid A* on Reeds-Shepp moves."""
 
-from .car_moves import CarSearch
-from .car_path import CarPath
-from .car_timing import CarTiming
+from .car_path import CarPath, CarTiming
 from .hybrid_a_star import hybrid_a_star
+from .motion_primitives import CarSearch
 
 __all__ = [
     "CarPath",

@@ -2,9 +2,9 @@
 
 Two convex shapes in the plane are as far apart as the widest gap between them along the outward normal of a side of
 either, or along the line through their nearest corners: no other direction need be tried. Between two poses of a
-motion the gap along a *fixed* direction is at least the smaller of both ends less what the corners' arcs rise above
-their chords, so that one direction that is wide enough at both ends proves the whole motion, and no obstacle can be
-jumped over.
+motion the gap along a *fixed* direction is at least the smaller one of both ends, less the deviation of the corners'
+arcs from their chords. One direction that is wide enough at both ends thus proves the whole motion, and no obstacle can
+be jumped over.
 
 Gottschalk, Lin and Manocha, OBBTree: a hierarchical structure for rapid interference detection (1996), for the theorem
 of the separating axis.
@@ -60,10 +60,10 @@ class FreeSpace:
     def around(cls, body: Polytope, obstacles: Sequence[Polytope], clearance: float, scene: float) -> FreeSpace:
         """Free space of a bounded body among obstacles, in a scene of a given size."""
         sides, reaches = _sides(body)
-        every = [_sides(each) for each in obstacles]
-        corners = [_corners(each, scene) for each in obstacles]
-        most = max((len(each) for each in corners), default=0)
-        padded = [np.vstack([each, np.repeat(each[-1:], most - len(each), axis=0)]) for each in corners]
+        every = [_sides(obstacle) for obstacle in obstacles]
+        corners = [_corners(obstacle, scene) for obstacle in obstacles]
+        most = max((len(points) for points in corners), default=0)
+        padded = [np.vstack([points, np.repeat(points[-1:], most - len(points), axis=0)]) for points in corners]
         counts = [len(offsets) for _, offsets in every]
         return cls(
             corners=np.array(body.vertices),
@@ -73,7 +73,7 @@ class FreeSpace:
             offsets=np.concatenate([np.zeros(0), *(offsets for _, offsets in every)]),
             first_side=np.cumsum([0, *counts[:-1]]) if counts else np.zeros(0, dtype=np.int64),
             points=np.array(padded).reshape(len(padded), most, 2),
-            needed=np.array([clearance + body.radius + each.radius for each in obstacles]),
+            needed=np.array([clearance + body.radius + obstacle.radius for obstacle in obstacles]),
         )
 
     def distances(self, poses: Array) -> Array:
@@ -90,48 +90,55 @@ class FreeSpace:
             widest[pose, obstacle] = np.maximum(widest[pose, obstacle], found)
         return widest - self.needed
 
-    def is_clear(self, chains: Array, curvatures: Array, spacings: Array) -> NDArray[np.bool_]:
-        """Whether the body keeps its clearance along whole motions, proven between the given poses too.
+    def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> NDArray[np.bool_]:
+        """Whether the body keeps its clearance along whole motions, also between the given poses.
 
         Parameters
         ----------
-        chains : (m, s, 3) array
-            Poses along each motion, two or more; from one to the next the body rolls along an arc.
+        motions : (m, s, 3) array
+            Poses along each motion, two or more; from one to the next the body follows an arc.
         curvatures, spacings : (m,) arrays
-            Largest curvature (its size) of each motion, and the longest way from one pose to the next.
+            Largest curvature (its size) of each motion, and the longest arc from one pose to the next.
         """
         if not len(self.needed):
-            return np.ones(len(chains), dtype=bool)
-        # A point at distance r of the centre of the turn rises r (1 - cos(angle / 2)) above its chord, and is no
-        # farther from that centre than from the body's origin plus the turning radius.
-        bend = 0.125 * (curvatures * spacings) ** 2
-        origin_rise = bend / np.maximum(curvatures, 1e-12)
-        rise = (origin_rise + bend * float(np.linalg.norm(self.corners, axis=1).max()))[:, None, None]
-        corners = self._placed(chains)
+            return np.ones(len(motions), dtype=bool)
+        # The arc of a point at distance r of the centre of the turn deviates from its chord by r (1 - cos(angle / 2)).
+        # That distance is at most the distance to the body's origin plus the turning radius.
+        ratio = 0.125 * (curvatures * spacings) ** 2
+        of_origin = ratio / np.maximum(curvatures, 1e-12)
+        deviation = (of_origin + ratio * float(np.linalg.norm(self.corners, axis=1).max()))[:, None, None]
+        corners = self._placed(motions)
         sides = self._from_obstacles(corners)
-        best = np.maximum.reduceat(np.minimum(sides[:, :-1], sides[:, 1:]) - rise, self.first_side, axis=2)
+        best = np.maximum.reduceat(np.minimum(sides[:, :-1], sides[:, 1:]) - deviation, self.first_side, axis=2)
         clear: NDArray[np.bool_] = np.asarray((best >= self.needed - ROUNDING).all(axis=(1, 2)))
         unknown = np.nonzero(~clear)[0]  # few: where obstacles are near
         if len(unknown):
             apart = np.maximum.reduceat(sides[unknown], self.first_side, axis=2)
-            clear[unknown] = self._seen_closely(
-                chains[unknown],
+            clear[unknown] = self._is_clear_closely(
+                motions[unknown],
                 corners[unknown],
                 best[unknown],
                 apart,
-                bend[unknown],
-                origin_rise[unknown],
-                rise[unknown],
+                ratio[unknown],
+                of_origin[unknown],
+                deviation[unknown],
             )
         return clear
 
-    def _seen_closely(
-        self, chains: Array, corners: Array, best: Array, apart: Array, bend: Array, origin_rise: Array, rise: Array
+    def _is_clear_closely(
+        self,
+        motions: Array,
+        corners: Array,
+        best: Array,
+        apart: Array,
+        ratio: Array,
+        of_origin: Array,
+        deviation: Array,
     ) -> NDArray[np.bool_]:
         """The same, also along the normals of the body's sides and between nearest corners."""
-        seen = self._from_body(chains, bend)
-        held = np.minimum(seen[:, :-1], seen[:, 1:]).max(axis=3) - origin_rise[:, None, None]
-        best, apart = np.maximum(best, held), np.maximum(apart, seen.max(axis=3))
+        gaps = self._from_body(motions, ratio)
+        along_motion = np.minimum(gaps[:, :-1], gaps[:, 1:]).max(axis=3) - of_origin[:, None, None]
+        best, apart = np.maximum(best, along_motion), np.maximum(apart, gaps.max(axis=3))
         needed = self.needed - ROUNDING
         # Where no side separates wide enough the nearest corners may, unless the shapes overlap.
         motion, step, obstacle = np.nonzero((best < needed) & (np.minimum(apart[:, :-1], apart[:, 1:]) > -ROUNDING))
@@ -140,7 +147,7 @@ class FreeSpace:
             for own in (start, end):
                 along = _between_corners(own, other)
                 gap = np.minimum(_gap_along(along, start, other), _gap_along(along, end, other))
-                found = gap - rise[motion, 0, 0]
+                found = gap - deviation[motion, 0, 0]
                 best[motion, step, obstacle] = np.maximum(best[motion, step, obstacle], found)
         return np.asarray((best >= needed).all(axis=(1, 2)))
 
@@ -156,13 +163,13 @@ class FreeSpace:
         along = corners[..., :1] * self.normals[:, 0] + corners[..., 1:] * self.normals[:, 1]
         return np.asarray(along.min(axis=-2) - self.offsets)
 
-    def _from_body(self, poses: Array, bend: Array | float = 0.0) -> Array:
-        """Gap along the normal of each side of the body, ``(..., o, e)``, less ``bend`` times each point's distance."""
+    def _from_body(self, poses: Array, ratio: Array | float = 0.0) -> Array:
+        """Gap along the normal of each side of the body, ``(..., o, e)``, less ``ratio`` times distances of points."""
         away = self.points - poses[..., None, None, :2]
         cosine, sine = np.cos(poses[..., 2])[..., None, None], np.sin(poses[..., 2])[..., None, None]
         own_x = cosine * away[..., 0] + sine * away[..., 1]
         own_y = cosine * away[..., 1] - sine * away[..., 0]
-        lift = np.reshape(bend, np.shape(bend) + (1,) * (own_x.ndim - np.ndim(bend))) * np.hypot(own_x, own_y)
+        lift = np.reshape(ratio, np.shape(ratio) + (1,) * (own_x.ndim - np.ndim(ratio))) * np.hypot(own_x, own_y)
         along = own_x[..., None] * self.sides[:, 0] + own_y[..., None] * self.sides[:, 1] - lift[..., None]
         return np.asarray(along.min(axis=-2) - self.reaches)
 

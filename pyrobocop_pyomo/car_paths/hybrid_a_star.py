@@ -1,12 +1,17 @@
-"""A path for a car among obstacles, to start a solver from: hybrid A* from the tight end outwards.
+"""Hybrid A*: a path for a car among obstacles, as an initial guess for a solver.
 
-The goal is where it is tight, as a rule. Seen from the start every way into a slot looks alike until the last move;
-seen from the goal there are few ways out, and in the open the shortest way of a car without obstacles ends the search
-exactly. A car that rolls back along its path needs the same steering, so that a path found backwards is a path.
+Space is usually tight at the goal, so the search starts there. From the start, all ways into a parking slot look alike
+until the last metre; from the goal there are few ways out, and a Reeds-Shepp path in the open ends the search exactly.
+A car that drives back along its path needs the same steering, so a path found from the goal is a path to the goal.
 
-Where the start is tight too, the search from the goal runs long; where an end is so tight that the moves lead nowhere,
-it is soon over. So two searches take turns, the goal's first, each with more poses in its next turn, or with finer
-moves when it was used up.
+Where the start is tight too, the search from the goal takes long; where an end is so tight that no motion primitive is
+free, it ends soon. Therefore two searches take turns, the one from the goal first. Each may keep more poses in its next
+turn, and is repeated with finer primitives when it was exhausted.
+
+References
+----------
+Dolgov, Thrun, Montemerlo, Diebel (2010). Path planning for autonomous vehicles in unknown semi-structured environments.
+The International Journal of Robotics Research 29. https://doi.org/10.1177/0278364909359210
 """
 
 from __future__ import annotations
@@ -20,22 +25,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
 
-from .car_checks import check_car, check_end, checked_bounds, checked_pose, named_obstacles
-from .car_moves import CarMoves, CarSearch
+from .best_first_search import BestFirstSearch, SearchEnd
+from .car_kinematics import follow_arcs
 from .car_path import CarPath
+from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace
-from .outward_search import OutwardSearch, SearchEnd
-from .rolling import rolled_on
-from .way_estimates import Bounds, WayEstimates
+from .motion_primitives import CarSearch, MotionPrimitives
 
 Array = NDArray[np.float64]
 
 # Poses that a search may keep in its first turn, and how many times more in each later one.
 FIRST_BUDGET = 6_000
 GROWTH = 2
-EAGERNESS_FROM_START = 2.0
+# The search from the start is for hard cases, where any path will do.
+WEIGHT_FROM_START = 2.0
 
 
 def hybrid_a_star(
@@ -87,82 +92,146 @@ def hybrid_a_star(
     """
     began = time.monotonic()
     options = CarSearch() if search is None else search
-    shapes = named_obstacles(obstacles)
-    ends = {"goal": checked_pose(goal, "goal"), "start": checked_pose(start, "start")}
-    check_car(body, shapes, wheelbase, steering_limit, clearance, time_limit)
-    limits = checked_bounds(bounds)
+    shapes = _named_obstacles(obstacles)
+    ends = {"goal": _checked_pose(goal, "goal"), "start": _checked_pose(start, "start")}
+    _check_car(body, shapes, wheelbase, steering_limit, clearance, time_limit)
+    limits = _checked_bounds(bounds)
     for which, pose in ends.items():
-        check_end(pose, which, body, shapes, limits, clearance)
+        _check_end(pose, which, body, shapes, limits, clearance)
     if np.array_equal(ends["start"], ends["goal"]):
         raise GuessError("hybrid_a_star: start and goal are the same pose; there is no path to find.")
     scene = body.reach + float(np.abs([*limits[0], *limits[1]]).max())
-    scene += max((float(np.abs(each.vertices).max()) for each in shapes), default=0.0)
+    scene += max((float(np.abs(shape.vertices).max()) for shape in shapes), default=0.0)
     space = FreeSpace.around(body, shapes, clearance, scene)
-    coarse = CarMoves.of(wheelbase, steering_limit, options)
+    coarse = MotionPrimitives.of(wheelbase, steering_limit, options)
 
-    def begun(which: str, estimates: WayEstimates, level: int) -> OutwardSearch:
-        moves = CarMoves.of(wheelbase, steering_limit, options, level)
-        # The second search is for hard cases, where any path will do.
-        eagerness = options.eagerness * (1.0 if which == "goal" else EAGERNESS_FROM_START)
-        return OutwardSearch(ends[which], limits, moves, eagerness, space, estimates)
+    def begin(which: str, cost_to_go: CostToGo, level: int) -> BestFirstSearch:
+        primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level)
+        weight = options.heuristic_weight * (1.0 if which == "goal" else WEIGHT_FROM_START)
+        return BestFirstSearch(ends[which], limits, primitives, weight, space, cost_to_go)
 
-    turns: list[_Turns] = []
+    searches: list[_EndSearch] = []
     budget = FIRST_BUDGET
     while True:
         for k, (which, other) in enumerate((("goal", "start"), ("start", "goal"))):
-            if k == len(turns):
-                estimates = WayEstimates.to(ends[other], limits, body, shapes, clearance, coarse, scene)
-                _check_disc(ends[which], estimates)
-                turns.append(_Turns(which, begun(which, estimates, 0)))
-            each = turns[k]
-            end = each.search.run(min(budget, options.most_nodes), began + time_limit)
-            while end is SearchEnd.USED_UP and each.level < options.refinements:
-                each.level += 1
-                each.search = begun(which, each.search.estimates, each.level)
-                end = each.search.run(min(budget, options.most_nodes), began + time_limit)
+            if k == len(searches):
+                cost_to_go = CostToGo.to(ends[other], limits, body, shapes, clearance, coarse, scene)
+                _check_disc(ends[which], cost_to_go)
+                searches.append(_EndSearch(which, begin(which, cost_to_go, 0)))
+            current = searches[k]
+            end = current.search.run(min(budget, options.max_nodes), began + time_limit)
+            while end is SearchEnd.EXHAUSTED and current.level < options.refinements:
+                current.level += 1
+                current.search = begin(which, current.search.cost_to_go, current.level)
+                end = current.search.run(min(budget, options.max_nodes), began + time_limit)
             if end is SearchEnd.FOUND:
-                return _path(ends["start"], ends["goal"], *each.search.steps(), wheelbase, outwards=which == "goal")
-            if end is SearchEnd.USED_UP:
+                return _path(ends["start"], ends["goal"], *current.search.arcs(), wheelbase, backwards=which == "goal")
+            if end is SearchEnd.EXHAUSTED:
                 raise GuessError(
-                    f"hybrid_a_star: no path was found: from the {which}, {len(each.search.poses)} poses can be "
+                    f"hybrid_a_star: no path was found: from the {which}, {len(current.search.poses)} poses can be "
                     f"reached, none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less "
                     "clearance, or wider bounds."
                 )
-        if time.monotonic() > began + time_limit or budget >= options.most_nodes:
-            reached = " and ".join(f"{len(each.search.poses)} from the {each.which}" for each in turns)
+        if time.monotonic() > began + time_limit or budget >= options.max_nodes:
+            reached = " and ".join(f"{len(one.search.poses)} from the {one.which}" for one in searches)
             raise GuessError(
-                f"hybrid_a_star: no path was found within {time_limit:g} seconds and {options.most_nodes} poses per "
-                f"search; reached were {reached}. Give more time, CarSearch(most_nodes=...), a coarser cell, or less "
+                f"hybrid_a_star: no path was found within {time_limit:g} seconds and {options.max_nodes} poses per "
+                f"search; reached were {reached}. Give more time, CarSearch(max_nodes=...), a coarser cell, or less "
                 "clearance."
             )
         budget *= GROWTH
 
 
 @dataclass(eq=False)
-class _Turns:
-    """One of the two searches, as far as it has come."""
+class _EndSearch:
+    """The search from one of the two ends, as far as it has come."""
 
     which: str
-    search: OutwardSearch
+    search: BestFirstSearch
     level: int = 0
 
 
-def _check_disc(root: Array, estimates: WayEstimates) -> None:
-    if math.isinf(estimates.disc_length(root[None])[0]):
+def _check_disc(root: Array, cost_to_go: CostToGo) -> None:
+    if math.isinf(cost_to_go.disc_path_length(root[None])[0]):
         raise GuessError(
             "hybrid_a_star: there is no path from start to goal: the obstacles and bounds leave no way even for a disc "
             "inside the car. Move an obstacle, widen the bounds or ask for less clearance."
         )
 
 
-def _path(start: Array, goal: Array, ways: Array, curvatures: Array, wheelbase: float, *, outwards: bool) -> CarPath:
-    """The path from the start to the goal along arcs found from one of them; outwards: from the goal."""
-    poses = rolled_on(goal if outwards else start, ways, curvatures)
-    if outwards:
-        poses, ways, curvatures = poses[::-1].copy(), -ways[::-1], curvatures[::-1]
+def _path(
+    start: Array, goal: Array, lengths: Array, curvatures: Array, wheelbase: float, *, backwards: bool
+) -> CarPath:
+    """The path from the start to the goal along arcs found from the start, or backwards from the goal."""
+    poses = follow_arcs(goal if backwards else start, lengths, curvatures)
+    if backwards:
+        poses, lengths, curvatures = poses[::-1].copy(), -lengths[::-1], curvatures[::-1]
         poses[:, 2] += start[2] - poses[0, 2]
-    # The ends exactly, up to whole turns: what is taken off is the rounding of the way there.
+    # The ends exactly, up to whole turns: this takes off the rounding along the path.
     poses[0] = start
     poses[-1] = goal[0], goal[1], goal[2] + 2.0 * math.pi * round((poses[-1, 2] - goal[2]) / (2.0 * math.pi))
-    directions, steering = np.sign(ways), np.arctan(wheelbase * curvatures)
+    directions, steering = np.sign(lengths), np.arctan(wheelbase * curvatures)
     return CarPath(poses, np.append(directions, directions[-1]), np.append(steering, steering[-1]))
+
+
+def _named_obstacles(obstacles: Mapping[str, Polytope] | Sequence[Polytope]) -> list[Polytope]:
+    """Obstacles under the names that messages use."""
+    if not isinstance(obstacles, Mapping):
+        obstacles = {f"obstacle {i}": shape for i, shape in enumerate(obstacles, 1)}
+    for name, shape in obstacles.items():
+        if not isinstance(shape, Polytope) or shape.dimension != 2:
+            raise GuessError(f"hybrid_a_star: obstacle '{name}' is {shape!r}; expected a Polytope in the plane.")
+    return [shape.named(str(name)) for name, shape in obstacles.items()]
+
+
+def _check_car(
+    body: Polytope, obstacles: list[Polytope], wheelbase: float, steering_limit: float, clearance: float, limit: float
+) -> None:
+    """Refuse a body, a steering, a clearance or a time that makes no sense."""
+    if not isinstance(body, Polytope) or body.dimension != 2 or not body.is_bounded:
+        raise GuessError(f"hybrid_a_star: the body is {body!s}; expected a bounded Polytope in the plane.")
+    for name, number in (("wheelbase", wheelbase), ("time_limit", limit)):
+        if not (math.isfinite(number) and number > 0.0):
+            raise GuessError(f"hybrid_a_star: {name} = {number}; expected a positive number.")
+    if not 0.0 < steering_limit < 0.5 * math.pi:
+        raise GuessError(f"hybrid_a_star: steering_limit = {steering_limit}; expected radians between 0 and pi / 2.")
+    if not (math.isfinite(clearance) and clearance >= 0.0):
+        raise GuessError(f"hybrid_a_star: clearance = {clearance}; expected a length that is not negative.")
+
+
+def _checked_pose(pose: Sequence[float], which: str) -> Array:
+    """Three finite numbers."""
+    numbers = np.array(pose, dtype=float)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise GuessError(f"hybrid_a_star: the {which} is {pose!r}; expected three finite numbers (x, y, heading).")
+    return numbers
+
+
+def _checked_bounds(bounds: Bounds) -> Bounds:
+    """Two finite intervals that are not empty."""
+    numbers = np.array(bounds, dtype=float)
+    if numbers.shape != (2, 2) or not np.isfinite(numbers).all() or (numbers[:, 0] >= numbers[:, 1]).any():
+        raise GuessError(f"hybrid_a_star: bounds = {bounds!r}; expected ((x_min, x_max), (y_min, y_max)), finite.")
+    (left, right), (bottom, top) = numbers.tolist()
+    return (left, right), (bottom, top)
+
+
+def _check_end(
+    pose: Array, which: str, body: Polytope, obstacles: list[Polytope], bounds: Bounds, clearance: float
+) -> None:
+    """Refuse an end out of bounds or too close to an obstacle, by the exact distance, independently of the search."""
+    for axis, (low, high) in enumerate(bounds):
+        if not low <= pose[axis] <= high:
+            raise GuessError(
+                f"hybrid_a_star: the {which} has {'xy'[axis]} = {pose[axis]:g}, out of the bounds from {low:g} to "
+                f"{high:g}. Widen the bounds, or move the {which}."
+            )
+    for obstacle in obstacles:
+        distance = signed_distance(body, obstacle, planar_pose(*pose.tolist())).distance
+        if distance < clearance - 1e-9:
+            how = f"overlaps it by {-distance:.6g}" if distance < 0 else f"is only {distance:.6g} away from it"
+            raise GuessError(
+                f"hybrid_a_star: at the {which} ({pose[0]:g}, {pose[1]:g}, {pose[2]:g}) '{body.name}' collides with "
+                f"'{obstacle.name}': it {how}, and a clearance of {clearance:g} is asked for. Move the {which}, or ask "
+                "for less."
+            )

@@ -1,7 +1,8 @@
-"""Shortest ways of a car between two poses where nothing stands in the way: arcs and straight lines, with cusps.
+"""Reeds-Shepp paths: the shortest paths of a car between two poses without obstacles; arcs, straight lines and cusps.
 
 Reeds and Shepp, Optimal paths for a car that goes both forwards and backwards, Pacific Journal of Mathematics 145
-(1990), section 8; formulas 8.1 to 8.11, doi:10.2140/pjm.1990.145.367. All of it on arrays: one call asks for many ways.
+(1990), section 8; formulas 8.1 to 8.11, doi:10.2140/pjm.1990.145.367. All functions work on arrays of
+poses.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Formula = Callable[[Array, Array, Array], tuple[Array, Array, Array, NDArray[np.bool_]]]
 
-PIECES = 5
+SEGMENTS = 5
 TURNS = {"L": 1.0, "S": 0.0, "R": -1.0}
 
 
-def words(x: Array, y: Array, heading: Array) -> Iterator[tuple[Array, Array, NDArray[np.bool_]]]:
-    """All kinds of ways from the origin, heading along x, to poses; the turning radius is 1.
+def reeds_shepp_paths(x: Array, y: Array, heading: Array) -> Iterator[tuple[Array, Array, NDArray[np.bool_]]]:
+    """All types of paths from the origin, heading along x, to poses; the turning radius is 1.
 
     Parameters
     ----------
@@ -30,10 +31,10 @@ def words(x: Array, y: Array, heading: Array) -> Iterator[tuple[Array, Array, ND
     turns : (5,) array
         1 for a left turn, 0 for a straight line, -1 for a right turn; zeros fill up.
     lengths : (n, 5) array
-        Of each piece, negative where the car rolls backwards.
+        Of each segment, negative where the car rolls backwards.
     exists : (n,) bool array
     """
-    for formula, kinds, laid_out, both_ends in FORMULAS:
+    for formula, types, arranged, both_ends in FORMULAS:
         for time in (1.0, -1.0):
             for mirror in (1.0, -1.0):
                 for swapped in (False, True)[: 1 + both_ends]:
@@ -41,12 +42,12 @@ def words(x: Array, y: Array, heading: Array) -> Iterator[tuple[Array, Array, ND
                     ahead = x * np.cos(heading) + y * np.sin(heading) if swapped else x
                     aside = x * np.sin(heading) - y * np.cos(heading) if swapped else y
                     first, middle, last, exists = formula(time * ahead, mirror * aside, time * mirror * heading)
-                    pieces = [time * each for each in laid_out(first, middle, last)]
-                    names = kinds[::-1] if swapped else kinds
-                    lengths = np.zeros((len(x), PIECES))
-                    for k, piece in enumerate(pieces[::-1] if swapped else pieces):
-                        lengths[:, k] = piece
-                    turns = np.zeros(PIECES)
+                    segments = [time * length for length in arranged(first, middle, last)]
+                    names = types[::-1] if swapped else types
+                    lengths = np.zeros((len(x), SEGMENTS))
+                    for k, segment in enumerate(segments[::-1] if swapped else segments):
+                        lengths[:, k] = segment
+                    turns = np.zeros(SEGMENTS)
                     turns[: len(names)] = [mirror * TURNS[name] for name in names]
                     yield turns, np.where(exists[:, None], lengths, 0.0), exists
 
@@ -131,7 +132,7 @@ def _left_right_straight_left_right(x: Array, y: Array, phi: Array) -> tuple[Arr
 
 QUARTER = 0.5 * np.pi
 
-# Formula, its turns, where its three numbers go among the pieces, and whether the other end gives another way.
+# Formula, its turns, where its three numbers go among the segments, and whether the other end gives another path.
 FORMULAS: list[tuple[Formula, str, Callable[..., tuple], bool]] = [
     (_left_straight_left, "LSL", lambda t, u, v: (t, u, v), False),
     (_left_straight_right, "LSR", lambda t, u, v: (t, u, v), False),

@@ -65,7 +65,8 @@ class CanonicalForm:
     source : component data
         The statement as declared.
     pairs : tuple of CanonicalPair
-        One; two for a range against a free side; none for an equality against a free side.
+        One; two for a range against a free side; none for an equality against a free side, and for a side that is
+        paired with itself.
     rows : tuple of relational expressions
         What has to be a constraint beyond the ``a_row`` and ``b_row`` of the pairs.
     between : tuple (l, F, u) or None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pyomo.core import Objective, quicksum
+from pyomo.core import Objective, minimize, quicksum
 
 from .formulation import Formulation, products
 from .record import Record, RelaxedPair
@@ -14,7 +14,7 @@ from .record import Record, RelaxedPair
 def charged_objective(record: Record, changing: Iterable[Formulation]) -> Any:
     """The user's objective with the charge for all groups, of which some are about to change or to appear."""
     relaxation, main = record.relaxation, record.main
-    if record.abilities.charges_products:
+    if record.abilities.penalises_products:
         changed = {id(formulation.group): formulation for formulation in changing}
         terms: list[Any] = []
         for group in record.groups:
@@ -27,6 +27,8 @@ def charged_objective(record: Record, changing: Iterable[Formulation]) -> Any:
     else:
         amount = main.excess
     term = relaxation.coefficient(main.delta) * amount
+    if record.objective is None:
+        return term
     # The user's objective enters by name: what is later assigned to it is followed.
     return record.objective + term if record.objective.is_minimizing() else record.objective - term
 
@@ -35,8 +37,10 @@ def set_objective(record: Record, expression: Any) -> None:
     """Let the generated objective take the place of the user's."""
     block = record.main
     if block.component("objective") is None:
-        block.objective = Objective(expr=expression, sense=record.objective.sense)
-        record.objective.deactivate()
+        users = record.objective
+        block.objective = Objective(expr=expression, sense=minimize if users is None else users.sense)
+        if users is not None:
+            users.deactivate()
     else:
         block.objective.set_value(expression)
 

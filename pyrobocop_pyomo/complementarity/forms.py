@@ -14,7 +14,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm, CanonicalPair, Part
-from .side_checks import check_sides, four_bounds
+from .side_checks import check_sides, four_bounds, same_expression
 from .sides import Kind, Side, above_lower, below_upper, read_side
 
 
@@ -49,6 +49,9 @@ def form_of(
     a, b = read_side(first, choices[0], source), read_side(second, choices[1], source)
     if a.bounds == b.bounds == 1:
         _refuse_contradiction(a, b, source)
+        row = _decided_row(a, b)
+        if row is not None:
+            return CanonicalForm(source, (), (row,))
         pair = CanonicalPair(source, *_columns(_only(a), _only(b)), group, weight)
         return CanonicalForm(source, (pair,))
     check_sides(first, second, choices, source)
@@ -144,14 +147,9 @@ def _refuse_crossed(side: Side, source: Any) -> None:
 
 
 def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
-    """Refuse what the variables' own constant bounds make impossible, and a variable that is paired with itself."""
+    """Refuse what the variables' own constant bounds make impossible."""
     if a.own is b.own is None:
         return
-    if a.body is b.body and (a.lower is None) == (b.lower is None):
-        raise ComplementarityError(
-            f"'{source.name}': the variable '{a.body}' is paired with itself, which only says that it is at its "
-            "bound. Fix it there instead."
-        )
     for side in (a, b):
         if _distance(side, far=True) < 0:
             raise ComplementarityError(
@@ -164,6 +162,19 @@ def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
             f"'{source.name}': by the variables' own bounds both sides are positive, '{a.given}' by {least:g} and "
             f"'{b.given}' by {_distance(b, far=False):g}; one of them has to be met with equality. Correct the bounds."
         )
+
+
+def _decided_row(a: Side, b: Side) -> Any:
+    """What a side that is paired with itself comes down to: it is at its bound, of two at the tighter one.
+
+    None for all other sides, and for bounds that are different parameters: these may change places.
+    """
+    if (a.lower is None) != (b.lower is None) or not same_expression(a.body, b.body):
+        return None
+    bounds, tighter = ((a.upper, b.upper), min) if a.lower is None else ((a.lower, b.lower), max)
+    if all(bound.__class__ in native_numeric_types for bound in bounds):
+        return a.body == tighter(bounds)
+    return a.body == bounds[0] if same_expression(*bounds) else None
 
 
 def _distance(side: Side, far: bool) -> float:

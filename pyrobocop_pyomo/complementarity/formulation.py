@@ -104,7 +104,7 @@ def formulate(place: GeneratedBlock, group: Group, pairs: Sequence[RelaxedPair])
     record = place.record
     abilities = record.abilities
     formed = products(record, pairs)
-    if abilities.charges_products:
+    if abilities.penalises_products:
         if abilities.keeps_multipliers:
             made.states = _states(place, group, sum(map(len, formed)), 0.0)
         return made

@@ -70,12 +70,12 @@ def canonical_pair(source: Any) -> CanonicalPair:
     Raises
     ------
     ComplementarityError
-        Also if it is a range or an equality, which are not one pair.
+        Also if it is a range, an equality or a side that is paired with itself, which are not one pair.
     """
     form = canonical_form(source)
     if len(form.pairs) != 1 or form.rows:
         raise ComplementarityError(
-            f"'{source.name}': is a range or an equality: {len(form.pairs)} pairs and {len(form.rows)} rows. "
+            f"'{source.name}': is not one pair but {len(form.pairs)} pairs and {len(form.rows)} rows. "
             "Ask for its canonical_form."
         )
     return form.pairs[0]

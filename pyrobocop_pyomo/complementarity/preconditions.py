@@ -77,16 +77,25 @@ def refuse_other_options(model: Any, record: Record, options: dict[str, Any]) ->
 
 
 def only_objective(model: Any) -> Any:
-    """Return the one active objective, which a penalty is added to."""
-    objectives = list(
+    """Return the one active objective, which a penalty is added to; None where there is no objective at all."""
+    objectives = _active_objectives(model)
+    if len(objectives) > 1:
+        names = ", ".join(f"'{objective.name}'" for objective in objectives)
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the one active objective, found {names}. Deactivate all but one."
+        )
+    above = [] if objectives else _active_objectives(model.model())
+    if above:
+        raise ComplementarityError(
+            f"'{model.name}': a penalty is added to the objective, which is '{above[0].name}' of "
+            f"'{model.model().name}'. Apply it to that model, with targets= the blocks that are meant."
+        )
+    return objectives[0] if objectives else None
+
+
+def _active_objectives(model: Any) -> list[Any]:
+    return list(
         model.component_data_objects(
             Objective, active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic
         )
     )
-    if len(objectives) != 1:
-        names = ", ".join(f"'{objective.name}'" for objective in objectives) or "none"
-        raise ComplementarityError(
-            f"'{model.name}': a penalty is added to the one active objective, found {names}. Apply it to the model "
-            "that has the objective, with targets= the blocks that are meant."
-        )
-    return objectives[0]

@@ -48,7 +48,7 @@ def add_statements(record: Record, model: Any, forms: Sequence[CanonicalForm]) -
     try:
         statements, preparations, formulations = _planned(record, model, forms, fresh)
         objective = None
-        if record.objective is not None:
+        if record.abilities.has_penalty:
             objective = charged_objective(record, formulations)
     except BaseException:
         for home, _ in fresh:
@@ -98,7 +98,7 @@ def remove_statements(record: Record, sources: Sequence[Any]) -> None:
                 del record.named_groups[group.name]
     record.groups = [group for group in record.groups if id(group) not in dissolved]
     _drop_empty(record)
-    if record.objective is not None:
+    if record.abilities.has_penalty:
         set_objective(record, charged_objective(record, ()))
 
 
@@ -122,7 +122,7 @@ def _planned(
     formulations = []
     for home, preparation in by_home.values():
         members = preparation.pairs
-        if members and home is not model and record.abilities.charges_products:
+        if members and home is not model and record.abilities.penalises_products:
             raise ComplementarityError(
                 f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
                 "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."

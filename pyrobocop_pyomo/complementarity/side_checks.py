@@ -161,3 +161,26 @@ def is_bare(side: Any) -> bool:
 def is_indexed_component(side: Any) -> bool:
     """True for a family of variables or expressions, such as an indexed Var."""
     return isinstance(side, ComponentBase) and side.is_indexed()
+
+
+def same_expression(first: Any, second: Any) -> bool:
+    """True when two expressions are built alike from the same variables, parameters and numbers."""
+    stack = [(first, second)]
+    while stack:
+        one, other = stack.pop()
+        if one is other:
+            continue
+        if one.__class__ in native_types or other.__class__ in native_types:
+            if one.__class__ not in native_types or other.__class__ not in native_types or one != other:
+                return False
+        elif not one.is_expression_type() or _shape(one) != _shape(other):
+            return False
+        else:
+            stack.extend(zip(one.args, other.args, strict=True))
+    return True
+
+
+def _shape(expression: Any) -> tuple[Any, ...]:
+    # With the name: sin and cos have one class.
+    is_expression = expression.is_expression_type()
+    return (expression.__class__, expression.getname(), expression.nargs() if is_expression else 0)

@@ -10,7 +10,6 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.phases import Control, phases_of
-from pyrobocop_pyomo.phases.controls import variables_name
 
 from .findings import DegreesOfFreedom
 
@@ -43,8 +42,7 @@ def _controls(block: Any) -> set[int]:
     return {
         id(data)
         for phase in phases_of(block)
-        for name, declaration in phase.record.declarations.items()
-        if isinstance(declaration, Control)
-        for data in phase.component(variables_name(name, declaration)).values()
+        for name in phase.record.names(Control)
+        for data in phase.record.nodes(name).variables(phase)
         if not data.fixed
     }

@@ -21,14 +21,15 @@ from pyomo.core.base.block import BlockData
 from pyomo.core.staleflag import StaleFlagManager
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
-from .ipopt_library import IpoptLibrary, find_ipopt_library, load_ipopt_library
+from .ipopt_library import find_ipopt_library, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
 from .ipopt_run import run_ipopt
-from .suffixes import InProcessSolutionLoader, scaling_factors, starting_multipliers
+from .suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 
 logger = logging.getLogger(__name__)
 
@@ -143,7 +144,7 @@ class InProcessIpopt(SolverBase):
         else:
             logger.info("'%s': %s, derivatives by %s", model.name, library, written.nlp.derivatives)
             with _timed(timer, "ipopt"):
-                outcome = _run(written, library, config)
+                outcome = _run(written, config)
             _report(results, written, outcome)
         _raise_or_load(results, config)
         results.timing_info.timer = timer
@@ -160,20 +161,15 @@ def _timed(timer: HierarchicalTimer, name: str) -> Iterator[None]:
         timer.stop(name)
 
 
-def _run(written: CompiledModel, library: IpoptLibrary, config: InProcessIpoptConfig) -> IpoptOutcome:
+def _run(written: CompiledModel, config: InProcessIpoptConfig) -> IpoptOutcome:
     options = dict(config.solver_options.value())
     if config.threads and config.threads != 1:
         logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
-    if config.time_limit is not None:
-        options["max_wall_time"] = float(config.time_limit)
-    start = starting_multipliers(written)
     return run_ipopt(
-        library,
         written.nlp,
         options,
-        g_multipliers=start.g_multipliers,
-        lower_multipliers=start.lower_multipliers,
-        upper_multipliers=start.upper_multipliers,
+        starting_point(written),
+        deadline=Deadline.after(config.time_limit),
         scaling=scaling_factors(written) if options.get("nlp_scaling_method") == "user-scaling" else None,
         on_iteration=config.on_iteration,
         output=config.tee,

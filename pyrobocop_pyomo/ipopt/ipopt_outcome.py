@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 
 
 class IpoptStatus(enum.Enum):
@@ -79,9 +79,7 @@ class IterationRecord(NamedTuple):
 class IpoptOutcome:
     """The last point of a run and how Ipopt came there.
 
-    Multipliers are in Ipopt's signs: with the Lagrangian f + g_multipliers @ g - lower_multipliers @ x
-    + upper_multipliers @ x, those of bounds are not negative, and one of a row is positive when its upper bound
-    holds it back.
+    Multipliers are in Ipopt's signs, see `PrimalDualPoint`.
 
     Attributes
     ----------
@@ -118,3 +116,13 @@ class IpoptOutcome:
     cpu_seconds: float
     evaluation_seconds: float
     log: str = ""
+
+    @property
+    def point(self) -> PrimalDualPoint:
+        """The last point with its multipliers."""
+        return PrimalDualPoint(self.x, self.g_multipliers, self.lower_multipliers, self.upper_multipliers)
+
+    @property
+    def mu(self) -> float | None:
+        """The barrier parameter of the last iteration."""
+        return self.records[-1].mu if self.records else None

@@ -12,12 +12,13 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
 from .c_output import c_output_sent_to, flush_c_streams
 from .interruption import Interruption
 from .ipopt_callbacks import IpoptCallbacks
-from .ipopt_library import IpoptLibrary
+from .ipopt_library import IpoptLibrary, load_ipopt_library
 from .ipopt_options import set_options
 from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord
 
@@ -31,14 +32,11 @@ class ProblemScaling(NamedTuple):
 
 
 def run_ipopt(
-    library: IpoptLibrary,
     nlp: NonlinearProgram,
     options: Mapping[str, Any],
+    start: PrimalDualPoint | None = None,
     *,
-    x: FloatArray | None = None,
-    g_multipliers: FloatArray | None = None,
-    lower_multipliers: FloatArray | None = None,
-    upper_multipliers: FloatArray | None = None,
+    deadline: Deadline = NO_DEADLINE,
     scaling: ProblemScaling | None = None,
     on_iteration: Callable[[IterationRecord], bool | None] | None = None,
     output: Sequence[TextIO] = (),
@@ -47,16 +45,14 @@ def run_ipopt(
 
     Parameters
     ----------
-    library : IpoptLibrary
-        From `load_ipopt_library`.
     nlp : NonlinearProgram
         The problem.
     options : mapping of str to str, int, float or bool
         Ipopt's options. Multipliers are used when ``warm_start_init_point`` is ``"yes"`` among them.
-    x : float array, shape (n,), optional
-        First point, by default ``nlp.x_start``.
-    g_multipliers, lower_multipliers, upper_multipliers : float array, optional
-        First multipliers in Ipopt's signs; by default 0 (or ``nlp.g_multipliers_start``), 1 and 1.
+    start : PrimalDualPoint, optional
+        First point and multipliers, by default ``nlp.x_start`` and those of `PrimalDualPoint.complete`.
+    deadline : Deadline
+        Ipopt stops after the first iteration that ends later.
     scaling : ProblemScaling, optional
         Factors that Ipopt uses when ``nlp_scaling_method`` is ``"user-scaling"`` among the options.
     on_iteration : callable, optional
@@ -71,18 +67,22 @@ def run_ipopt(
 
     Raises
     ------
+    SolverNotFoundError
+        When there is no Ipopt library.
     SolverOptionError
         For an option that Ipopt does not know, or a value that it refuses.
     Exception
         What a callback raised, after Ipopt has returned. An `EvaluationError` is none of them: Ipopt then tries a
         shorter step.
     """
-    point = _vector(nlp.x_start if x is None else x, nlp.n, "x")
-    if g_multipliers is None:
-        g_multipliers = nlp.g_multipliers_start if nlp.g_multipliers_start is not None else np.zeros(nlp.m)
-    row_multipliers = _vector(g_multipliers, nlp.m, "g_multipliers")
-    lower = _vector(np.ones(nlp.n) if lower_multipliers is None else lower_multipliers, nlp.n, "lower_multipliers")
-    upper = _vector(np.ones(nlp.n) if upper_multipliers is None else upper_multipliers, nlp.n, "upper_multipliers")
+    library = load_ipopt_library()
+    start = PrimalDualPoint(nlp.x_start) if start is None else start
+    multipliers = start.complete(nlp)
+    point, row_multipliers = _vector(start.x, nlp.n, "x"), _vector(multipliers[0], nlp.m, "g_multipliers")
+    lower, upper = (
+        _vector(values, nlp.n, f"{name}_multipliers")
+        for name, values in zip(("lower", "upper"), multipliers[1:], strict=True)
+    )
     g, objective = np.full(nlp.m, np.nan), ctypes.c_double(np.nan)
     interruption = Interruption()
     callbacks = IpoptCallbacks(nlp, on_iteration, interruption)
@@ -95,7 +95,7 @@ def run_ipopt(
         problem = stack.enter_context(_problem(library, nlp, callbacks))
         if scaling is not None:
             _set_scaling(library, problem, nlp, scaling)
-        set_options(library, problem, options, silent=not output)
+        set_options(library, problem, {**options, **_time_limit(options, deadline)}, silent=not output)
         stack.enter_context(interruption)
         code = library.functions.IpoptSolve(
             problem, point.ctypes.data, g.ctypes.data, ctypes.addressof(objective),
@@ -126,6 +126,13 @@ def run_ipopt(
         evaluation_seconds=callbacks.seconds,
         log=log.getvalue(),
     )
+
+
+def _time_limit(options: Mapping[str, Any], deadline: Deadline) -> dict[str, float]:
+    """What is left, unless the caller's own limit is shorter; Ipopt takes no limit of zero."""
+    if deadline.left is None:
+        return {}
+    return {"max_wall_time": max(min(deadline.left, float(options.get("max_wall_time", deadline.left))), 1e-3)}
 
 
 def _vector(values: Any, size: int, name: str) -> FloatArray:

@@ -12,7 +12,6 @@ AMPL: ``dual`` is the change of the objective, as the user stated it, per unit o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,31 +24,24 @@ from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 
 from .ipopt_outcome import IpoptOutcome
 from .ipopt_run import ProblemScaling
 
 
-@dataclass(frozen=True, eq=False)
-class StartingMultipliers:
-    """Multipliers that the model exports, in Ipopt's signs; None where it exports none."""
+def starting_point(written: CompiledModel) -> PrimalDualPoint:
+    """The values on the model, with multipliers from its suffixes ``dual``, ``ipopt_zL_in`` and ``ipopt_zU_in``.
 
-    g_multipliers: FloatArray | None = None
-    lower_multipliers: FloatArray | None = None
-    upper_multipliers: FloatArray | None = None
-
-
-def starting_multipliers(written: CompiledModel) -> StartingMultipliers:
-    """Read the suffixes ``dual``, ``ipopt_zL_in`` and ``ipopt_zU_in`` that are declared for export.
-
-    Entries that a suffix leaves out are 0, as the ``ipopt`` executable reads them.
+    Only suffixes that are declared for export count. Entries that one leaves out are 0, as the ``ipopt`` executable
+    reads them.
     """
     sign, model = written.sign, written.model
     lower = _exported(model, "ipopt_zL_in", written.variables)
     upper = _exported(model, "ipopt_zU_in", written.variables)
     rows = _exported(model, "dual", written.constraints)
-    return StartingMultipliers(
+    return PrimalDualPoint(
+        x=written.current_point(),
         g_multipliers=None if rows is None else -sign * rows,
         lower_multipliers=None if lower is None else sign * lower,
         upper_multipliers=None if upper is None else -sign * upper,

@@ -11,12 +11,13 @@ import enum
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
 from .branch import Branch, nearest_branch, restricted
 from .linearisation import Linearisation
@@ -33,55 +34,44 @@ class Certificate(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """A point with its multipliers.
+class BranchPoint:
+    """A point of a complementarity program, and the branch whose nonlinear program it solves.
 
     Attributes
     ----------
-    x : float array, shape (n,)
+    point : PrimalDualPoint
+        With multipliers of the rows and bounds of the program.
     objective : float
         Of the minimised problem.
     violation : float
         Largest violation of a row or bound.
     natural_residual : float
         Largest ``|min(a, b)|``.
-    g_multipliers, lower_multipliers, upper_multipliers : float array
-        As Ipopt returned them, for the rows and bounds of the program.
     branch : Branch or None
-        The branch whose nonlinear program it solves, if it does.
     """
 
-    x: FloatArray
+    point: PrimalDualPoint
     objective: float
     violation: float
     natural_residual: float
-    g_multipliers: FloatArray
-    lower_multipliers: FloatArray
-    upper_multipliers: FloatArray
     branch: Branch | None = None
 
     @property
-    def multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Multipliers of rows, lower and upper bounds."""
-        return self.g_multipliers, self.lower_multipliers, self.upper_multipliers
+    def x(self) -> FloatArray:
+        """Values of the variables."""
+        return self.point.x
 
-
-def candidate_at(
-    program: ComplementarityProgram,
-    x: FloatArray,
-    multipliers: tuple[FloatArray, FloatArray, FloatArray],
-    branch: Branch | None = None,
-) -> Candidate:
-    """Judge a point by the program's own functions."""
-    return Candidate(
-        x, program.nlp.objective(x), violation(program.nlp, x), program.natural_residual(x), *multipliers, branch=branch
-    )
+    @classmethod
+    def at(cls, program: ComplementarityProgram, point: PrimalDualPoint, branch: Branch | None = None) -> BranchPoint:
+        """Check a point by the program's own functions."""
+        nlp, x = program.nlp, point.x
+        return cls(point, nlp.objective(x), violation(nlp, x), program.natural_residual(x), branch)
 
 
 class NlpSolver(Protocol):
     """Solves a nonlinear program from a point with multipliers."""
 
-    def __call__(self, nlp: NonlinearProgram, start: Candidate, iterations: int) -> IpoptOutcome:
+    def __call__(self, nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
         """Return how it ended, with the last point in any case; with at most so many iterations."""
         ...
 
@@ -139,24 +129,29 @@ class ActiveSetSearch:
     solve : NlpSolver
     limits : Limits
     on_solve : callable, optional
-        Told of each branch solved: what for, the outcome, the candidate, and whether it was kept.
-    deadline : float, optional
-        Value of ``time.perf_counter()`` at which to stop.
+        Told of each branch solved: what for, the outcome, the point, and whether it was kept.
+    deadline : Deadline
 
     Attributes
     ----------
     certificate : Certificate
         Of the last point.
+    interrupted : bool
+        Whether Ctrl-C ended the search; the best point until then is what it returned.
+    linear_seconds : float
+        Elapsed in linear programs since this was last set to zero.
     """
 
     program: ComplementarityProgram
     solve: NlpSolver
     limits: Limits = field(default_factory=Limits)
-    on_solve: Callable[[str, IpoptOutcome, Candidate, bool], object] | None = None
-    deadline: float | None = None
+    on_solve: Callable[[str, IpoptOutcome, BranchPoint, bool], object] | None = None
+    deadline: Deadline = NO_DEADLINE
     certificate: Certificate = Certificate.UNKNOWN
+    interrupted: bool = False
+    linear_seconds: float = 0.0
 
-    def polish(self, start: Candidate) -> Candidate:
+    def polish(self, start: BranchPoint) -> BranchPoint:
         """Solve the branch nearest to a point, or else the best linearised one; keep the answer if it is no worse."""
         branch = nearest_branch(self.program, start.x)
         found = self._go("polish", branch, start, start.x)
@@ -167,7 +162,7 @@ class ActiveSetSearch:
                 found = self._go("polish", nearby.branch, start, start.x + nearby.step)
         return found or start
 
-    def project(self, start: Candidate) -> Candidate:
+    def project(self, start: BranchPoint) -> BranchPoint:
         """Solve the branch that the linearised constraints can be met in, or nearly, from a point that is infeasible.
 
         References
@@ -184,7 +179,7 @@ class ActiveSetSearch:
                 best = self._go("projection", nearby.branch, best, start.x + nearby.step) or best
         return best
 
-    def explore(self, start: Candidate, tried: set[bytes]) -> Candidate:
+    def explore(self, start: BranchPoint, tried: set[bytes], deadline: Deadline) -> BranchPoint:
         """Try the branches that look best from a B-stationary point when the trust region reaches far.
 
         Where objective and rows are linear, the linear program with a large enough trust region knows the global
@@ -192,38 +187,59 @@ class ActiveSetSearch:
 
         Parameters
         ----------
-        start : Candidate
+        start : BranchPoint
         tried : set
             Keys of branches to leave out; grows by those that are tried.
+        deadline : Deadline
+            Of the exploration.
         """
-        best = start
-        improved = True
-        while improved and best.branch is not None and not self._late():
-            improved = False
-            point = Linearisation.at(self.program.nlp, best.x)
-            tried.add(best.branch.key())
-            for radius in self.limits.exploring_radii:
-                nearby = steepest_branch(
-                    self.program,
-                    point,
-                    radius,
-                    time_limit=self.limits.lpec_seconds,
-                    node_limit=self.limits.exploring_nodes,
-                )
-                if nearby is None or nearby.branch.key() in tried or self._late():
-                    continue
-                tried.add(nearby.branch.key())
-                better = self._go("explore", nearby.branch, best, best.x + nearby.step)
-                if better is not None and self._improves(better, best):
-                    best, improved = self.descend(better), True
-                    break
-        return best
+        within, self.deadline = self.deadline, deadline
+        try:
+            best, improved = start, True
+            while improved and best.branch is not None:
+                tried.add(best.branch.key())
+                better = self._explored_from(best, tried)
+                improved = better is not None
+                best = better or best
+            return best
+        finally:
+            self.deadline = within
+
+    def _explored_from(self, best: BranchPoint, tried: set[bytes]) -> BranchPoint | None:
+        """A better point that solves another branch, or None."""
+        point = Linearisation.at(self.program.nlp, best.x)
+        for radius in self.limits.exploring_radii:
+            if self._late():
+                return None
+            nearby = self._steepest(point, radius, node_limit=self.limits.exploring_nodes)
+            if nearby is None or nearby.branch.key() in tried or self._late():
+                continue
+            tried.add(nearby.branch.key())
+            better = self._go("explore", nearby.branch, best, best.x + nearby.step)
+            if better is not None and self._improves(better, best):
+                return self.descend(better)
+        return None
 
     def _nearly_feasible_branch(self, point: Linearisation, radius: float) -> Descent | None:
         price = 1e3 * max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
-        return steepest_branch(self.program, point, radius, elastic=price, time_limit=self.limits.lpec_seconds)
+        return self._steepest(point, radius, elastic=price)
 
-    def descend(self, start: Candidate) -> Candidate:
+    def _steepest(self, point: Linearisation, radius: float, **choices: Any) -> Descent | None:
+        """The linear program with complementarity constraints, in what is left of the time."""
+        limit = self.deadline.within(self.limits.lpec_seconds).left
+        assert limit is not None
+        if limit <= 0.0:
+            return None
+        started = time.perf_counter()
+        try:
+            return steepest_branch(self.program, point, radius, time_limit=limit, **choices)
+        except KeyboardInterrupt:
+            self.interrupted = True
+            return None
+        finally:
+            self.linear_seconds += time.perf_counter() - started
+
+    def descend(self, start: BranchPoint) -> BranchPoint:
         """Follow descending branches from a point that solves its own, until there is none; sets `certificate`."""
         self.certificate = Certificate.UNKNOWN
         best, radius = start, self.limits.radius
@@ -255,38 +271,37 @@ class ActiveSetSearch:
                     return best
         return best
 
-    def _descent(self, point: Linearisation, best: Candidate, radius: float) -> tuple[Descent | None, float]:
+    def _descent(self, point: Linearisation, best: BranchPoint, radius: float) -> tuple[Descent | None, float]:
         """The best branch, and by how much its decrease exceeds that of staying in the branch.
 
         An interior-point solution is a little away from its bounds, and the linear program would gain that distance
         in any branch.
         """
-        seconds = self.limits.lpec_seconds
-        anywhere = steepest_branch(self.program, point, radius, time_limit=seconds)
+        anywhere = self._steepest(point, radius)
         if anywhere is None:
             return None, 0.0
         if not anywhere.open_pairs:
             return anywhere, 0.0
-        here = steepest_branch(self.program, point, radius, held=best.branch, time_limit=seconds)
+        here = self._steepest(point, radius, held=best.branch)
         return anywhere, anywhere.decrease - (0.0 if here is None else here.decrease)
 
-    def _go(self, purpose: str, branch: Branch, start: Candidate, x: FloatArray) -> Candidate | None:
+    def _go(self, purpose: str, branch: Branch, start: BranchPoint, x: FloatArray) -> BranchPoint | None:
         """Solve a branch; None where its answer may not replace the start."""
         nlp = restricted(self.program, branch)
         limits = self.limits
         iterations = limits.exploring_iterations if purpose == "explore" else limits.polishing_iterations
-        outcome = self.solve(nlp, replace(start, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
+        outcome = self.solve(nlp, replace(start.point, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
+        self.interrupted |= outcome.status is IpoptStatus.INTERRUPTED
         if not np.isfinite(outcome.x).all():
             return None
-        multipliers = (outcome.g_multipliers, outcome.lower_multipliers, outcome.upper_multipliers)
-        found = candidate_at(self.program, outcome.x, multipliers, branch)
+        found = BranchPoint.at(self.program, outcome.point, branch)
         # Whatever Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
         kept = self._no_worse(found, start)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)
         return found if kept else None
 
-    def _no_worse(self, found: Candidate, start: Candidate) -> bool:
+    def _no_worse(self, found: BranchPoint, start: BranchPoint) -> bool:
         """Feasible, or at least more so; and then complementary where the start was not, or of no larger objective."""
         if not found.violation <= max(self.limits.feasibility, start.violation):
             return False
@@ -298,8 +313,8 @@ class ActiveSetSearch:
             allowance = 1e-2 if start.natural_residual > self.limits.feasibility else 1e-3
         return found.objective <= start.objective + allowance * max(1.0, abs(start.objective))
 
-    def _improves(self, found: Candidate, best: Candidate) -> bool:
+    def _improves(self, found: BranchPoint, best: BranchPoint) -> bool:
         return found.objective < best.objective - self.limits.objective * max(1.0, abs(best.objective))
 
     def _late(self) -> bool:
-        return self.deadline is not None and time.perf_counter() > self.deadline
+        return self.interrupted or self.deadline.has_passed

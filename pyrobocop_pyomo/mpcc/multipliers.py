@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, lagrangian_residual
 
 from .branch import BoolArray, Branch, restricted
 from .linearisation import Linearisation
@@ -183,7 +184,7 @@ def strong_multipliers(
     program: ComplementarityProgram,
     point: Linearisation,
     branch: Branch,
-    solver_multipliers: tuple[FloatArray, FloatArray, FloatArray],
+    solved: PrimalDualPoint,
     reach: float = 1e-3,
     tolerance: float = 1e-6,
 ) -> Multipliers | None:
@@ -195,8 +196,8 @@ def strong_multipliers(
     point : Linearisation
     branch : Branch
         Whose nonlinear program the point solves.
-    solver_multipliers : tuple of float arrays
-        Of rows, lower and upper bounds, in Ipopt's signs.
+    solved : PrimalDualPoint
+        The same point with the solver's multipliers.
     reach : float
         A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
     tolerance : float
@@ -207,9 +208,10 @@ def strong_multipliers(
     Multipliers or None
         None says nothing: other multipliers may have the signs.
     """
-    rows, lower, upper = solver_multipliers
-    if lagrangian_residual(restricted(program, branch), point.x, rows, lower, upper) > tolerance:
+    nlp = restricted(program, branch)
+    if lagrangian_residual(nlp, solved) > tolerance:
         return None
+    rows, lower, upper = solved.complete(nlp)
     scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
     # Where a row says as well that a held side is nonnegative, the solver has split the multiplier at will.
     held_pairs = tuple(
@@ -242,7 +244,9 @@ def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
     return chosen
 
 
-def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0) -> Multipliers | None:
+def classify(
+    problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
+) -> Multipliers | None:
     """Find the strongest kind of stationarity that a point meets.
 
     Parameters
@@ -252,19 +256,27 @@ def classify(problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: fl
         Largest residual, relative to the objective's gradient.
     time_limit : float
         Seconds for each kind.
+    deadline : Deadline
+        For all kinds together.
 
     Returns
     -------
     Multipliers or None
         Of that kind; None where even the linear program for W had no answer in time.
     """
-    weak = problem.find(Stationarity.W, time_limit)
+
+    def find(kind: Stationarity) -> Multipliers | None:
+        left = deadline.within(time_limit).left
+        assert left is not None
+        return problem.find(kind, left) if left > 0.0 else None
+
+    weak = find(Stationarity.W)
     if weak is None:
         return None
     if not weak.residual <= tolerance:
         return replace(weak, kind=Stationarity.NONE)
     for kind in (Stationarity.S, Stationarity.M, Stationarity.C, Stationarity.A):
-        found = problem.find(kind, time_limit)
+        found = find(kind)
         if found is not None and found.residual <= tolerance:
             return found
     return weak

@@ -1,73 +1,185 @@
-"""Leading the guess of a motion around all obstacles at once, where poses are placed by variables of their own."""
+"""Rerouting of an initial guess: along a grid path that leads a convex body around all obstacles at once.
+
+Every pair of shapes that overlap has its own cheapest separation, and those of several obstacles may contradict each
+other: left of one, right of the next, where the gap is above both. A search on a grid sees all of them together.
+"""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.geometry.grid_path_search import grid_path
 from pyrobocop_pyomo.motion.bodies import Body
 
 from .formulations.rows import is_number
 from .scene import Scene
-from .ways_around import Core, way_around
 
 Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 
-# Share of a way over which its corners are rounded.
+MOST_CELLS = 100_000
+# What a cell costs where the body fits only if it is turned the right way; 1 where it fits in any way.
+NARROW = 3.0
+BLOCKED = 1e4
+# Share of a path over which its corners are rounded.
 ROUNDED = 0.1
 
 
 def reroute(block: Any) -> list[str]:
-    """Lead bodies from where they start to where they end, clear of all obstacles that stand still.
+    """Reroute bodies from where they start to where they end, clear of all static obstacles.
 
-    A body is led where it is placed by variables: rules such as ``planar_pose(b.x[t], b.y[t], b.theta[t])``. What is
-    fixed, and how the body turns, stays as it is.
+    Only bodies whose position consists of variables are rerouted: pose rules such as
+    ``planar_pose(b.x[t], b.y[t], b.theta[t])``. Fixed variables and the rotation stay as they are.
 
     Parameters
     ----------
     block : ObstacleAvoidanceBlockData
-        Its variables hold a guess of the motion.
+        Its variables hold an initial guess of the motion.
 
     Returns
     -------
     list of str
-        Names of the bodies that were led another way.
+        Names of the bodies that were rerouted.
     """
     motion, scene = block.motion, block.record.scene
     nodes = list(dict.fromkeys(node for interval in motion.intervals for node in interval))
     if len(nodes) < 3:
         return []
-    led = []
+    rerouted = []
     for name, body in scene.bodies.items():
         if name in scene.obstacles or not body.moves:
             continue
         poses = [motion.pose_at_node(body.pose, node, name=name) for node in nodes]
         entries = [pose.translation for pose in poses]
-        free = [entry for place in entries for entry in place if not (is_number(entry) or _is_variable(entry))]
-        if free or not any(_is_variable(entry) and not entry.fixed for place in entries for entry in place):
+        computed = [entry for place in entries for entry in place if not (is_number(entry) or _is_variable(entry))]
+        if computed or not any(_is_variable(entry) and not entry.fixed for place in entries for entry in place):
             continue
         numbers = [pose.numbers() for pose in poses]
         places = _places(block, scene, name, body, numbers, entries)
         if places is None:
-            logger.info("'%s': no way around was found for '%s'.", block.name, name)
+            logger.info("'%s': no path around the obstacles was found for '%s'.", block.name, name)
             continue
         for place, target in zip(entries, places, strict=True):
             for entry, number in zip(place, target.tolist(), strict=True):
                 if _is_variable(entry) and not entry.fixed:
                     lower, upper = entry.bounds
                     entry.set_value(min(max(number, _or(lower, number)), _or(upper, number)), skip_validation=True)
-        led.append(name)
-    return led
+        rerouted.append(name)
+    return rerouted
+
+
+@dataclass(frozen=True)
+class InnerAndOuterBall:
+    """The balls inside and around a shape, about one point of it.
+
+    Attributes
+    ----------
+    middle : (d,) array
+        In the frame of the shape.
+    inner, outer : float
+        Radii, the padding included. The inner ball is inside, the outer one contains the shape.
+    """
+
+    middle: Array
+    inner: float
+    outer: float
+
+    @classmethod
+    def of(cls, shape: Polytope) -> InnerAndOuterBall:
+        """About the mean of the vertices."""
+        middle = shape.vertices.mean(axis=0)
+        inner = 0.0
+        if not shape.is_flat:
+            normals, offsets = shape.halfspaces
+            inner = float((offsets - normals @ middle).min())
+        outer = float(np.linalg.norm(shape.vertices - middle, axis=1).max())
+        return cls(middle, max(inner, 0.0) + shape.radius, outer + shape.radius)
+
+
+def path_among_obstacles(
+    start: Array,
+    goal: Array,
+    balls: InnerAndOuterBall,
+    obstacles: Sequence[Polytope],
+    clearance: float,
+    low: Array,
+    high: Array,
+) -> Array | None:
+    """Shortest path on a grid for the inner ball of a body, with a preference for cells where the outer ball fits.
+
+    Parameters
+    ----------
+    start, goal : (d,) array
+        Of the body's middle.
+    balls : InnerAndOuterBall
+        Of the body.
+    obstacles : sequence of Polytope
+        Placed in the world.
+    clearance : float
+        To be kept by the inner ball, so that a body that fits finds its path.
+    low, high : (d,) array
+        Corners of the region that is searched; start and goal are inside.
+
+    Returns
+    -------
+    (k, d) array, or None
+        Points from start to goal; None where there is no path on this grid.
+
+    Notes
+    -----
+    Distances are those to the facets' planes and to the box around each obstacle, whichever is larger: never more than
+    the true ones. Cells are taken to be blocked within half of their diagonal, so that no wall is stepped through.
+    """
+    size = np.maximum(high - low, 1e-9)
+    finest = max(balls.inner + clearance, 1e-3 * float(size.max()))
+    cell = max(finest / np.sqrt(len(size)), float((size.prod() / MOST_CELLS) ** (1 / len(size))))
+    counts = np.maximum(np.ceil(size / cell).astype(int), 1) + 1
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    distance = distance_lower_bounds(points.reshape(-1, len(size)), obstacles).reshape(counts)
+    needed = max(balls.inner + clearance, 0.5 * cell * np.sqrt(len(size)))
+    comfort = max(balls.outer + clearance, needed + cell)
+    cost = 1.0 + NARROW * np.clip((comfort - distance) / (comfort - needed), 0.0, 1.0)
+    cost[distance < needed] = BLOCKED
+    spacing = size / (counts - 1)
+    first, last = (tuple(np.rint((end - low) / spacing).astype(int).tolist()) for end in (start, goal))
+    cells = grid_path(cost, spacing, first, last)
+    assert cells is not None  # blocked cells are expensive, not impassable
+    path = low + cells * spacing
+    # The ends of the path may be in places too tight for the grid. Elsewhere it must not pass through a wall.
+    far = np.minimum(*(np.linalg.norm(path - end, axis=1) for end in (start, goal))) > balls.outer + cell
+    if (cost[tuple(cells.T)] >= BLOCKED)[far].any():
+        return None
+    return np.vstack([start, path[1:-1], goal])
+
+
+def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array:
+    """Lower bounds (k,) of the distances of points (k, d) to the nearest of the obstacles."""
+    found = np.full(len(points), np.inf)
+    for obstacle in obstacles:
+        bound = np.full(len(points), -np.inf)
+        if not obstacle.is_flat:
+            normals, offsets = obstacle.halfspaces
+            bound = np.maximum(bound, (points @ normals.T - offsets).max(axis=1))
+        if obstacle.is_bounded:
+            below, above = obstacle.vertices.min(axis=0), obstacle.vertices.max(axis=0)
+            outside = np.maximum(below - points, points - above)
+            bound = np.maximum(bound, np.where(outside.max(axis=1) > 0, np.linalg.norm(outside.clip(0), axis=1), bound))
+        found = np.minimum(found, bound - obstacle.radius)
+    return found
 
 
 def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entries: Any) -> Array | None:
-    """Translations (nodes, d) along the way, as far along it as the guess is along its own; None without a way."""
-    core = _core(scene, name)
+    """Translations (nodes, d) along the path, each at the fraction that the guess has covered; None without a path."""
+    balls = _balls(scene, name)
     walls = [
         part.shape
         for pair in scene.pairs
@@ -77,22 +189,24 @@ def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entri
     ]
     if not walls:
         return None
-    arms = np.array([rotation @ core.middle for rotation, _ in numbers])
+    arms = np.array([rotation @ balls.middle for rotation, _ in numbers])
     before = np.array([place for _, place in numbers]) + arms
     clearance = max(value for pair, value in scene.clearances.items() if name in pair)
-    low, high = _region(before, core, clearance, entries, arms)
-    way = way_around(before[0], before[-1], core, walls, clearance, low, high)
-    return None if way is None else _along(way, before) - arms
+    low, high = _region(before, balls, clearance, entries, arms)
+    path = path_among_obstacles(before[0], before[-1], balls, walls, clearance, low, high)
+    return None if path is None else _along(path, before) - arms
 
 
-def _core(scene: Scene, name: str) -> Core:
-    """Of the part with most inside: a union of parts is led by it."""
-    return max((Core.of(part.shape) for part in scene.parts_of(name)), key=lambda core: core.inner)
+def _balls(scene: Scene, name: str) -> InnerAndOuterBall:
+    """Of the part with the largest inner ball: it stands for a union of parts."""
+    return max((InnerAndOuterBall.of(part.shape) for part in scene.parts_of(name)), key=lambda balls: balls.inner)
 
 
-def _region(before: Array, core: Core, clearance: float, entries: Any, arms: Array) -> tuple[Array, Array]:
-    """What is searched: around the guess by its own extent and twice the body's, and within the variables' bounds."""
-    beyond = 0.5 * float(np.ptp(before, axis=0).max()) + 2 * (core.outer + clearance)
+def _region(
+    before: Array, balls: InnerAndOuterBall, clearance: float, entries: Any, arms: Array
+) -> tuple[Array, Array]:
+    """The region to search: around the guess by its own extent and twice the body's, within the bounds of variables."""
+    beyond = 0.5 * float(np.ptp(before, axis=0).max()) + 2 * (balls.outer + clearance)
     low, high = before.min(axis=0) - beyond, before.max(axis=0) + beyond
     middle = len(entries) // 2
     for axis, entry in enumerate(entries[middle]):
@@ -104,13 +218,13 @@ def _region(before: Array, core: Core, clearance: float, entries: Any, arms: Arr
     return np.minimum(low, before.min(axis=0)), np.maximum(high, before.max(axis=0))
 
 
-def _along(way: Array, before: Array) -> Array:
-    """Points (nodes, d) of a way, rounded, at the shares of its length at which the guess is of its own."""
+def _along(path: Array, before: Array) -> Array:
+    """Points (nodes, d) of a path, rounded, at the fractions of its length that the guess has covered of its own."""
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(before, axis=0), axis=1))])
     shares = lengths / lengths[-1] if lengths[-1] > 0 else np.linspace(0, 1, len(before))
-    passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     fine = np.linspace(0.0, 1.0, 20 * len(before) + 1)
-    line = np.stack([np.interp(fine * passed[-1], passed, column) for column in way.T], axis=1)
+    line = np.stack([np.interp(fine * passed[-1], passed, column) for column in path.T], axis=1)
     width = max(int(ROUNDED * len(fine)) // 2, 1)
     padded = np.vstack([np.repeat(line[:1], width, axis=0), line, np.repeat(line[-1:], width, axis=0)])
     window = np.ones(2 * width + 1) / (2 * width + 1)

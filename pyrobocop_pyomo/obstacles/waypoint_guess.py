@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.phases.horizon_fractions import fraction_of
+from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 
 def waypoint_guess(
@@ -43,7 +43,7 @@ def waypoint_guess(
         waypoints = {"x": [0, 2, 4], "y": [0, 1, 0], "theta": [0, 0, 1]}
         phase.set_guess(rcp.initial_guesses.waypoint_guess(phase, waypoints, even_in="xy"))
     """
-    fraction = fraction_of(phase)
+    fraction = horizon_fraction(phase)
     values = {_name(phase, key): np.array(each, dtype=float) for key, each in waypoints.items()}
     if not values:
         raise GuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")

@@ -13,7 +13,7 @@ from pyomo.mpec import Complementarity as PyomoComplementarity
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
-from .controls import refuse_weightless_controls, variables_name
+from .controls import refuse_weightless_controls
 from .declarations import Algebraic, Control, Parameter
 from .record import PhaseRecord
 from .structure import check_structure, sides_of
@@ -106,9 +106,9 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
 
 
 def _variables(block: Any, record: PhaseRecord, name: str) -> Any:
-    declaration = record.declarations[name]
-    holder = variables_name(name, declaration) if isinstance(declaration, Control) else name
-    return block.component(holder).values()
+    if isinstance(record.declarations[name], Parameter):
+        return [block.component(name)]
+    return record.nodes(name).variables(block)
 
 
 def _expressions(block: Any) -> Any:

@@ -16,7 +16,10 @@ from typing import Any, Union
 
 from pyrobocop_pyomo.errors import DeclarationError, TrajectoryError
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import Guess
+
+from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
 
 Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007
@@ -72,6 +75,16 @@ class Declaration:
         bounds = self.bounds(time) if callable(self.bounds) else self.bounds
         return check_bounds(bounds, f"{name} (declared at {self.declared_at})", "bounds")
 
+    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+        """Where the values of a variable over time live, that is declared so under a name.
+
+        Raises
+        ------
+        DeclarationError
+            When knots do not fit the mesh.
+        """
+        raise DeclarationError(f"{what}: a {type(self).__name__} has no values over time.")
+
     def __getstate__(self) -> dict[str, Any]:
         # The variables are built: a guess has done its work, and bounds are only asked again by a verification.
         state = dict(self.__dict__)
@@ -102,10 +115,18 @@ class State(Declaration):
     final: float | Bounds | None = None
     derivative_bounds: Bounds | None = None
 
+    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+        """Element boundaries and collocation points."""
+        return StateNodes(name, grid)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Algebraic(Declaration):
     """A variable without derivative that the equations determine: a force, a slip speed, a slack."""
+
+    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+        """Collocation points."""
+        return StageNodes(name, grid)
 
 
 PARAMETRIZATIONS = ("collocated", "piecewise_constant", "piecewise_linear")
@@ -146,6 +167,15 @@ class Control(Declaration):
                 )
             object.__setattr__(self, "knots", tuple(float(knot) for knot in self.knots))
 
+    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+        """Collocation points, the intervals between knots, or the knots."""
+        if self.parametrization == "collocated":
+            return StageNodes(name, grid)
+        knots = knots_on_mesh(self.knots, grid, what)
+        if self.parametrization == "piecewise_linear":
+            return KnotNodes(f"{name}_at_knots", grid, knots)
+        return IntervalNodes(f"{name}_per_{'element' if self.knots is None else 'interval'}", grid, knots)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter(Declaration):
@@ -164,11 +194,6 @@ class Duration(Declaration):
 @dataclass(frozen=True, kw_only=True)
 class Start(Declaration):
     """A start time that the optimiser chooses; the phase is then stated in normalised time."""
-
-
-def is_held(declaration: Declaration) -> bool:
-    """True for a control with one value per element, or per interval between its knots."""
-    return isinstance(declaration, Control) and declaration.parametrization == "piecewise_constant"
 
 
 def check_bounds(bounds: object, name: str, what: str) -> Bounds:

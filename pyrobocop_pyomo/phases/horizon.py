@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
@@ -133,6 +134,20 @@ def real_grid(block: Any, record: PhaseRecord) -> Grid:
         return record.grid
     boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
     return Grid(record.grid.scheme, Mesh(tuple(float(each) for each in boundaries)))
+
+
+def horizon_fraction(phase: Any) -> Callable[[float], float]:
+    """A function from time indices to 0 (start) ... 1 (end), also where start, duration or elements may move.
+
+    Raises
+    ------
+    GuessError
+        When it is no `PhaseBlock`.
+    """
+    if not hasattr(phase, "clock") or not hasattr(phase, "time"):
+        raise GuessError(f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; a guess along a path needs one.")
+    start, end = (float(value(phase.clock(t))) for t in (phase.time.first(), phase.time.last()))
+    return lambda t: (float(value(phase.clock(t))) - start) / (end - start)
 
 
 def check_horizon(what: str, start: Any, duration: Any) -> None:

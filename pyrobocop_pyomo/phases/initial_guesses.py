@@ -7,24 +7,21 @@ bounds is moved onto the nearest one. Everything is checked before anything is s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.numerics import Grid, differentiation_matrix
+from pyrobocop_pyomo.numerics import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import Guess, guess_at, number_guess, stage_guess, state_guess
+from pyrobocop_pyomo.transcription import Guess, number_guess
 
 from .building import within
-from .controls import knots_of, variables_name
-from .declarations import Control, Parameter, State, is_held
-from .horizon import real_grid
+from .declarations import Parameter, State
+from .horizon import horizon_fraction, real_grid
+from .phase_values import PhaseValues
 from .record import PhaseRecord
 
 Array = NDArray[np.float64]
@@ -61,30 +58,12 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
     GuessError
         When they have no name in common.
     """
-    grid = record.grid
-    fractions = _fractions(block, grid)
-    # A trajectory answers at an element boundary for the element that ends there; a stage at an element start that no
-    # other element shares belongs to the one that begins.
-    starts = grid.scheme.starts_on_a_stage and not grid.elements_share_points
-    begins = {times[0] for times in grid.stage_times} if starts else set()
-    sampled = {
-        "time": _evaluate(trajectory, [fractions(t) for t in grid.times]),
-        "points": _evaluate(trajectory, [fractions(t) for t in grid.points], [t in begins for t in grid.points]),
-        "elements": _evaluate(trajectory, [fractions(t) for t in element_middles(grid)]),
-    }
-    guesses: dict[str, Guess] = {}
-    for name, declaration in record.declarations.items():
-        if isinstance(declaration, Parameter):
-            if name in trajectory.parameters:
-                guesses[name] = trajectory.parameters[name]
-        elif name in trajectory.names:
-            if isinstance(declaration, Control) and declaration.parametrization == "piecewise_linear":
-                knots = knots_of(record, declaration, f"phase '{block.name}': '{name}'")
-                guesses[name] = _evaluate(trajectory, [fractions(t) for t in knots])[name]
-                continue
-            kind = "time" if isinstance(declaration, State) else "elements" if is_held(declaration) else "points"
-            guesses[name] = sampled[kind][name]
-    if not guesses:
+    values, fraction = PhaseValues(block), horizon_fraction(block)
+    begin = trajectory.grid.mesh.boundaries[0]
+    found = values.sampled(trajectory, lambda t: begin + fraction(t) * trajectory.duration)
+    shared = [name for name in record.names(Parameter) if name in trajectory.parameters]
+    guesses: dict[str, Guess] = {name: trajectory.parameters[name] for name in shared}
+    if not any(name in record.declarations for name in (*found, *guesses)):
         raise GuessError(
             f"phase '{block.name}': trajectory '{trajectory.name}' has {', '.join(trajectory.names) or 'no values'}; "
             f"the phase has {', '.join(record.declarations) or 'nothing'}. A guess needs a name in common."
@@ -92,16 +71,13 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
     if _is_free(block, "duration"):
         guesses["duration"] = trajectory.duration
     set_guesses(block, record, guesses)
-    # The trajectory's own rates: between schemes, those of the polynomial through the new nodes would be less exact.
-    rates = {name: each for name, each in trajectory.rates.items() if name in record.kept_derivatives}
-    if rates:
-        slopes = _evaluate(
-            replace(trajectory, states={}, signals=rates), [fractions(t) for t in grid.points],
-            [t in begins for t in grid.points],
-        )  # fmt: skip
-        real = real_grid(block, record).mesh.boundaries
-        stretch = trajectory.duration / (real[-1] - real[0])
-        set_guesses(block, record, {f"{name}_derivative": stretch * each for name, each in slopes.items()})
+    real = real_grid(block, record).mesh.boundaries
+    stretch = trajectory.duration / (real[-1] - real[0])
+    for name, numbers in found.items():
+        is_rate = name not in record.declarations
+        _assign(_paired(record.nodes(name).variables(block), stretch * numbers if is_rate else numbers))
+        if name in record.kept_derivatives and f"{name}_derivative" not in found:
+            _assign(_slopes(block, record, name))
 
 
 def set_straight_lines(block: Any, record: PhaseRecord) -> None:
@@ -135,37 +111,15 @@ def set_straight_lines(block: Any, record: PhaseRecord) -> None:
 
 def guess_values(block: Any, record: PhaseRecord, name: str, guess: Guess) -> Values:
     """The variables behind a name, each once, with the values that a guess means for them."""
-    what, grid = f"phase '{block.name}': '{name}'", record.grid
+    what = f"phase '{block.name}': '{name}'"
     component = block.component(name)
-    declaration = record.declarations.get(name)
     if not component.is_indexed():
         number = number_guess(guess, what)
         if name == "duration" and number <= 0:
             raise GuessError(f"{what}: the guess is {number:g}; it must be positive.")
         return [(component, number)]
-    if isinstance(declaration, State):
-        return _paired([component[t] for t in grid.times], state_guess(guess, grid, what))
-    if isinstance(declaration, Control) and declaration.parametrization == "piecewise_linear":
-        knots = knots_of(record, declaration, what)
-        return _paired(
-            list(block.component(variables_name(name, declaration)).values()),
-            guess_at(guess, knots, what, f"{len(knots)} knots"),
-        )
-    if declaration is None or not is_held(declaration):
-        return _paired([component[t] for t in grid.points], stage_guess(guess, grid, what))
-    # One variable for several points: the mean over its elements, each weighted by its width.
-    per_element = guess_at(guess, element_middles(grid), what, f"{grid.mesh.elements} elements")
-    sums: dict[int, tuple[Any, list[int]]] = {}
-    for i, times in enumerate(grid.stage_times):
-        data = component[times[-1]]
-        sums.setdefault(id(data), (data, []))[1].append(i)
-    widths = grid.mesh.widths
-    return [(data, float(np.average(per_element[own], weights=widths[own]))) for data, own in sums.values()]
-
-
-def element_middles(grid: Grid) -> list[float]:
-    """The time index in the middle of each element."""
-    return [(start + end) / 2 for start, end in pairwise(grid.mesh.boundaries)]
+    nodes = record.nodes(name)
+    return _paired(nodes.variables(block), nodes.from_guess(guess, what))
 
 
 def _name_of(block: Any, record: PhaseRecord, key: Any) -> str:
@@ -202,24 +156,6 @@ def _slopes(block: Any, record: PhaseRecord, name: str) -> Values:
         slopes |= dict(zip(stages, (differentiate @ nodes / width).tolist(), strict=True))
     derivative = block.component(f"{name}_derivative")
     return [(derivative[t], slopes[t]) for t in grid.points]
-
-
-def _fractions(block: Any, grid: Grid) -> Any:
-    """Where in the horizon a time index lies, from 0 to 1."""
-    clock = {t: float(value(block.clock(t))) for t in (grid.times[0], grid.times[-1])}
-    start, span = clock[grid.times[0]], clock[grid.times[-1]] - clock[grid.times[0]]
-    return lambda t: (float(value(block.clock(t))) - start) / span
-
-
-def _evaluate(trajectory: Trajectory, fractions: Sequence[float], begins: Sequence[bool] = ()) -> dict[str, Array]:
-    boundaries = np.array(trajectory.grid.mesh.boundaries)
-    times = np.clip(boundaries[0] + np.array(fractions) * trajectory.duration, boundaries[0], boundaries[-1])
-    # A control may jump at an element end, and rounding must not carry a time to the other side of it.
-    nearest = boundaries[np.abs(times[:, None] - boundaries[None, :]).argmin(axis=1)]
-    times = np.where(np.abs(times - nearest) < 1e-12 * (1 + np.abs(boundaries).max()), nearest, times)
-    if any(begins):
-        times = np.where(begins, np.nextafter(times, boundaries[-1]), times)
-    return trajectory(times)
 
 
 def _assign(values: Values) -> None:

@@ -14,7 +14,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import DeclarationError
 
-from .declarations import Parameter, State
+from .declarations import Parameter
 
 Array = NDArray[np.float64]
 
@@ -108,16 +108,12 @@ def label_measurements(
 
 
 def _at(phase: Any, name: str, time: float) -> Any:
-    """A variable between its nodes, by the polynomial of its element; at a boundary, of the one that ends there."""
-    grid, variable = phase.grid, phase.component(name)
-    i = int(np.clip(np.searchsorted(grid.mesh.boundaries, time, side="left") - 1, 0, grid.mesh.elements - 1))
-    local = min(max((time - grid.mesh.boundaries[i]) / grid.mesh.widths[i], 0.0), 1.0)
-    if isinstance(phase.record.declarations[name], State):
-        nodes, weights = grid.node_times[i], grid.scheme.state_at([local])[0]
-    else:
-        nodes, weights = grid.stage_times[i], grid.scheme.stage_polynomial_at([local])[0]
-    used = [(t, weight) for t, weight in zip(nodes, weights.tolist(), strict=True) if weight != 0.0]
-    return LinearExpression(linear_coefs=[weight for _, weight in used], linear_vars=[variable[t] for t, _ in used])
+    """A variable at any time, as the scheme has it between nodes."""
+    nodes = phase.record.nodes(name)
+    variables, weights = nodes.variables(phase), nodes.weights_at(time)
+    return LinearExpression(
+        linear_coefs=[weight for _, weight in weights], linear_vars=[variables[i] for i, _ in weights]
+    )
 
 
 def _read(data: Any, what: str) -> tuple[Array, dict[str, Array]]:

@@ -13,9 +13,8 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import GuessError
 
-from .controls import knots_of
-from .declarations import Algebraic, Control, Parameter, State, is_held
-from .initial_guesses import element_middles, guess_values
+from .declarations import Algebraic, Control, Parameter, State
+from .initial_guesses import guess_values
 from .record import PhaseRecord
 
 
@@ -83,11 +82,7 @@ class PhaseInterface(DynamicModelInterface):
                     f"phase '{block.name}': the series runs from {times[0]:g} to {times[-1]:g}; '{name}' needs "
                     f"{asked[0]:g} to {asked[-1]:g}. Shift the series, or load it through a Trajectory."
                 )
-            declaration = self._record.declarations[name]
-            if is_held(declaration):
-                asked = np.array(element_middles(grid))
-            elif isinstance(declaration, Control) and declaration.parametrization == "piecewise_linear":
-                asked = np.array(knots_of(self._record, declaration, f"phase '{block.name}': '{name}'"))
+            asked = np.array(self._record.nodes(name).sample_times)
             loaded += guess_values(block, self._record, name, np.interp(asked, times, np.array(samples, dtype=float)))
         for variable, number in loaded:
             variable.set_value(number)

@@ -28,9 +28,9 @@ from .equations import (
     add_residual,
     rule_name,
 )
-from .extraction import extract_trajectory
 from .horizon import add_horizon, check_horizon, make_mesh, quadrature_weights, real_time
 from .phase_actions import PhaseActions
+from .phase_values import PhaseValues
 from .record import PhaseRecord, Statement
 from .variables import add_variables
 from .verification import Verification, verify
@@ -279,7 +279,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
     def trajectory(self) -> Trajectory:
         """The current values, as a trajectory that can be read, plotted, verified and saved."""
-        return extract_trajectory(self, self.record)
+        return PhaseValues(self).trajectory()
 
     def verify(self, trajectory: Trajectory) -> Verification:
         """Judge a trajectory by this phase's equations, recomputed; see `Verification`."""

@@ -6,7 +6,6 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import LinkError
 
-from .controls import variables_name
 from .declarations import Algebraic, Control, State
 
 
@@ -14,9 +13,9 @@ class PhaseEnd:
     """What a phase declares, at its start or at its end, as attributes.
 
     A state is its variable there, a parameter its variable. An algebraic or control is the value of its polynomial,
-    which a scheme without a point at that end extrapolates from its first or last element; a linear one has a knot
-    there. Other components of the
-    phase are handed over too, those indexed by time at that time. `duration` is that of the phase.
+    which a scheme without a point at that end extrapolates from its first or last element; a piecewise linear one has
+    a knot there. Other components of the phase are handed over too, those indexed by time at that time. `duration` is
+    that of the phase.
 
     Parameters
     ----------
@@ -58,17 +57,10 @@ class PhaseEnd:
         declaration = declared.get(name)
         if isinstance(declaration, State):
             return component[self._index]
-        if isinstance(declaration, Control) and declaration.parametrization == "piecewise_linear":
-            knots = self._phase.component(variables_name(name, declaration))
-            return knots[len(knots) - 1 if self._last else 0]
         if isinstance(declaration, (Algebraic, Control)):
-            return self._polynomial(component)
+            nodes = self._phase.record.nodes(name)
+            variables, weights = nodes.variables(self._phase), nodes.weights_at(self._index, after=not self._last)
+            if len(weights) == 1:  # a node: hand over the variable itself, not a sum that hides it
+                return variables[weights[0][0]]
+            return sum(weight * variables[i] for i, weight in weights)
         return component[self._index] if component.is_indexed() and self._index in component else component
-
-    def _polynomial(self, signal: Any) -> Any:
-        grid = self._phase.grid
-        times = grid.stage_times[-1 if self._last else 0]
-        weights = grid.scheme.stage_polynomial_at([1.0 if self._last else 0.0])[0]
-        # At a stage all other weights are zero: hand over the variable itself, not a sum that hides it.
-        terms = [weight * signal[time] for time, weight in zip(times, weights.tolist(), strict=True) if weight != 1.0]
-        return sum(terms) if len(terms) == len(times) else signal[times[int(weights.argmax())]]

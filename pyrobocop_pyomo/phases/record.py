@@ -10,7 +10,8 @@ from typing import Any
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
 
-from .declarations import Declaration, Duration, State
+from .declarations import Algebraic, Control, Declaration, Duration, State
+from .nodes import Nodes, StageNodes
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,17 @@ class PhaseRecord:
     def names_of_states(self) -> list[str]:
         """Names of all states, in the order of declaration."""
         return self.names(State)
+
+    @property
+    def names_of_signals(self) -> list[str]:
+        """Names of all algebraics and controls, which have values at the collocation points."""
+        return [*self.names(Algebraic), *self.names(Control)]
+
+    def nodes(self, name: str) -> Nodes:
+        """Where the values of a state, algebraic, control or kept derivative live."""
+        if name.removesuffix("_derivative") in self.kept_derivatives and name not in self.declarations:
+            return StageNodes(name, self.grid)
+        return self.declarations[name].nodes(name, self.grid, f"'{name}'")
 
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""

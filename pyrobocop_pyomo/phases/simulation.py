@@ -20,13 +20,12 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import Guess
 
-from .controls import knots_of
-from .declarations import Control, is_held
 from .horizon import real_grid
 from .implicit_steps import step_element, step_start
+from .phase_values import make_trajectory
 from .point_equations import PointEquations
 from .record import PhaseRecord
-from .simulation_inputs import Unknowns, find_unknowns, given_signals, initial_states, values_at_knots
+from .simulation_inputs import Unknowns, find_unknowns, given_values, initial_states
 
 Array = NDArray[np.float64]
 
@@ -101,8 +100,11 @@ class _Run:
         self.block, self.record = block, record
         self.grid = real_grid(block, record)
         self.unknowns: Unknowns = find_unknowns(block, record, controls)
-        self.signals = given_signals(block, record, controls, self.unknowns)
-        self.linear = values_at_knots(block, record, controls)
+        self.given = given_values(block, record, controls, self.unknowns)
+        self.signals = {
+            name: record.nodes(name).at_points(values)[record.grid.stage_positions]
+            for name, values in self.given.items()
+        }
         self.equations = PointEquations(block, record, record.grid, self.grid)
         shape = (record.grid.mesh.elements, record.grid.scheme.stages)
         names = record.names_of_states
@@ -196,29 +198,15 @@ class _Run:
                 at |= dict(zip(grid.node_times[i], self.states[name][i].tolist(), strict=True))
                 at[grid.mesh.boundaries[i + 1]] = float(self.ends[i, j])
             states[name] = np.array([at[t] for t in grid.times])
-        linear = {}
-        for name in self.record.names(Control):
-            control = self.record.declarations[name]
-            if (
-                isinstance(control, Control)
-                and control.parametrization == "piecewise_linear"
-                and elements == len(self.ends)
-            ):
-                knots = knots_of(self.record, control, f"'{self.block.name}.{name}'")
-                clocks = np.interp(knots, self.record.grid.mesh.boundaries, self.grid.mesh.boundaries)
-                linear[name] = np.array([clocks, self.linear[name]])
-        held = frozenset(name for name, declaration in self.record.declarations.items() if is_held(declaration))
-        return Trajectory(
-            name=self.block.name,
-            grid=grid,
+        return make_trajectory(
+            self.block,
+            grid,
             states=states,
             signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
             parameters=self.equations.parameters,
             pairs={},
             rates={name: self._at_points(grid, each) for name, each in self.rates.items()},
-            linear=linear,
-            held=held,
-            phase=self.block,
+            knot_values=self.given,
         )
 
     @staticmethod

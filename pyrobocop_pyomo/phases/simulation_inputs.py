@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.errors import GuessError
 from pyrobocop_pyomo.transcription import Guess, number_guess
 
-from .controls import knots_of, variables_name
 from .declarations import Algebraic, Control
-from .initial_guesses import guess_values
+from .phase_values import read_values
 from .record import PhaseRecord
 
 Array = NDArray[np.float64]
+
+_NO_VALUE = "has no value to simulate with. Give it in the call, or a guess."
 
 
 @dataclass(frozen=True)
@@ -68,34 +69,8 @@ def find_unknowns(block: Any, record: PhaseRecord, given: Mapping[str, Guess]) -
     return Unknowns(implicit, free, (*algebraics, *controls))
 
 
-def given_signals(block: Any, record: PhaseRecord, given: Mapping[str, Guess], unknowns: Unknowns) -> dict[str, Array]:
-    """Values per element and stage of everything that is not to be found: as given, or as the phase holds them.
-
-    Raises
-    ------
-    GuessError
-        When a value has the wrong length, is missing or is not finite.
-    """
-    signals = {}
-    at_knots = values_at_knots(block, record, given)
-    for name in unknowns.order:
-        if name in unknowns.algebraics:
-            continue
-        component = block.component(name)
-        if name in at_knots:
-            knots = knots_of(record, record.declarations[name], f"phase '{block.name}': '{name}'")  # type: ignore[arg-type]
-            at = {t: float(np.interp(t, knots, at_knots[name])) for t in record.grid.points}
-        elif name in given:
-            number_of = {id(data): number for data, number in guess_values(block, record, name, given[name])}
-            at = {t: number_of[id(component[t])] for t in record.grid.points}
-        else:
-            at = {t: _number(component[t]) for t in record.grid.points}
-        signals[name] = np.array([[at[t] for t in times] for times in record.grid.stage_times])
-    return signals
-
-
-def values_at_knots(block: Any, record: PhaseRecord, given: Mapping[str, Guess]) -> dict[str, Array]:
-    """Values of the piecewise linear controls at their knots: as given, or as the phase holds them.
+def given_values(block: Any, record: PhaseRecord, given: Mapping[str, Guess], unknowns: Unknowns) -> dict[str, Array]:
+    """Values over its nodes of everything that is not to be found: as given, or as the phase has them.
 
     Raises
     ------
@@ -103,14 +78,13 @@ def values_at_knots(block: Any, record: PhaseRecord, given: Mapping[str, Guess])
         When a value has the wrong length, is missing or is not finite.
     """
     values = {}
-    for name in record.names(Control):
-        control = record.declarations[name]
-        if isinstance(control, Control) and control.parametrization == "piecewise_linear":
+    for name in unknowns.order:
+        if name not in unknowns.algebraics:
+            nodes = record.nodes(name)
             if name in given:
-                values[name] = np.array([number for _, number in guess_values(block, record, name, given[name])])
+                values[name] = nodes.from_guess(given[name], f"phase '{block.name}': '{name}'")
             else:
-                held = block.component(variables_name(name, control)).values()
-                values[name] = np.array([_number(data) for data in held])
+                values[name] = read_values(nodes.variables(block), GuessError, _NO_VALUE)
     return values
 
 
@@ -134,14 +108,8 @@ def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) 
         [
             number_guess(given[name], f"phase '{block.name}': initial value of '{name}'")
             if name in given
-            else _number(block.component(name)[first])
+            else float(read_values([block.component(name)[first]], GuessError, _NO_VALUE)[0])
             for name in names
         ],
         dtype=float,
     )
-
-
-def _number(data: Any) -> float:
-    if data.value is None:
-        raise GuessError(f"'{data.name}' has no value to simulate with. Give it in the call, or a guess.")
-    return float(data.value)

@@ -13,7 +13,9 @@ from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.enums import TraversalStrategy
 from pyomo.core.base.suffix import Suffix
-from pyomo.core.base.var import Var, VarData
+from pyomo.core.base.var import VarData
+
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 
 # Asked for even where the user declares no suffix, so that the loader can be asked for them.
 _ALWAYS_IMPORTED = ("dual", "rc")
@@ -28,16 +30,17 @@ class PointOnModel:
     """
 
     def __init__(self, model: BlockData) -> None:
-        variables = [each for each in model.component_data_objects(Var, active=True) if not each.fixed]
-        self.values = ComponentMap((variable, variable.value) for variable in variables)
-        self._stale = ComponentMap((variable, variable.stale) for variable in variables)
+        self._values = VariableValues.of_free(model)
         self.suffixes = [(suffix, ComponentMap(suffix.items())) for suffix in _imported(model)]
+
+    @property
+    def values(self) -> ComponentMap:
+        """By variable."""
+        return self._values.by_variable
 
     def put_back(self) -> None:
         """Make the model as it was."""
-        for variable, number in self.values.items():
-            variable.set_value(number, skip_validation=True)
-            variable.stale = self._stale[variable]
+        self._values.restore()
         for suffix, entries in self.suffixes:
             suffix.clear()
             suffix.update(entries)

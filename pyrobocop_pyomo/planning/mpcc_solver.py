@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import inspect
 from typing import Any
 
 from pyomo.common.config import ConfigValue
@@ -17,21 +18,38 @@ from pyomo.core.base.block import BlockData
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.ipopt.backends import available_backends
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.solving.solve_result import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .found_point import FoundPoint, PointOnModel, multipliers_imported
 
-CHOICES = {
-    "relaxation": ("scholtes", "How a product is bounded: a word or an object."),
-    "grouping": ("pair", "Which products share a bound: a word or an object."),
-    "schedule": (None, "How delta shrinks, in a single strategy instead of the ladder."),
-    "strategies": (None, "Strategies to climb: words or Strategy objects; by default the whole ladder."),
-    "polish": (True, "Make the pairs exact, follow descending branches and certify."),
-    "backend": (None, "Which Ipopt: 'in process', 'asl', 'casadi', 'vectorised', 'executable' or a Backend."),
-    "feasibility_tolerance": (1e-6, "Largest violation of a constraint or bound in an acceptable point."),
-    "complementarity_tolerance": (1e-7, "Largest product of the two sides in an acceptable point."),
-    "progress": (False, "Show a line per step; None shows it on a terminal."),
-}
+# Every Pyomo solver has these, some under another name.
+_OF_EVERY_SOLVER = ("model", "options", "tee", "time_limit")
+
+
+def _choices() -> dict[str, tuple[Any, str]]:
+    """Default and meaning of what `solve` can be told, from its signature and the section "Parameters" of its text."""
+    parameters = inspect.signature(solve).parameters
+    text = inspect.cleandoc(solve.__doc__ or "").partition("Parameters\n")[2].partition("Returns\n")[0]
+    meanings: dict[str, list[str]] = {}
+    names: list[str] = []
+    for line in text.splitlines():
+        if line.startswith(" "):
+            for name in names:
+                meanings[name].append(line.strip())
+        elif " : " in line:
+            names = line.partition(" : ")[0].split(", ")
+            meanings.update((name, []) for name in names)
+    found = {
+        name: (parameter.default, " ".join(meanings.get(name, ())))
+        for name, parameter in parameters.items()
+        if name not in _OF_EVERY_SOLVER
+    }
+    # A solver that is called by other code has nobody to show progress to.
+    return {**found, "progress": (False, found["progress"][1])}
+
+
+CHOICES = _choices()
 
 _CONDITIONS = {
     StopReason.FINISHED: TerminationCondition.unknown,  # it ran to its end, and shows too little

@@ -19,11 +19,11 @@ from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import reroute
 from pyrobocop_pyomo.obstacles.tightening import split_violated
-from pyrobocop_pyomo.solving.point import Point
-from pyrobocop_pyomo.solving.quality import Quality
+from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 logger = logging.getLogger(__name__)
@@ -63,7 +63,7 @@ class Recovery:
         self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Solves
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
-        self._guess = Point(model)
+        self._guess = VariableValues.of_free(model)
         self._sides = {block: dict(block.record.sides) for block in blocks}
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
@@ -99,7 +99,7 @@ class Recovery:
 
     def _has_a_way_around(self) -> bool:
         """Whether the guess can be led around all obstacles at once; it is on the model then."""
-        last = Point(self._model)
+        last = VariableValues.of_free(self._model)
         self._guess.restore()
         rerouted = [bool(reroute(block)) for block in self._blocks]
         if not any(rerouted):

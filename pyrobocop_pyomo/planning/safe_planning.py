@@ -9,37 +9,31 @@ point at all, see `recovery`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
-from pyrobocop_pyomo.solving.attempt import FINAL_REASONS
-from pyrobocop_pyomo.solving.planning_round import ROUND_HEADER, PlanningRound
-from pyrobocop_pyomo.solving.point import Point
-from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.quality import Quality
+from pyrobocop_pyomo.solving.ipopt_options import SOLVE_AGAIN
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.settings import Settings
-from pyrobocop_pyomo.solving.solve_result import SolveResult, StopReason
-from pyrobocop_pyomo.solving.strategies import Strategy
+from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .kept_round import KeptRound
+from .planning_round import PlanningRound
 from .recovery import Recovery
 
 logger = logging.getLogger(__name__)
-
-Climb = Callable[[Settings, Sequence[Strategy] | None, Progress, Callable[[], float | None]], SolveResult]
 
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
 # From this round on, planes of which margins alone did not make a safe plan are split.
 FIRST_SPLIT = 3
-# The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
-AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 
 
 def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
@@ -62,14 +56,7 @@ class SafePlanning:
         Its active ones.
     regions : list of ContainmentData
         Its active ones.
-    climb : callable
-        Solves the model as it stands.
     settings : Settings
-    strategies : sequence of Strategy or None
-        What the caller asked for.
-    bar : Progress
-    left : callable
-        Seconds that are left, or None.
     """
 
     def __init__(
@@ -77,19 +64,12 @@ class SafePlanning:
         model: Any,
         blocks: list[ObstacleAvoidanceBlockData],
         regions: list[ContainmentData],
-        climb: Climb,
         settings: Settings,
-        strategies: Sequence[Strategy] | None,
-        bar: Progress,
-        left: Callable[[], float | None],
     ) -> None:
-        self._model, self._blocks, self._regions = model, blocks, regions
-        self._climb, self._settings, self._rungs = climb, settings, strategies
-        self._bar, self._left = bar, left
+        self._model, self._blocks, self._regions, self._settings = model, blocks, regions, settings
         self.rounds: list[PlanningRound] = []
-        self._results: list[SolveResult] = []
         self._reports: list[SafetyReport]  # of each block, then of each region
-        self._best: KeptRound | None = None
+        self._best: PlanningRound | None = None
         self._interrupted = False
 
     def plan(self) -> SolveResult:
@@ -98,7 +78,7 @@ class SafePlanning:
         Raises
         ------
         KeyboardInterrupt
-            Only before a first round was judged; later ones end with the best round.
+            Only before a first round was verified; later ones end with the best round.
         """
         try:
             self._plan()
@@ -108,7 +88,7 @@ class SafePlanning:
             self._interrupted = True
         except BaseException:
             if self._best is not None:
-                self._best.restore(self._blocks, self._regions)
+                self._best.restore()
             raise
         return self._best_of_all()
 
@@ -135,32 +115,31 @@ class SafePlanning:
         relaxed : bool
             Whether less is asked than the user did: such a round leads on, and is no answer itself.
         """
-        settings = replace(self._settings, options={**AGAIN, **self._settings.options}) if again else self._settings
-        result = self._climb(settings, self._rungs, self._bar, self._left)
-        self._results.append(result)
-        self._reports = [each.verify() for each in (*self._blocks, *self._regions)]
+        settings = self._settings
+        if again:
+            settings = replace(settings, options=settings.options.with_default(SOLVE_AGAIN))
+        result = solve_model(self._model, settings)
+        self._reports = [block.verify() for block in (*self._blocks, *self._regions)]
         report = joined_report(self._reports)
-        self.rounds.append(PlanningRound.of(purpose, result, report))
+        made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)
+        self.rounds.append(made)
         if len(self.rounds) == 1:
-            self._bar.line(ROUND_HEADER)
-        self._bar.line(str(self.rounds[-1]))
-        logger.info("'%s': %s", self._model.name, self.rounds[-1])
-        if not relaxed:
-            kept = KeptRound.now(self._model, self._blocks, self._regions, result, report)
-            if self._best is None or kept.rank > self._best.rank:
-                self._best = kept
+            settings.progress.line(made.HEADER)
+        settings.progress.line(str(made))
+        logger.info("'%s': %s", self._model.name, made)
+        if not relaxed and (self._best is None or made.standing.is_better_than(self._best.standing)):
+            self._best = made
         return result
 
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
-        left = self._left()
-        return result.stop_reason not in FINAL_REASONS and (left is None or left > 0.0)
+        return not result.stop_reason.is_final and not self._settings.deadline.has_passed
 
     # ---------------------------------------------------------------- from feasible to safe
 
     def _made_safe(self, result: SolveResult) -> SolveResult:
         """Tighten and solve again until the motion is safe, or it does not seem to become so."""
-        point = Point(self._model)
+        point = VariableValues.of_free(self._model)
         reports = self._reports
         for number in range(1, MOST_ROUNDS):
             if joined_report(reports).safe or not self.may_go_on(result):
@@ -173,7 +152,7 @@ class SafePlanning:
                 # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
                 point.restore()
             else:
-                point, reports = Point(self._model), self._reports
+                point, reports = VariableValues.of_free(self._model), self._reports
         return result
 
     @property
@@ -181,7 +160,7 @@ class SafePlanning:
         """Safe; or feasible, where nobody asked for more than the points."""
         assert self._best is not None
         asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
-        return self._best.is_safe or (self._best.result.quality is not Quality.INFEASIBLE and not asked)
+        return self._best.is_safe or (self._best.quality is not Quality.INFEASIBLE and not asked)
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
@@ -195,28 +174,26 @@ class SafePlanning:
     def _best_of_all(self) -> SolveResult:
         """The best round, its point on the model, with the steps of all."""
         assert self._best is not None
+        self._best.restore()
+        before = sum(len(made.result.steps) for made in self.rounds[: self.rounds.index(self._best)])
         best = self._best.result
-        self._best.restore(self._blocks, self._regions)
-        # By identity: two results may be equal in what can be compared, and hold arrays, which cannot.
-        before = self._results[: next(i for i, each in enumerate(self._results) if each is best)]
         return replace(
             best,
             stop_reason=self._stop_reason(),
-            steps=[step for result in self._results for step in result.steps],
-            best_step=best.best_step + sum(len(result.steps) for result in before),
-            judging_seconds=sum(result.judging_seconds for result in self._results),
-            safety=self._best.report,
-            rounds=tuple(self.rounds),
+            best=replace(best.best, number=best.best.number + before),
+            steps=[step for made in self.rounds for step in made.result.steps],
+            checking_seconds=sum(made.result.checking_seconds for made in self.rounds),
+            rounds=tuple(made.record() for made in self.rounds),
         )
 
     def _stop_reason(self) -> StopReason:
         """What ended the rounds: a limit, where it did; else what the best round says."""
         assert self._best is not None
-        last, left = self._results[-1].stop_reason, self._left()
+        last = self.rounds[-1].result.stop_reason
         if self._interrupted:
             return StopReason.INTERRUPTED
         if self._best.is_safe:
             return self._best.result.stop_reason
-        if last in FINAL_REASONS:
+        if last.is_final:
             return last
-        return StopReason.TIME_LIMIT if left is not None and left <= 0.0 else self._best.result.stop_reason
+        return StopReason.TIME_LIMIT if self._settings.deadline.has_passed else self._best.result.stop_reason

@@ -6,30 +6,26 @@ import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, TextIO
 
-from pyrobocop_pyomo.complementarity import Schedule, pairs_of
-from pyrobocop_pyomo.ipopt.backends import Backend, available_backends
+from pyrobocop_pyomo.complementarity import Schedule
+from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.obstacles.initial_checks import (
     check_clearances,
     check_contained_motion,
     check_fixed_inside,
     check_motion,
 )
-from pyrobocop_pyomo.solving.procedure import (
-    DEFAULT_OPTIONS,
-    DEFAULT_PAIR_OPTIONS,
-    _check_phases,
-    _chosen_strategies,
-    _find_backend,
-    climb,
-)
+from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
+from pyrobocop_pyomo.solving.iterates import Tolerances
+from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.strategies import Strategy
-from pyrobocop_pyomo.solving.tolerances import Tolerances
+from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 
 from .safe_planning import SafePlanning, avoidance_blocks, containments
 
@@ -42,6 +38,7 @@ def solve(
     schedule: Schedule | None = None,
     strategies: str | Strategy | Iterable[str | Strategy] | None = None,
     polish: bool = True,
+    exploration: float = 1.0,
     backend: Backend | str | None = None,
     options: Mapping[str, Any] | None = None,
     tee: bool | Sequence[TextIO] = False,
@@ -56,7 +53,7 @@ def solve(
     point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
     where it is not lifted. Models without pairs are solved by one run.
 
-    The strategies of the ladder are climbed until one gives a certain point, and the best point of all wins:
+    Strategies follow each other until one gives a certified point, and the best point of all wins:
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
     * "tight": one solve at delta = 1e-8 from the user's guess, as a cross-check of up to 100 pairs;
@@ -65,11 +62,11 @@ def solve(
     * "elastic": the products below a variable that is charged in the objective;
     * "projection": the branch that the linearised constraints can be met in, from the best point so far.
 
-    Every strategy is finished by a *polish*: the nonlinear program of the nearest branch is solved, so that each pair
-    is met exactly; other branches through the point are followed as long as they descend; and the multipliers that are
-    left, or a linear program with complementarity constraints, certify that none does. Up to 100 pairs, branches that
-    the same linear program names from farther away are tried as well (steps "explore"). Where no branch can be solved,
-    delta goes down to 1e-12 instead.
+    Every strategy ends with a *polish*: the nonlinear program of the nearest branch is solved, so that each pair is met
+    exactly; other branches through the point are followed as long as they descend; and the multipliers that are left,
+    or a linear program with complementarity constraints, certify that none does. Branches that the same linear program
+    names from farther away are explored as well (steps "explore"). Where no branch can be solved, delta goes down to
+    1e-12 instead. A polish that fails costs nothing: the point before it stays a candidate.
 
     Parameters
     ----------
@@ -78,21 +75,25 @@ def solve(
     relaxation, grouping : str or object
         As for ``pyrobocop.relax_complementarity``.
     schedule : Schedule, optional
-        How delta shrinks, in a single strategy of its own instead of the ladder.
+        How delta shrinks, in a single strategy of its own instead of the default sequence.
     strategies : str, Strategy or several of them, optional
-        Which strategies to climb; by default the whole ladder.
+        Which strategies to run, in this order; by default all.
     polish : bool
-        Finish each strategy as described; without it, a point is as complementary as its relaxation.
+        Polish the point of each strategy; without it, a point is as complementary as its relaxation.
+    exploration : float
+        How long to explore branches for better optima, as a multiple of the time that the rest of the solve took so
+        far; in problems of more than 100 pairs a part of it that shrinks as their number grows. 0 for no exploration,
+        ``float("inf")`` for no limit but `time_limit`.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default the best that is present; for models with obstacles ``"vectorised"``, which is
         faster there.
     options : mapping, optional
-        Ipopt's options; they win over those that are set here.
+        Ipopt's options; they win over all that are set here, in every run.
     tee : bool or sequence of text streams
         Show Ipopt's log, on standard output or on these streams.
     time_limit : float, optional
-        Seconds, for all runs together.
+        Seconds, for everything together; the run of Ipopt that goes on then ends with its iteration.
     feasibility_tolerance : float
         Largest violation of a constraint or bound in an acceptable point.
     complementarity_tolerance : float
@@ -122,33 +123,84 @@ def solve(
     """
     started = time.perf_counter()
     blocks, regions = avoidance_blocks(model), containments(model)
-    chosen_backend, otherwise = _find_backend(backend), None
-    # Each turned normal is part of the rows of many corners. ASL differentiates such shared parts anew for each row,
-    # which takes several times as long; vectorised expressions do not know all functions, though.
-    if blocks and backend is None and Backend.IN_PROCESS_VECTORISED in available_backends():
-        chosen_backend, otherwise = Backend.IN_PROCESS_VECTORISED, chosen_backend
-    chosen_strategies = _chosen_strategies(schedule, strategies)
-    _check_phases(model)
+    chosen, fallbacks = _backends(backend, vectorised=bool(blocks))
+    settings = Settings(
+        relaxation=relaxation,
+        grouping=grouping,
+        backend=chosen,
+        fallbacks=fallbacks,
+        strategies=_strategies(schedule, strategies),
+        options=IpoptOptions(user=dict(options or {})),
+        tolerances=Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance),
+        polish=polish,
+        exploration=exploration,
+        deadline=Deadline.after(time_limit),
+        output=tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ()),
+        progress=Progress(progress),
+    )
+    if not exploration >= 0.0:
+        raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
+    for phase in phases_of(model):
+        phase.check()
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
         check_motion(block)
     for region in regions:
         check_fixed_inside(region, feasibility_tolerance)
         check_contained_motion(region)
-    bar = Progress(progress)
-    tolerances = Tolerances(feasibility=feasibility_tolerance, product=complementarity_tolerance)
-    has_pairs = bool(pairs_of(model))
-    wanted = {**DEFAULT_OPTIONS, **(DEFAULT_PAIR_OPTIONS if has_pairs else {}), **(options or {})}
-    output = tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ())
-    settings = Settings(relaxation, grouping, chosen_backend, wanted, output, tolerances, polish, otherwise)
-
-    def left() -> float | None:
-        return None if time_limit is None else time_limit - (time.perf_counter() - started)
-
     if blocks or regions:
-        result = SafePlanning(
-            model, blocks, regions, partial(climb, model), settings, chosen_strategies, bar, left
-        ).plan()
+        result = SafePlanning(model, blocks, regions, settings).plan()
     else:
-        result = climb(model, settings, chosen_strategies, bar, left)
+        result = solve_model(model, settings)
     return replace(result, seconds=time.perf_counter() - started)
+
+
+def _strategies(
+    schedule: Schedule | None, strategies: str | Strategy | Iterable[str | Strategy] | None
+) -> tuple[Strategy, ...] | None:
+    if schedule is not None and strategies is not None:
+        raise ValueError("schedule= is a strategy of its own; give it or strategies=, not both.")
+    if schedule is not None:
+        return (Strategy("schedule", schedule),)
+    return None if strategies is None else as_strategies(strategies)
+
+
+def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backend, tuple[Backend, ...]]:
+    """The backend to take, and those to take where it cannot take or evaluate the model: none, where one is asked for.
+
+    Parameters
+    ----------
+    choice : Backend, str or None
+    vectorised : bool
+        Whether the vectorised backend comes first. In models with obstacles each turned normal is part of the rows of
+        many corners. ASL differentiates such shared parts anew for each row, which takes several times as long.
+    """
+    present = available_backends()
+    if choice is None:
+        best = best_backend()
+        others = [backend for backend in present if backend is not best]
+        if vectorised and Backend.IN_PROCESS_VECTORISED in others:
+            others.remove(Backend.IN_PROCESS_VECTORISED)
+            best, others = Backend.IN_PROCESS_VECTORISED, [best, *others]
+        return best, tuple(others)
+    words = {
+        "asl": Backend.IN_PROCESS_ASL,
+        "casadi": Backend.IN_PROCESS_CASADI,
+        "vectorised": Backend.IN_PROCESS_VECTORISED,
+        "executable": Backend.EXECUTABLE,
+    }
+    if choice == "in process":
+        wanted = Backend.IN_PROCESS_ASL if Backend.IN_PROCESS_ASL in present else Backend.IN_PROCESS_CASADI
+    elif isinstance(choice, Backend):
+        wanted = choice
+    elif choice in words:
+        wanted = words[choice]
+    else:
+        raise ValueError(f"backend = {choice!r}; choose 'in process', {', '.join(map(repr, words))} or a Backend.")
+    if wanted not in present:
+        found = "; ".join(backend.value for backend in present) or "none"
+        raise SolverNotFoundError(
+            f"{wanted.value}: not found on this machine; found: {found}. "
+            "'python -m pyrobocop_pyomo doctor' shows what is missing."
+        )
+    return wanted, ()

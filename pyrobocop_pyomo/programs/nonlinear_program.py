@@ -6,6 +6,7 @@ one's own code) is exchangeable and can be wrapped, as `ShiftedRows` does.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -75,6 +76,36 @@ class NonlinearProgram(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class PrimalDualPoint:
+    """A point of a nonlinear program with multipliers: where a run starts, and where it ends.
+
+    With the Lagrangian f + g_multipliers @ g - lower_multipliers @ x + upper_multipliers @ x, those of bounds are not
+    negative, and one of a row is positive when its upper bound holds it back.
+
+    Attributes
+    ----------
+    x : float array, shape (n,)
+    g_multipliers : float array, shape (m,), or None
+        None where they are not known, as those of the bounds below.
+    lower_multipliers, upper_multipliers : float array, shape (n,), or None
+    """
+
+    x: FloatArray
+    g_multipliers: FloatArray | None = None
+    lower_multipliers: FloatArray | None = None
+    upper_multipliers: FloatArray | None = None
+
+    def complete(self, nlp: NonlinearProgram) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """All multipliers: rows, lower and upper bounds; by default 0 (or ``nlp.g_multipliers_start``), 1 and 1."""
+        rows = self.g_multipliers
+        if rows is None:
+            rows = np.zeros(nlp.m) if nlp.g_multipliers_start is None else nlp.g_multipliers_start
+        lower = np.ones(nlp.n) if self.lower_multipliers is None else self.lower_multipliers
+        upper = np.ones(nlp.n) if self.upper_multipliers is None else self.upper_multipliers
+        return rows, lower, upper
+
+
 class ShiftedRows:
     """A nonlinear program whose marked rows are moved by a number that may change during a solve.
 
@@ -126,24 +157,25 @@ class ShiftedRows:
         return values
 
 
-def lagrangian_residual(
-    nlp: NonlinearProgram, x: FloatArray, g_multipliers: FloatArray, lower: FloatArray, upper: FloatArray
-) -> float:
+def lagrangian_residual(nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
     """Size of the Lagrangian's gradient at the variables that are not fixed, relative to the mean multiplier.
 
     Parameters
     ----------
     nlp : NonlinearProgram
-    x, lower, upper : float array, shape (n,)
-        Point, and multipliers of the variables' bounds in Ipopt's signs.
-    g_multipliers : float array, shape (m,)
-        Multipliers of the rows.
+    point : PrimalDualPoint
+
+    Raises
+    ------
+    EvaluationError
+        Where a derivative has no value.
     """
-    residual = nlp.gradient(x) - lower + upper
+    multipliers, lower, upper = point.complete(nlp)
+    residual = nlp.gradient(point.x) - lower + upper
     rows, columns = nlp.jacobian_structure
-    np.add.at(residual, columns, nlp.jacobian(x) * g_multipliers[rows])
+    np.add.at(residual, columns, nlp.jacobian(point.x) * multipliers[rows])
     free = nlp.x_lower < nlp.x_upper
     # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
-    total = np.abs(g_multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
+    total = np.abs(multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
     scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
     return float(np.abs(residual[free]).max(initial=0.0)) / scale

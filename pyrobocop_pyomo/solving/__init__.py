@@ -1,18 +1,19 @@
 """Solving one model with complementarity: the procedure and its result."""
 
+from .iterates import Iterate, Quality, Standing, StopReason
 from .pair_report import ActiveSide, PairReport
 from .persistent_nlp import PersistentNLP
-from .solve_result import Quality, SolveResult, StopReason
-from .step import Step
+from .solve_result import SolveResult
 from .strategies import Strategy
 
 __all__ = [
     "ActiveSide",
+    "Iterate",
     "PairReport",
     "PersistentNLP",
     "Quality",
     "SolveResult",
-    "Step",
+    "Standing",
     "StopReason",
     "Strategy",
 ]

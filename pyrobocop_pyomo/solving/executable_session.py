@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 import numpy as np
+from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
-from pyomo.contrib.solver.common.results import TerminationCondition
+from pyomo.contrib.solver.common.results import Results, TerminationCondition
 from pyomo.contrib.solver.solvers.ipopt import Ipopt
 from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
@@ -24,11 +25,13 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import WRITER_OPTIONS, CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
+from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, IpoptOptions, warm_start
+from .iterates import Iterate
 from .relaxed_model import RelaxedModel
-from .session import DEFAULT_MU, WARM_START_OPTIONS, Run
 
 _SUFFIXES = {
     "dual": Suffix.IMPORT_EXPORT,
@@ -59,26 +62,28 @@ _STATUS_OF_MESSAGE = {
 }
 
 
+# What a run leaves, and the next one may start from.
+_ARRIVED = ("dual", "ipopt_zL_out", "ipopt_zU_out")
+
+
 class ExecutableSession:
     """See `Session`; parameters as for `InProcessSession`, without a choice of derivatives."""
 
     derivatives = "ASL"
 
-    def __init__(self, relaxed: RelaxedModel, options: Mapping[str, Any], output: Sequence[TextIO]) -> None:
+    def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = ()) -> None:
         path = find_ipopt_executable()
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
         self.solver = f"{ipopt_executable_version(path) or 'Ipopt'} ({path})"
         self._ipopt = Ipopt(executable=path)
         model = self._model = relaxed.model
-        self._relaxed = relaxed
-        self._options = dict(options)
-        self._output = list(output)
-        # The user's suffixes of the same names sleep meanwhile: otherwise theirs would be filled instead of ours.
-        self._sleeping = [
+        self._relaxed, self._output = relaxed, list(output)
+        # Where the user has suffixes of the same names, theirs would be filled instead of ours.
+        self._deactivated = [
             suffix for suffix in model.component_objects(Suffix, active=True) if suffix.local_name in _SUFFIXES
         ]
-        for suffix in self._sleeping:
+        for suffix in self._deactivated:
             suffix.deactivate()
         self._own = Block(concrete=True)
         model.add_component(unique_component_name(model, "warm_start"), self._own)
@@ -86,57 +91,46 @@ class ExecutableSession:
             self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
 
     def run(
-        self,
-        delta: float | None,
-        *,
-        warm: bool = False,
-        time_limit: float | None = None,
-        options: Mapping[str, Any] | None = None,
-    ) -> Run:
+        self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
+    ) -> Iterate:
         """See `Session.run`."""
-        options = {**self._options, **(options or {})}
-        if warm:
-            options = {**WARM_START_OPTIONS, "mu_init": min(DEFAULT_MU, delta or 1e-6), **options}
-        return self._run("fixed delta" if delta is not None else "solve", delta, options, warm, time_limit)
+        if delta is not None:
+            self._relaxed.go_on_to(delta, None if start is None else start.multipliers["dual"])
+        self._hand_over({} if start is None else start.multipliers)
+        return self._solve("fixed delta" if delta is not None else "solve", delta, options, deadline)
 
-    def follow(
-        self, schedule: BarrierSchedule, *, time_limit: float | None = None, options: Mapping[str, Any] | None = None
-    ) -> Iterator[Run]:
+    def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
-        started = time.perf_counter()
-        wanted = {**self._options, **(options or {})}
-        tolerance = float(wanted.get("tol", 1e-8))
-        mu = float(wanted.get("mu_init", DEFAULT_MU))
-        warm = False
+        first = options.resolve()
+        tolerance = float(first.get("tol", IPOPT_TOLERANCE))
+        mu = float(first.get("mu_init", IPOPT_MU_INIT))
+        start: Iterate | None = None
         while True:
             last = mu <= tolerance
-            now = {**wanted, "mu_init": mu}
-            if warm:
-                now = {**WARM_START_OPTIONS, **now}
-            if not last:
-                # Stop at this barrier problem, solved as loosely as Ipopt itself would before reducing mu.
-                now |= {"mu_target": mu, "tol": max(tolerance, 10 * mu)}
-            left = None if time_limit is None else time_limit - (time.perf_counter() - started)
-            run = self._run("delta = mu, from outside", schedule.delta_for(mu), now, warm, left)
-            yield run
-            if last or not (run.status.solved or run.status is IpoptStatus.TINY_STEP):
+            # Stop at this barrier problem, solved as loosely as Ipopt itself would before reducing mu.
+            stop = {} if last else {"mu_target": mu, "tol": max(tolerance, 10 * mu)}
+            warm = {} if start is None else warm_start(mu)
+            # The first parameter may be the user's; it is the path itself that goes on from there.
+            resolved = {**options.resolve(warm), "mu_init": mu, **stop}
+            self._relaxed.go_on_to(schedule.delta_for(mu), None if start is None else start.multipliers["dual"])
+            self._hand_over({} if start is None else start.multipliers)
+            start = self._solve("delta = mu, from outside", schedule.delta_for(mu), resolved, deadline)
+            yield start
+            if last or not start.converged:
                 return
-            mu, warm = max(tolerance / 10, min(0.2 * mu, mu**1.5)), True
+            mu = max(tolerance / 10, min(0.2 * mu, mu**1.5))
 
-    def _run(
-        self, label: str, delta: float | None, options: Mapping[str, Any], warm: bool, time_limit: float | None
-    ) -> Run:
-        if delta is not None:
-            self._relaxed.go_on_to(delta, self._own.dual if warm else None)
-        for name in ("ipopt_zL", "ipopt_zU"):
-            arriving = self._own.component(f"{name}_in")
-            arriving.clear()
-            if warm:
-                arriving.update(self._own.component(f"{name}_out").items())
-        if not warm:
-            self._own.dual.clear()
-        if time_limit is not None:
-            options = {**options, "max_wall_time": max(time_limit, 1e-3)}
+    def _hand_over(self, multipliers: Mapping[str, ComponentMap]) -> None:
+        """Let the next run start with multipliers of an earlier one, or with none."""
+        for arrived, handed in (("dual", "dual"), ("ipopt_zL_out", "ipopt_zL_in"), ("ipopt_zU_out", "ipopt_zU_in")):
+            suffix = self._own.component(handed)
+            entries = list(multipliers[arrived].items()) if multipliers else []
+            suffix.clear()
+            suffix.update(entries)
+
+    def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
+        limit = {} if deadline.left is None else {"max_wall_time": max(deadline.left, 1e-3)}
+        facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
         try:
             results = self._ipopt.solve(
@@ -144,70 +138,70 @@ class ExecutableSession:
                 tee=self._output,
                 load_solutions=False,
                 raise_exception_on_nonoptimal_result=False,
-                solver_options=dict(options),
+                solver_options={**options, **limit},
                 writer_config=dict(WRITER_OPTIONS),
             )
         except KeyboardInterrupt:
             # The process is gone with its iterate; what the last run left is on the model still.
-            return Run(label, delta, None, IpoptStatus.INTERRUPTED, 0, time.perf_counter() - started)
-        if results.solution_loader.get_number_of_solutions():
-            results.solution_loader.load_solution()
-        status = _STATUS.get(results.termination_condition, IpoptStatus.INTERNAL_ERROR)
-        for words, told in _STATUS_OF_MESSAGE.items():
-            if not status.solved and words in (results.solver_log or ""):
-                status = told
-        iterations = int(results.extra_info.iteration_count or 0)
-        mu = options.get("mu_target") or None
-        return Run(label, delta, mu, status, iterations, time.perf_counter() - started)
+            status, iterations = IpoptStatus.INTERRUPTED, 0
+        else:
+            if results.solution_loader.get_number_of_solutions():
+                results.solution_loader.load_solution()
+            status, iterations = _status_of(results), int(results.extra_info.iteration_count or 0)
+        return Iterate.of_run(
+            label,
+            status,
+            iterations=iterations,
+            seconds=time.perf_counter() - started,
+            multipliers={name: ComponentMap(self._own.component(name).items()) for name in _ARRIVED},
+            load_suffixes=self._suffix_loader(),
+            **facts,
+        )
 
-    def written(self, *, anew: bool = False) -> CompiledModel | None:
-        """See `Session.written`."""
+    def _suffix_loader(self) -> Callable[[], None]:
+        found = [
+            (suffix, list(self._own.component(suffix.local_name).items()))
+            for suffix in self._deactivated
+            if suffix.import_enabled()
+        ]
+
+        def load() -> None:
+            for suffix, entries in found:
+                suffix.clear()
+                suffix.update(entries)
+
+        return load
+
+    def compiled(self, *, anew: bool = False) -> CompiledModel | None:
+        """See `Session.compiled`."""
         try:
             return CompiledModel(self._model)
         except SolverNotFoundError:
             return None
 
-    def multipliers(self, written: CompiledModel) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """See `Session.multipliers`."""
-        sign, own = written.sign, self._own
-        rows = np.array([-sign * own.dual.get(row, 0.0) for row in written.constraints])
-        lower = np.array([sign * own.ipopt_zL_out.get(variable, 0.0) for variable in written.variables])
-        upper = np.array([-sign * own.ipopt_zU_out.get(variable, 0.0) for variable in written.variables])
-        return rows, lower, upper
-
-    def stationarity(self) -> float | None:
-        """See `Session.stationarity`."""
-        return None
-
-    def rewinder(self) -> Callable[[], None]:
-        """See `Session.rewinder`."""
-        suffixes = [self._own.component(name) for name in ("dual", "ipopt_zL_out", "ipopt_zU_out")]
-        kept = [(suffix, list(suffix.items())) for suffix in suffixes]
-
-        def rewind() -> None:
-            for suffix, items in kept:
-                suffix.clear()
-                suffix.update(items)
-
-        return rewind
-
-    def suffix_loader(self) -> Callable[[], None]:
-        """See `Session.suffix_loader`."""
-        found = [
-            (theirs, list(self._own.component(theirs.local_name).items()))
-            for theirs in self._sleeping
-            if theirs.import_enabled()
-        ]
-
-        def load() -> None:
-            for theirs, items in found:
-                theirs.clear()
-                theirs.update(items)
-
-        return load
+    def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
+        """See `Session.primal_dual`."""
+        sign = compiled.sign
+        rows, lower, upper = (iterate.multipliers[name] for name in _ARRIVED)
+        return PrimalDualPoint(
+            compiled.current_point(),
+            np.array([-sign * rows.get(row, 0.0) for row in compiled.constraints]),
+            np.array([sign * lower.get(variable, 0.0) for variable in compiled.variables]),
+            np.array([-sign * upper.get(variable, 0.0) for variable in compiled.variables]),
+        )
 
     def close(self) -> None:
         """See `Session.close`."""
         self._model.del_component(self._own)
-        for suffix in self._sleeping:
+        for suffix in self._deactivated:
             suffix.activate()
+
+
+def _status_of(results: Results) -> IpoptStatus:
+    """What the executable's code and its last words say."""
+    status = _STATUS.get(results.termination_condition, IpoptStatus.INTERNAL_ERROR)
+    if not status.solved:
+        for words, told in _STATUS_OF_MESSAGE.items():
+            if words in (results.solver_log or ""):
+                status = told
+    return status

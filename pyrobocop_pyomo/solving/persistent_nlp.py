@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.block import BlockData
 
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
-from .session import WARM_START_OPTIONS, OnIteration
+from .ipopt_options import IpoptOptions, warm_start
+from .session import OnIteration
 
 
 class PersistentNLP:
     """A model that is prepared once and solved many times, each time from the last solution.
+
+    A solve that fails leaves its last point on the model, but does not spoil the next one: that starts from the last
+    solution again, unless the values on the model were changed in between.
 
     Between two solves, change what is a number: values of fixed variables, mutable Params, bounds, values of
     variables. What changes the structure (fixing, unfixing, adding, deactivating) makes the next solve prepare the
@@ -54,26 +61,29 @@ class PersistentNLP:
     >>> m = pyo.ConcreteModel()
     >>> m.start, m.x = pyo.Param(initialize=1.0, mutable=True), pyo.Var(initialize=0.0)
     >>> m.cost = pyo.Objective(expr=(m.x - m.start) ** 2)
-    >>> kept = PersistentNLP(m)
+    >>> nlp = PersistentNLP(m)
     >>> for start in (1.0, 2.0):
     ...     m.start = start
-    ...     print(kept.solve().status.solved, round(m.x.value, 6))
+    ...     print(nlp.solve().status.solved, round(m.x.value, 6))
     True 1.0
     True 2.0
     """
 
     def __init__(self, model: BlockData, options: Mapping[str, Any] | None = None) -> None:
         self.model = model
-        self.outcome: IpoptOutcome | None = None
         self.preparations = 0
-        self._library = load_ipopt_library()
         self._options = dict(options or {})
         self.prepare()
 
     def prepare(self) -> None:
         """Walk over the model again, whatever has changed on it; the next solve starts without multipliers."""
-        self._written = CompiledModel(self.model, "vectorised")
-        self.outcome = None
+        self._compiled = CompiledModel(self.model, "vectorised")
+        self._forget()
+
+    def _forget(self) -> None:
+        """A model of another structure has another program: multipliers of the old one mean nothing there."""
+        self.outcome: IpoptOutcome | None = None
+        self._solved: IpoptOutcome | None = None
         self.preparations += 1
 
     def solve(
@@ -93,7 +103,8 @@ class PersistentNLP:
         options : mapping, optional
             Ipopt's options for this solve; they win over those of the model and of the warm start.
         warm : bool
-            Start with the multipliers of the last solve, if it succeeded. The point is that of the model in any case.
+            Start with the multipliers of the last solve that succeeded, from the point on the model; where that is
+            still the last point of a solve that failed, from the last solution.
         mu : float
             Ipopt's first barrier parameter in a warm start: the smaller, the closer to the last solution.
         time_limit : float, optional
@@ -115,26 +126,28 @@ class PersistentNLP:
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
-        before = self._written.nlp
-        self._written.update()  # also before the first solve: numbers may have changed since the model was prepared
-        if self._written.nlp is not before:
-            self.outcome = None
-            self.preparations += 1
-        last = self.outcome if warm and self.outcome is not None and self.outcome.status.solved else None
-        chosen: dict[str, Any] = {} if last is None else {**WARM_START_OPTIONS, "mu_init": mu}
-        chosen |= {**self._options, **(options or {})}
-        if time_limit is not None:
-            chosen["max_wall_time"] = max(time_limit, 1e-3)
+        before = self._compiled.nlp
+        self._compiled.update()  # also before the first solve: numbers may have changed since the model was prepared
+        if self._compiled.nlp is not before:
+            self._forget()
+        start = PrimalDualPoint(self._compiled.current_point())
+        purpose: dict[str, Any] = {}
+        if warm and self._solved is not None:
+            failed = self.outcome is not self._solved
+            if failed and self.outcome is not None and np.array_equal(start.x, self.outcome.x):
+                start = PrimalDualPoint(self._solved.x)
+            start = replace(self._solved.point, x=start.x)
+            purpose = warm_start(mu)
+        layers = IpoptOptions(user={**self._options, **(options or {})}, default={})
         self.outcome = run_ipopt(
-            self._library,
-            self._written.nlp,
-            chosen,
-            x=self._written.current_point(),
-            g_multipliers=None if last is None else last.g_multipliers,
-            lower_multipliers=None if last is None else last.lower_multipliers,
-            upper_multipliers=None if last is None else last.upper_multipliers,
+            self._compiled.nlp,
+            layers.resolve(purpose),
+            start,
+            deadline=Deadline.after(time_limit),
             on_iteration=on_iteration,
             output=[sys.stdout] if tee else [],
         )
-        InProcessSolutionLoader(self._written, self.outcome).load_solution()
+        if self.outcome.status.solved:
+            self._solved = self.outcome
+        InProcessSolutionLoader(self._compiled, self.outcome).load_solution()
         return self.outcome

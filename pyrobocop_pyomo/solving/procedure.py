@@ -1,156 +1,381 @@
-"""`solve`: from a model with complementarity to a certified point, in one call."""
+"""Strategy after strategy until a point is certified: the procedure that solves one model as it stands."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import Schedule
-from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
-from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Geometric
+from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError, ModelError, PyRobocopError
+from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.phases import phases_of
 
-from .assessment import PointJudge
-from .attempt import StepRecorder
+from .continuation import Continuation
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
-from .ladder import Ladder
+from .ipopt_options import DEFAULT_WITH_PAIRS, TIGHTENED
+from .iterate_log import IterateLog, ModelCheck
+from .iterates import STEP_HEADER, Iterate, StopReason
+from .polish import Exploration, Polish
 from .progress import Progress
-from .relaxed_model import RelaxedModel
-from .session import Session
+from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
+from .session import OnIteration, Session
 from .settings import Settings
 from .solve_result import SolveResult
-from .step import STEP_HEADER
-from .strategies import Strategy, as_strategies
+from .strategies import CONTINUATION, DEFAULT_SEQUENCE, PROJECTION, TIGHT, Strategy
 
 logger = logging.getLogger(__name__)
 
-DEFAULT_OPTIONS = {"max_iter": 3000}
-# Ipopt loosens all bounds a little by default, and the two sides of a pair could both become slightly negative.
-DEFAULT_PAIR_OPTIONS = {"bound_relax_factor": 0.0}
+# Up to here a second solve from the user's initial guess costs little, and finds the better optimum now and then.
+# Where it does, it is quick; where it is not, it rarely does.
+CROSS_CHECKED_PAIRS = 100
+# Where the polish fails: a smaller delta makes the pairs nearly as exact as a branch would.
+TIGHTENED_SCHEDULE = Geometric(first=1e-10, factor=1e-2, last=1e-12)
 
 
-def climb(
-    model: Any,
-    settings: Settings,
-    strategies: Sequence[Strategy] | None,
-    bar: Progress,
-    left: Callable[[], float | None],
-) -> SolveResult:
-    """Climb the ladder on a model as it stands, and judge the best point of it.
+def solve_model(model: Any, settings: Settings) -> SolveResult:
+    """Solve a model as it stands, and leave the best point on it.
 
     Parameters
     ----------
     model : Block
     settings : Settings
-    strategies : sequence of Strategy, optional
-        By default the whole ladder.
-    bar : Progress
-    left : callable
-        Seconds that are left, or None.
     """
-    started = time.perf_counter()
-    judge = PointJudge(model)
-    recorder = StepRecorder(judge, bar)
-    ladder = Ladder(model, judge, settings, recorder, partial(_open_session, settings, bar), left)
-    best = ladder.climb(strategies)
-    quality, multipliers = best.quality(settings.tolerances), best.explain()
-    if multipliers is not None and multipliers.kind is Stationarity.S:
-        best.certificate = Certificate.PROVEN
-    return SolveResult(
-        name=model.name,
-        stop_reason=best.reason,
-        quality=quality,
-        objective=best.step.objective,
-        constraint_violation=best.step.constraint_violation,
-        stationarity=best.stationarity,
-        certificate=best.certificate,
-        multipliers=multipliers,
-        residuals=recorder.residuals(),
-        steps=recorder.steps,
-        best_step=recorder.steps.index(best.step),
-        strategy=best.strategy,
-        decided_pairs=ladder.decided,
-        solver=ladder.solver,
-        derivatives=ladder.derivatives,
-        judging_seconds=recorder.seconds,
-        seconds=time.perf_counter() - started,
-    )
+    return _Procedure(model, settings).solve()
 
 
-def _chosen_strategies(
-    schedule: Schedule | None, strategies: str | Strategy | Iterable[str | Strategy] | None
-) -> tuple[Strategy, ...] | None:
-    if schedule is not None and strategies is not None:
-        raise ValueError("schedule= is a strategy of its own; give it or strategies=, not both.")
-    if schedule is not None:
-        return (Strategy("schedule", schedule),)
-    return None if strategies is None else as_strategies(strategies)
+@dataclass(eq=False)
+class _Workplace:
+    """A relaxed model with an open session."""
 
-
-def _find_backend(backend: Backend | str | None) -> Backend:
-    words = {
-        "asl": Backend.IN_PROCESS_ASL,
-        "casadi": Backend.IN_PROCESS_CASADI,
-        "vectorised": Backend.IN_PROCESS_VECTORISED,
-        "executable": Backend.EXECUTABLE,
-    }
-    if backend is None:
-        return best_backend()
-    present = available_backends()
-    if backend == "in process":
-        wanted = Backend.IN_PROCESS_ASL if Backend.IN_PROCESS_ASL in present else Backend.IN_PROCESS_CASADI
-    elif isinstance(backend, Backend):
-        wanted = backend
-    elif backend in words:
-        wanted = words[backend]
-    else:
-        raise ValueError(f"backend = {backend!r}; choose 'in process', {', '.join(map(repr, words))} or a Backend.")
-    if wanted not in present:
-        found = "; ".join(each.value for each in present) or "none"
-        raise SolverNotFoundError(
-            f"{wanted.value}: not found on this machine; found: {found}. "
-            "'python -m pyrobocop_pyomo doctor' shows what is missing."
-        )
-    return wanted
-
-
-def _check_phases(model: Any) -> None:
-    for phase in phases_of(model):
-        phase.check()
-
-
-def _open_session(settings: Settings, bar: Progress, relaxed: RelaxedModel, options: Mapping[str, Any]) -> Session:
-    name, output = relaxed.model.name, settings.output
+    relaxation: Any
+    relaxed: RelaxedModel
     session: Session
-    if settings.backend is Backend.EXECUTABLE:
-        session = ExecutableSession(relaxed, options, output)
-    else:
-        live = None if output else _live_line(bar, name)
+    values: VariableValues
+    start: Values
+
+
+class _Procedure:
+    """The state of one solve."""
+
+    def __init__(self, model: Any, settings: Settings) -> None:
+        self._model, self._settings = model, settings
+        self._started = time.perf_counter()
+        self._check = ModelCheck(model)
+        self._log = IterateLog(self._check, settings.progress)
+        self._values = VariableValues.of_free(model)
+        self._initial = self._values.read()
+        self._exploration = Exploration(settings.exploration, self._started)
+        self._backends = [settings.backend, *settings.fallbacks]
+        self._stack = contextlib.ExitStack()
+        self._place: _Workplace | None = None
+        self._found: list[Iterate] = []
+        self._best: Iterate | None = None
+        self._cut: StopReason | None = None  # by the clock or by Ctrl-C
+        self._decided = 0
+        self._solver = self._derivatives = ""
+
+    def solve(self) -> SolveResult:
+        """Go through the strategies until one gives a point that is certified; the best of all points wins."""
+        sequence = DEFAULT_SEQUENCE if self._settings.strategies is None else self._settings.strategies
+        with self._stack:
+            for strategy in sequence:
+                if self._best is not None and not self._needs(strategy):
+                    continue
+                self._try(strategy)
+                if self._cut is not None or (self._place is not None and not self._place.relaxed.pairs):
+                    break
+            if self._best is not None and self._cut is not StopReason.INTERRUPTED:
+                self._classify(self._best)
+        best = self._best
+        if best is None:
+            raise ComplementarityError(
+                f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
+                f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
+                "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
+            )
+        self._values.write(best.values)
+        best.load_suffixes()
+        forget_removed(self._model)
+        return self._result(best)
+
+    # ---------------------------------------------------------------- one strategy
+
+    def _try(self, strategy: Strategy) -> None:
+        """Run a strategy; what an earlier one found stays whatever happens."""
         try:
-            session = InProcessSession(relaxed, settings.backend.derivatives, options, output, live)
-        except ModelError as error:
-            if settings.otherwise is None:
+            iterate = self._run(strategy)
+        except KeyboardInterrupt:
+            if self._best is None:
                 raise
-            logger.info("'%s': %s is not taken: %s", name, settings.backend.value, error)
-            return _open_session(replace(settings, backend=settings.otherwise, otherwise=None), bar, relaxed, options)
-    logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
-    bar.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
-    bar.line(STEP_HEADER)
-    return session
+            self._cut = StopReason.INTERRUPTED
+            return
+        except EvaluationError as error:
+            iterate = self._not_evaluated(strategy, error)
+        except Exception as error:
+            if self._best is None or not isinstance(error, PyRobocopError):
+                raise
+            logger.warning("'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
+            return
+        if iterate is None:
+            return
+        if iterate.stop_reason.is_final and self._cut is None:
+            self._cut = iterate.stop_reason
+        self._found.append(iterate)
+        if self._best is None or self._is_better(iterate, self._best):
+            logger.info("'%s': strategy '%s' has the best point so far", self._model.name, iterate.strategy)
+            self._best = iterate
+
+    def _run(self, strategy: Strategy) -> Iterate | None:
+        self._move_to(strategy)
+        place = self._place
+        assert place is not None
+        self._log.pairs = place.relaxed.pairs
+        if not place.relaxed.pairs:
+            return self._polished(place, Strategy("solve", None))
+        if strategy is PROJECTION:
+            return self._projected(place)
+        if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
+            return None
+        if strategy.from_initial_guess:
+            place.values.write(place.start)
+        return self._polished(place, strategy)
+
+    def _not_evaluated(self, strategy: Strategy, error: EvaluationError) -> Iterate | None:
+        """Another backend may know the derivatives at this point; where there is none, the point itself is reported."""
+        logger.info("'%s': strategy '%s', %s: %s", self._model.name, strategy.name, self._backends[0].value, error)
+        if len(self._backends) > 1:
+            del self._backends[0]
+            self._leave()
+            try:
+                return self._run(strategy)
+            except EvaluationError as again:
+                return self._not_evaluated(strategy, again)
+        if self._best is not None:
+            return None
+        self._values.write(self._initial)
+        label, status = "no derivatives", IpoptStatus.INVALID_NUMBER
+        iterate = self._log.add(Iterate.of_run(label, status, delta=None, mu=None, iterations=0, seconds=0.0))
+        return replace(iterate, strategy=strategy.name, values=self._initial)
+
+    def _polished(self, place: _Workplace, strategy: Strategy) -> Iterate:
+        """Run the strategy's schedule and polish the best point of it."""
+        continuation = self._continuation(place, strategy)
+        relaxed = continuation.run(strategy.schedule)
+        iterate = self._improved(place, strategy, relaxed)
+        if not (self._settings.polish and place.relaxed.shifted_rows and self._is_loose(iterate)):
+            return iterate
+        continuation = self._continuation(place, strategy)
+        tightened = continuation.run(TIGHTENED_SCHEDULE, start=relaxed, purpose=TIGHTENED)
+        tightened = self._improved(place, strategy, tightened)
+        return tightened if self._is_better(tightened, iterate) else iterate
+
+    def _continuation(self, place: _Workplace, strategy: Strategy) -> Continuation:
+        self._last = continuation = Continuation(
+            place.session,
+            self._log,
+            place.values,
+            self._settings,
+            self._check.sign,
+            self._options_of(strategy, place),
+            exact=not place.relaxed.shifted_rows,
+        )
+        return continuation
+
+    def _improved(self, place: _Workplace, strategy: Strategy, relaxed: Iterate) -> Iterate:
+        """What a polish makes of the best relaxed point, in terms of the user's variables."""
+        place.values.write(relaxed.values)
+        iterate = replace(relaxed, strategy=strategy.name, values=self._values.read())
+        if self._last.last.stop_reason.is_final:
+            self._cut = self._last.last.stop_reason
+            return iterate
+        polish, compiled = self._polish(place)
+        if polish is None or compiled is None:
+            return iterate
+        try:
+            return polish.improve(iterate, place.session.primal_dual(relaxed, compiled))
+        finally:
+            self._note_interruption(polish)
+
+    def _projected(self, place: _Workplace) -> Iterate | None:
+        polish, _ = self._polish(place)
+        if self._best is None or polish is None:
+            return None
+        self._values.write(self._best.values)
+        place.relaxed.start_lifted()
+        try:
+            return polish.project(self._best)
+        finally:
+            self._note_interruption(polish)
+
+    def _note_interruption(self, polish: Polish) -> None:
+        if polish.interrupted:
+            self._cut = StopReason.INTERRUPTED
+
+    def _polish(self, place: _Workplace) -> tuple[Polish | None, Any]:
+        """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
+        if not self._settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
+            return None, None
+        if place.relaxed.has_penalty:
+            with place.relaxed.without_penalty():
+                compiled = place.session.compiled(anew=True)
+        else:
+            compiled = place.session.compiled()
+        if compiled is None:
+            return None, None
+        settings = replace(self._settings, options=self._options())
+        polish = Polish(settings, place.relaxed, compiled, self._log, self._values, self._check.sign, self._exploration)
+        return polish, compiled
+
+    # ---------------------------------------------------------------- where it is run
+
+    def _move_to(self, strategy: Strategy) -> None:
+        """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
+        relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
+        if self._place is not None and (strategy is PROJECTION or self._place.relaxation == relaxation):
+            return
+        self._leave()
+        self._place = self._stack.enter_context(self._workplace(relaxation, strategy))
+
+    def _leave(self) -> None:
+        self._place = None
+        self._stack.close()
+        self._values.write(self._initial)
+
+    @contextlib.contextmanager
+    def _workplace(self, relaxation: Any, strategy: Strategy) -> Iterator[_Workplace]:
+        delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
+        with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
+            self._decided = len(relaxed.decisions)
+            session = self._open_session(relaxed)
+            self._solver, self._derivatives = session.solver, session.derivatives
+            values = VariableValues.of_free(self._model)
+            try:
+                yield _Workplace(relaxation, relaxed, session, values, values.read())
+            finally:
+                session.close()
+
+    def _open_session(self, relaxed: RelaxedModel) -> Session:
+        """A session of the first backend that takes the model."""
+        name, progress = self._model.name, self._settings.progress
+        while True:
+            try:
+                session = _session(self._backends[0], relaxed, self._settings)
+                break
+            except (ModelError, EvaluationError) as error:
+                if len(self._backends) == 1:
+                    raise
+                logger.info("'%s': %s is not taken: %s", name, self._backends[0].value, error)
+                del self._backends[0]
+        logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
+        progress.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
+        progress.line(STEP_HEADER)
+        return session
+
+    def _options(self) -> Any:
+        """Ipopt's options, those that pairs need by default among them."""
+        assert self._place is not None
+        options = self._settings.options
+        return options.with_default(DEFAULT_WITH_PAIRS) if self._place.relaxed.pairs else options
+
+    def _options_of(self, strategy: Strategy, place: _Workplace) -> Any:
+        options: Mapping[str, Any] = strategy.options
+        small = len(place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
+        if self._settings.strategies is None and small and strategy.small_problem_iterations is not None:
+            # A small problem that takes longer does not get anywhere; the next strategy does.
+            options = {"max_iter": strategy.small_problem_iterations, **options}
+        return self._options().with_strategy(options)
+
+    # ---------------------------------------------------------------- what is enough
+
+    def _is_better(self, first: Iterate, second: Iterate) -> bool:
+        one, other = (each.standing(self._settings.tolerances, self._check.sign) for each in (first, second))
+        return one.is_better_than(other)
+
+    def _is_loose(self, iterate: Iterate) -> bool:
+        tolerances = self._settings.tolerances
+        return (
+            self._cut is None
+            and iterate.excess(tolerances) <= 1.0
+            and not iterate.is_exact(tolerances)
+            and not self._settings.deadline.has_passed
+        )
+
+    def _needs(self, strategy: Strategy) -> bool:
+        """Whether a strategy is to be run, after what the others have found."""
+        assert self._best is not None
+        settings = self._settings
+        if settings.deadline.has_passed:
+            if not self._best.is_certified(settings.tolerances, settings.polish):
+                self._cut = StopReason.TIME_LIMIT
+            return False
+        if not self._best.is_certified(settings.tolerances, settings.polish):
+            return True
+        small = self._place is not None and len(self._place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
+        if strategy is TIGHT:
+            return small or settings.strategies is not None
+        # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
+        # disagreed, the slow way down from delta = 1 is worth its time: it finds the better one more often than not.
+        return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
+
+    def _disagree(self) -> bool:
+        """Whether the strategies so far have found different solutions."""
+        if any(iterate.outdone for iterate in self._found):
+            return True
+        feasible = [each.objective for each in self._found if each.excess(self._settings.tolerances) <= 1.0]
+        return len(feasible) > 1 and max(feasible) - min(feasible) > 1e-4 * max(1.0, *map(abs, feasible))
+
+    def _classify(self, best: Iterate) -> None:
+        """Look for the multipliers of the pairs; what has no derivatives has none."""
+        try:
+            best.classify()
+        except EvaluationError as error:
+            logger.info("'%s': no multipliers of the pairs: %s", self._model.name, error)
+            self._best = replace(best, classify=lambda: None)
+        except KeyboardInterrupt:
+            self._cut = StopReason.INTERRUPTED
+            self._best = replace(best, classify=lambda: None)
+
+    def _result(self, best: Iterate) -> SolveResult:
+        multipliers = None if self._cut is StopReason.INTERRUPTED else best.classify()
+        if multipliers is not None and multipliers.kind is Stationarity.S:
+            best = replace(best, certificate=Certificate.PROVEN)
+        return SolveResult(
+            name=self._model.name,
+            stop_reason=self._cut or best.stop_reason,
+            quality=best.quality(self._settings.tolerances),
+            best=best.record(),
+            multipliers=multipliers,
+            residuals=self._log.residuals(),
+            steps=self._log.steps,
+            standing=best.standing(self._settings.tolerances, self._check.sign),
+            decided_pairs=self._decided,
+            solver=self._solver,
+            derivatives=self._derivatives,
+            checking_seconds=self._log.seconds,
+            seconds=time.perf_counter() - self._started,
+        )
 
 
-def _live_line(bar: Progress, name: str) -> Any:
+def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings) -> Session:
+    if backend is Backend.EXECUTABLE:
+        return ExecutableSession(relaxed, settings.output)
+    live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
+    return InProcessSession(relaxed, backend.derivatives, settings.output, live)
+
+
+def _live_line(progress: Progress, name: str) -> OnIteration:
     def show(record: IterationRecord) -> None:
         if record.iteration % 10 == 0:
-            bar.live(
+            progress.live(
                 f"{name}: iteration {record.iteration}, mu {record.mu:.1e}, objective {record.objective:.6g}, "
                 f"infeasibility {record.primal_infeasibility:.1e}"
             )

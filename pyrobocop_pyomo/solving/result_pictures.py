@@ -11,11 +11,11 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.plotting import plot_history, plot_pair_sides
 from pyrobocop_pyomo.plotting import plot_products as plot_product_arrays
 
+from .iterates import Iterate
 from .pair_report import ZERO_SIDE, PairReport
-from .step import Step
 
 
-def draw_history(title: str, steps: Sequence[Step], best: int, figure: Any) -> Any:
+def draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) -> Any:
     """The runs of a result, one after the other."""
     ends = np.cumsum([float(step.iterations) for step in steps])
     starts = np.concatenate([[0.0], ends[:-1]])
@@ -87,7 +87,7 @@ def _places(indices: Sequence[str]) -> tuple[np.ndarray, list[str] | None]:
         return np.arange(1.0, len(indices) + 1), list(indices)
 
 
-def draw_products(title: str, steps: Sequence[Step], figure: Any) -> Any:
+def draw_products(title: str, steps: Sequence[Iterate], figure: Any) -> Any:
     """Residuals of the runs that bounded products."""
     bounded = [step for step in steps if step.delta is not None and step.delta > 0.0]
     if not bounded:

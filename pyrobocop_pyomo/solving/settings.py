@@ -1,25 +1,52 @@
-"""What the caller of the procedure chose."""
+"""What the caller of `solve` chose, and what goes with every call below it: the clock, the options, the progress."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, TextIO
 
 from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.modeling.deadline import Deadline
 
-from .tolerances import Tolerances
+from .ipopt_options import IpoptOptions
+from .iterates import Tolerances
+from .progress import Progress
+from .strategies import Strategy
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to solve; see `solve`. Where the backend cannot take a model, ``otherwise`` is the one to take instead."""
+    """How to solve; see `solve`.
+
+    Attributes
+    ----------
+    relaxation, grouping : object
+    backend : Backend
+    fallbacks : tuple of Backend
+        What to take, in this order, where the backend cannot take the model or evaluate it.
+    strategies : tuple of Strategy or None
+        None for the default sequence.
+    options : IpoptOptions
+    tolerances : Tolerances
+    polish : bool
+    exploration : float
+        How long to look for better optima beyond the nearest, as a multiple of the time that the solve took so far.
+    deadline : Deadline
+    output : sequence of text streams
+        Where Ipopt's log goes.
+    progress : Progress
+    """
 
     relaxation: Any
     grouping: Any
     backend: Backend
-    options: Mapping[str, Any]
-    output: Sequence[TextIO]
-    tolerances: Tolerances
-    polish: bool
-    otherwise: Backend | None = None
+    fallbacks: tuple[Backend, ...] = ()
+    strategies: tuple[Strategy, ...] | None = None
+    options: IpoptOptions = field(default_factory=IpoptOptions)
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    polish: bool = True
+    exploration: float = 1.0
+    deadline: Deadline = field(default_factory=Deadline)
+    output: Sequence[TextIO] = ()
+    progress: Progress = field(default_factory=Progress)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,26 +14,13 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 
+from .iterates import STEP_HEADER, Iterate, Quality, Standing, StopReason
 from .pair_report import ActiveSide, PairReport, pair_reports
-from .planning_round import ROUND_HEADER, PlanningRound
-from .quality import Quality
 from .result_pictures import draw_history, draw_pairs, draw_products
 from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
-from .step import STEP_HEADER, Step
 
 
-class StopReason(enum.Enum):
-    """Why the procedure ended; the value is a sentence."""
-
-    FINISHED = "The procedure ran to its end."
-    ITERATION_LIMIT = "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}."
-    TIME_LIMIT = "The time limit was reached. Raise time_limit."
-    INTERRUPTED = "Ctrl-C interrupted the procedure."
-    INFEASIBLE = "Ipopt converged to a point of local infeasibility. Try another guess, or relax constraints."
-    FAILED = "Ipopt failed. Try another guess, another schedule or tee=True to see its log."
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SolveResult:
     """The answer of `solve`; the point itself is on the model, also after a failure.
 
@@ -46,31 +32,23 @@ class SolveResult:
         Why it stopped.
     quality : Quality
         How good the point is.
-    objective : float
-        The user's objective, recomputed.
-    constraint_violation : float
-        Largest violation of a constraint or bound, recomputed from the model's expressions.
-    stationarity : float or None
-        Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
-    certificate : Certificate
-        Whether another branch through the point descends.
+    best : Iterate
+        The point on the model: which run it comes from, its recomputed residuals, its certificate.
     multipliers : Multipliers or None
         Of the pairs, in the order of `residuals`, and the kind of stationarity that they show.
     residuals : list of PairResidual
         Per pair, under its original name.
-    steps : list of Step
-        Every run of Ipopt, in order.
-    best_step : int
-        Which of them gave the point.
-    strategy : str
-        Which strategy it belongs to.
+    steps : list of Iterate
+        Every run of Ipopt, and every search by linear programs, in order; without values and multipliers.
+    standing : Standing
+        What decides between this result and another one.
     decided_pairs : int
         Pairs that bounds and fixed variables had decided before.
     solver : str
         Which Ipopt was used.
     derivatives : str
         Where its derivatives came from.
-    judging_seconds : float
+    checking_seconds : float
         Elapsed in recomputing residuals after each step.
     seconds : float
         Elapsed time in all, writing included.
@@ -84,22 +62,48 @@ class SolveResult:
     name: str
     stop_reason: StopReason
     quality: Quality
-    objective: float
-    constraint_violation: float
-    stationarity: float | None
-    certificate: Certificate
+    best: Iterate
     multipliers: Multipliers | None = field(repr=False)
     residuals: list[PairResidual] = field(repr=False)
-    steps: list[Step] = field(repr=False)
-    best_step: int
-    strategy: str
+    steps: list[Iterate] = field(repr=False)
+    standing: Standing = field(repr=False)
     decided_pairs: int
     solver: str
     derivatives: str
-    judging_seconds: float
+    checking_seconds: float
     seconds: float
     safety: SafetyReport | None = None
-    rounds: Sequence[PlanningRound] = ()
+    rounds: Sequence[Any] = ()
+
+    @property
+    def objective(self) -> float:
+        """The user's objective, recomputed."""
+        return self.best.objective
+
+    @property
+    def constraint_violation(self) -> float:
+        """Largest violation of a constraint or bound, recomputed from the model's expressions."""
+        return self.best.constraint_violation
+
+    @property
+    def stationarity(self) -> float | None:
+        """Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand."""
+        return self.best.stationarity
+
+    @property
+    def certificate(self) -> Certificate:
+        """Whether another branch through the point descends."""
+        return self.best.certificate
+
+    @property
+    def strategy(self) -> str:
+        """Which strategy found the point."""
+        return self.best.strategy
+
+    @property
+    def best_step(self) -> int:
+        """Place among the steps of the one that gave the point."""
+        return self.best.number
 
     @property
     def safe(self) -> bool | None:
@@ -166,16 +170,15 @@ class SolveResult:
 
     def rounds_table(self) -> str:
         """The rounds of planning around obstacles as a table in text."""
-        return "\n".join([ROUND_HEADER, *map(str, self.rounds)])
+        return "\n".join([*(each.HEADER for each in self.rounds[:1]), *map(str, self.rounds)])
 
     def steps_to_pandas(self) -> Any:
         """The runs as a data frame, numbered from 1."""
         columns = ("label", "delta", "mu", "status", "iterations", "seconds", "objective")
         residuals = ("constraint_violation", "largest_product", "largest_natural_residual")
-        rows = [
-            {**{name: getattr(step, name) for name in (*columns, *residuals)}, "status": step.status.name}
-            for step in self.steps
-        ]
+        rows = [{name: getattr(step, name) for name in (*columns, *residuals)} for step in self.steps]
+        for row in rows:
+            row["status"] = "" if row["status"] is None else row["status"].name
         return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
 
     def report(self, worst: int = 5) -> str:

@@ -12,6 +12,8 @@ as a table. Its members mean the same in all of them:
 ``time_limit`` is for the whole study.
 """
 
+from pyrobocop_pyomo.solving import PersistentNLP
+
 from .homotopy import HomotopyResult, HomotopyStep, homotopy
 from .multistart import MultistartResult, StartOutcome, multistart
 from .outcomes import Outcome, StudyResult
@@ -26,6 +28,7 @@ __all__ = [
     "HorizonStep",
     "MultistartResult",
     "Outcome",
+    "PersistentNLP",
     "RecedingHorizon",
     "RefinedResult",
     "RefinementEnd",

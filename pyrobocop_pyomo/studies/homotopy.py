@@ -18,7 +18,7 @@ from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .named_data import by_component, data_members
-from .outcomes import Column, Outcome, StudyResult, objective_of, seconds_left, table_row
+from .outcomes import Column, Outcome, StudyResult, seconds_left, table_row
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
@@ -227,7 +227,6 @@ class _Follower:
     ) -> None:
         self._model, self._path, self._bar, self._options = model, path, bar, options
         self._longest, self._shortest, self._deadline = longest, shortest, deadline
-        self._sense = objective_of(model)[1]
         self._values = VariableValues.of_free(model)
         self._accepted_values = self._values.read()
         self._steps: list[HomotopyStep] = []
@@ -254,6 +253,8 @@ class _Follower:
                 # One success says little of the next step: doubling at once would fail every other time.
                 if successes > 1:
                     length, successes = min(2.0 * length, self._longest), 0
+                if step.cut_short and wanted < 1.0:
+                    raise self._stalled(step, length)
                 continue
             successes = 0
             self._go_back()
@@ -277,7 +278,7 @@ class _Follower:
             error = f"{type(failure).__name__}: {failure}"
         seconds = time.perf_counter() - started
         accepted = result is not None and result.quality is not Quality.INFEASIBLE
-        return HomotopyStep(position, accepted, result=result, error=error, sense=self._sense, seconds=seconds)
+        return HomotopyStep(position, accepted, result=result, error=error, seconds=seconds)
 
     def _go_back(self) -> None:
         self._values.write(self._accepted_values)
@@ -291,15 +292,18 @@ class _Follower:
         return HomotopyResult(name=self._model.name, outcomes=tuple(self._steps), seconds=seconds)
 
     def _stalled(self, step: HomotopyStep, length: float) -> HomotopyStalled:
+        model_state = "The model holds the last data that were solved, with their point."
+        if self._position < 0.0:
+            model_state = "The model is as it was before."
         why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
         if self._position < 0.0:
             where = "the first problem of the path was not solved. Start from easier data, or from a better guess"
-            model_state = "The model is as it was before."
+        elif step.accepted:
+            where = f"the path was followed to {self._position:.5g} of 1"
         else:
             where = (
                 f"the path was followed to {self._position:.5g} of 1, and the problem at {step.position:.5g} was not "
                 f"solved; the next step would be {length:.1e}, the smallest allowed is {self._shortest:.1e}. Take "
                 "another path around this place, or a smaller smallest_step"
             )
-            model_state = "The model holds the last data that were solved, with their point."
         return HomotopyStalled(f"'{self._model.name}': {where}. {why} {model_state}", self._so_far(), self._position)

@@ -20,7 +20,7 @@ from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .named_data import by_component
-from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, objective_of, rank, seconds_left, table_row
+from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, seconds_left, table_row
 
 WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
 
@@ -42,7 +42,7 @@ class StartOutcome(Outcome):
 class MultistartResult(StudyResult[StartOutcome]):
     """Outcomes, the best first: feasible ones by objective, then infeasible ones by violation, then errors.
 
-    Where there are obstacles, plans that are proven safe come before all others that are feasible. The point of the
+    Where there are obstacles, plans that are proven safe come before others that are feasible. The point of the
     best outcome is on the model. Starts that a time limit or Ctrl-C left undone are in `remaining`.
     """
 
@@ -86,9 +86,9 @@ def multistart(
 ) -> MultistartResult:
     """Solve a model from several starting points.
 
-    The first start is the initial guess on the model. The others are drawn around it: a variable with two bounds anywhere
-    between them, any other within ``max(1, |guess|)`` of its guess and its bounds; values of one variable of a phase
-    form a smooth curve over time. The model is left with the best point.
+    The first start is the initial guess on the model. The others are drawn around it: a variable with two bounds
+    anywhere between them, any other within ``max(1, |guess|)`` of its guess and its bounds; values of one variable of
+    a phase form a smooth curve over time. The model is left with the best point.
 
     Parameters
     ----------
@@ -123,7 +123,6 @@ def multistart(
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     values = VariableValues.of_free(model)
-    sense = objective_of(model)[1]
     random_starts = RandomStarts(model, seed, spread) if starts > 1 else None
     bar = Progress(progress)
     columns = (*MultistartResult.own_columns, *COMMON_COLUMNS)
@@ -135,7 +134,7 @@ def multistart(
             values.write(values.taken)
             if random_starts is not None and number:
                 random_starts.put(number)
-            outcomes.append(_solve_one(model, number, values, sense, {**options, "time_limit": seconds_left(deadline)}))
+            outcomes.append(_solve_one(model, number, values, {**options, "time_limit": seconds_left(deadline)}))
             bar.line(f"start {table_row(columns, outcomes[-1], len(outcomes))}")
             if outcomes[-1].cut_short:
                 break
@@ -143,17 +142,15 @@ def multistart(
         if not outcomes:
             values.write(values.taken)
             raise
-    ranked = sorted(outcomes, key=rank)
-    values.write(ranked[0].values if ranked[0].result is not None else values.taken)
+    order = ranked(outcomes)
+    values.write(order[0].values if order[0].result is not None else values.taken)
     return MultistartResult(
-        name=model.name, outcomes=tuple(ranked), remaining=tuple(range(len(outcomes), starts)),
+        name=model.name, outcomes=order, remaining=tuple(range(len(outcomes), starts)),
         seconds=time.perf_counter() - started, _values=values,
     )  # fmt: skip
 
 
-def _solve_one(
-    model: Any, number: int, values: VariableValues, sense: int, options: Mapping[str, Any]
-) -> StartOutcome:
+def _solve_one(model: Any, number: int, values: VariableValues, options: Mapping[str, Any]) -> StartOutcome:
     started = time.perf_counter()
     try:
         result = solve(model, progress=False, **options)
@@ -161,9 +158,9 @@ def _solve_one(
         raise  # no other start could do better
     except PyRobocopError as error:
         seconds = time.perf_counter() - started
-        return StartOutcome(number, error=f"{type(error).__name__}: {error}", sense=sense, seconds=seconds)
+        return StartOutcome(number, error=f"{type(error).__name__}: {error}", seconds=seconds)
     seconds = time.perf_counter() - started
-    return StartOutcome(number, result=result, sense=sense, seconds=seconds, values=values.read())
+    return StartOutcome(number, result=result, seconds=seconds, values=values.read())
 
 
 class RandomStarts:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cmp_to_key
 from typing import Any, ClassVar, Generic, TypeVar
-
-from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
@@ -27,8 +25,6 @@ class Outcome:
         None where building or solving raised an error.
     error : str
         That error, empty otherwise.
-    sense : int
-        1 where the objective is minimised, -1 where it is maximised.
     seconds : float
         Elapsed, with all that the study did for this solve.
     values : list of float or None
@@ -37,7 +33,6 @@ class Outcome:
 
     result: SolveResult | None = None
     error: str = ""
-    sense: int = 1
     seconds: float = 0.0
     values: Values = field(default_factory=list, repr=False)
 
@@ -81,35 +76,28 @@ class Outcome:
     @property
     def cut_short(self) -> bool:
         """True when the time limit or Ctrl-C ended the solve."""
-        return self.result is not None and self.result.stop_reason in (StopReason.INTERRUPTED, StopReason.TIME_LIMIT)
+        return self.result is not None and self.result.stop_reason.is_final
 
 
-def rank(outcome: Outcome) -> tuple[Any, ...]:
-    """Key that sorts the best outcome first: feasible ones by objective, then infeasible ones by violation, then errors.
+OutcomeType = TypeVar("OutcomeType", bound=Outcome)
 
-    Plans that are proven safe come before all others that are feasible: one that passes through an obstacle is often
-    the cheapest.
-    """
-    result = outcome.result
-    if result is None:
-        return (2,)
-    if not outcome.feasible:
-        return (1, max(result.constraint_violation, result.largest_product))
-    # Solves that lead to one optimum differ by the solver's tolerance, which must not decide.
-    return (0, result.safe is False, float(f"{outcome.sense * result.objective:.6g}"), not result.solved)
+
+def ranked(outcomes: Iterable[OutcomeType]) -> tuple[OutcomeType, ...]:
+    """The best first, by `Standing`; equally good ones as they came; those without a result last."""
+
+    def compare(one: Outcome, other: Outcome) -> int:
+        if one.result is None or other.result is None:
+            return (one.result is None) - (other.result is None)
+        if one.result.standing.is_better_than(other.result.standing):
+            return -1
+        return int(other.result.standing.is_better_than(one.result.standing))
+
+    return tuple(sorted(outcomes, key=cmp_to_key(compare)))
 
 
 def seconds_left(deadline: Deadline) -> float | None:
     """What is left for a solve; a moment where nothing is, so that it still says what it started from."""
     return None if deadline.left is None else max(deadline.left, 1e-3)
-
-
-def objective_of(model: Any) -> tuple[float, int]:
-    """Value of a model's objective, and its sense: 1 where it is minimised, -1 where it is maximised."""
-    objectives = list(model.component_data_objects(Objective, active=True))
-    if len(objectives) != 1:
-        return 0.0, 1
-    return number_or_nan(objectives[0].expr), 1 if objectives[0].is_minimizing() else -1
 
 
 @dataclass(frozen=True)
@@ -155,9 +143,6 @@ COMMON_COLUMNS = (
     Column("seconds", 8, lambda outcome: outcome.seconds, ".2f"),
     Column("reason", 0, lambda outcome: outcome.reason),
 )
-
-
-OutcomeType = TypeVar("OutcomeType", bound=Outcome)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -212,7 +212,7 @@ def solve_refined(
         raise ModelError(f"tolerance = {tolerance!r}; expected a positive number.")
     if most_meshes < 1 or most_parts < 2:
         raise ModelError(f"most_meshes = {most_meshes!r} and most_parts = {most_parts!r}; at least 1 and 2 are needed.")
-    started, deadline = time.perf_counter(), Deadline.after(time_limit)
+    deadline = Deadline.after(time_limit)
     builder = PhaseBuilder(build, phases)
     meshes = builder.first_meshes(elements, mesh)
     first_boundaries = {name: frozenset(first.boundaries) for name, first in meshes.items()}
@@ -256,7 +256,7 @@ def solve_refined(
         answer = found
         if end is not None:
             return RefinedResult(
-                name=answer.model.name, outcomes=tuple(steps), seconds=time.perf_counter() - started,
+                name=answer.model.name, outcomes=tuple(steps), seconds=sum(step.seconds for step in steps),
                 model=answer.model, trajectories=answer.trajectories, errors=answer.errors,
                 tolerance=float(tolerance), end=end, _place=place,
             )  # fmt: skip

@@ -21,9 +21,10 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import StopReason
+from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.progress import Progress
 
-from .outcomes import Column, Outcome, StudyResult, objective_of, rank, seconds_left
+from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left
 
 ModeSequence = tuple[str, ...]
 Allowed = Callable[[str, str], bool] | Mapping[str, Iterable[str]]
@@ -179,7 +180,7 @@ class SequenceRanking(StudyResult[SequenceOutcome]):
             raise SolveFailed(f"{found.name}: there is no solution. {found.error}", self)
         model = self.build(found.sequence)
         VariableValues.of_all(model).write(found.values)
-        objective, _ = objective_of(model)
+        objective = ModelCheck(model).objective()
         if abs(objective - found.result.objective) > 1e-9 * max(1.0, abs(objective)):
             raise ModelError(
                 f"{found.name}: the model built again has the objective {objective:.9g} where "
@@ -276,7 +277,7 @@ def solve_sequences(
     bar.live("")
     return SequenceRanking(
         name="sequences",
-        outcomes=tuple(sorted(done.values(), key=lambda outcome: (*rank(outcome), outcome.number))),
+        outcomes=ranked(done[number] for number in sorted(done)),
         remaining=tuple(task for number, task in enumerate(tasks) if number not in done),
         seconds=time.perf_counter() - started,
         build=build,
@@ -306,7 +307,7 @@ def _solve_one(
         seconds = time.perf_counter() - started
         return SequenceOutcome(sequence, number, error=f"{type(error).__name__}: {error}", seconds=seconds)
     return SequenceOutcome(
-        sequence, number, result=result, sense=objective_of(model)[1], seconds=time.perf_counter() - started,
+        sequence, number, result=result, seconds=time.perf_counter() - started,
         values=VariableValues.of_all(model).taken,
     )  # fmt: skip
 
@@ -370,7 +371,11 @@ def _solve_in_processes(
         ) from error
     finally:
         stop.set()
-        executor.shutdown(wait=in_time, cancel_futures=True)
+        # A process that is still starting needs what the executor holds: it is kept until all have ended.
+        closing = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True})
+        closing.start()
+        if in_time:
+            closing.join()
 
 
 def _start_worker(stop: Any) -> None:

@@ -93,7 +93,6 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
         lambda m: (m.free >= m.unset[1], m.x[1] >= 0),
         r"'unset\[1\]' of side .* has no value.*Give",
     ),
-    "variable with itself": (lambda m: (m.x[1] >= 0, m.x[1]), r"'x\[1\]' is paired with itself.*Fix it there"),
     "integer variable": (lambda m: (m.count >= 0, m.x[1] >= 0), "discrete variable 'count'.*relax its domain"),
     "binary variable": (
         lambda m: (between(0, m.free, 1), m.x[1] * m.switch - 1),

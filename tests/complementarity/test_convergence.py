@@ -106,6 +106,19 @@ def test_a_price_is_exact_where_it_exceeds_the_multiplier(choice):
     assert distance(held_by_the_product, choice, 2.0) > 1e-2
 
 
+@pytest.mark.parametrize("choice", ["penalty", "augmented-lagrangian", "elastic", "scholtes"])
+@pytest.mark.parametrize("strategies", [None, "elastic"])
+def test_a_model_without_an_objective_is_solved(choice, strategies):
+    m = program(lambda m: m.a, (1.0, 2.0))
+    m.del_component("cost")
+    m.line = pyo.Constraint(expr=m.a + 2 * m.b == 3)
+    m.itself = Complementarity(expr=complements(m.a - 3 >= 0, m.a - 3 >= 0))
+    result = rcp.solve(m, relaxation=choice, strategies=strategies, backend="asl")
+    result.raise_for_status()
+    assert result.objective == 0
+    assert (m.a.value, m.b.value) == pytest.approx((3.0, 0.0), abs=1e-6)
+
+
 def test_multipliers_make_the_products_vanish_at_a_constant_delta():
     m, solution = held_by_the_product()
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")

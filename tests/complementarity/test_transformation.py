@@ -12,7 +12,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.complementarity import Complementarity, PerElement, Scholtes, active_pairs, complements
+from pyrobocop_pyomo.complementarity import (
+    Complementarity,
+    PerElement,
+    Scholtes,
+    active_pairs,
+    complements,
+    without_penalty,
+)
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, relaxation, row_values, state, text_without_pairs
@@ -157,14 +164,14 @@ def test_the_penalty_makes_products_expensive_whatever_the_sense(sense, sign, re
     m = build(sense)
     plain = pyo.value(m.cost)
     relax.apply_to(m, relaxation="penalty", delta=0.25)
-    charged = m.relaxed_complementarity.objective
+    penalised = m.relaxed_complementarity.objective
     products = sum(pyo.value(pair.weight * pair.a * pair.b) for pair in relax.pairs_of(m))
-    assert charged.sense == sense
-    assert pyo.value(charged) == pytest.approx(plain + sign * products / 0.25)
+    assert penalised.sense == sense
+    assert pyo.value(penalised) == pytest.approx(plain + sign * products / 0.25)
     assert not m.cost.active
     assert relax.shifted_rows_of(m) == []
     relax.delta_of(m).set_value(0.5)
-    assert pyo.value(charged) == pytest.approx(plain + sign * products / 0.5)
+    assert pyo.value(penalised) == pytest.approx(plain + sign * products / 0.5)
 
 
 def test_the_penalty_follows_the_objective_of_the_user(model, relax):
@@ -172,6 +179,48 @@ def test_the_penalty_follows_the_objective_of_the_user(model, relax):
     before = pyo.value(token.block.objective)
     model.cost.set_value(model.cost.expr + 5)
     assert pyo.value(token.block.objective) == before + 5
+
+
+@pytest.mark.parametrize("relaxation", ["penalty", "augmented-lagrangian", "elastic"])
+def test_without_an_objective_the_penalty_is_all_that_is_minimised(model, relax, relaxation):
+    no_objective(model)
+    before, text = state(model), text_without_pairs(model)
+    token = relax.apply_to(model, relaxation=relaxation, delta=0.25)
+    penalty, expected = token.block.objective, token.block.component("excess")
+    assert penalty.sense == pyo.minimize
+    if relaxation == "penalty":
+        expected = sum(pair.weight * pair.a * pair.b for pair in relax.pairs_of(model))
+    if relaxation != "augmented-lagrangian":
+        assert pyo.value(penalty) == pytest.approx(pyo.value(expected) / 0.25)
+    copy = model.clone()
+    assert nl_text(copy) == nl_text(model)
+    with without_penalty(copy):
+        assert not copy.relaxed_complementarity.objective.active
+        assert not copy.cost.active
+    assert copy.relaxed_complementarity.objective.active
+    relax.revert(copy)
+    relax.revert(model, token)
+    assert state(model) == state(copy) == before
+    assert text_without_pairs(model) == text
+
+
+def test_parts_of_a_penalty_without_an_objective_come_and_go(model, relax):
+    no_objective(model)
+    before = state(model)
+    first = relax.apply_to(model, relaxation="penalty", targets=[model.ours])
+    alone = pyo.value(first.block.objective)
+    second = relax.apply_to(model)
+    both = sum(pair.weight * pair.a * pair.b for pair in relax.pairs_of(model))
+    assert pyo.value(first.block.objective) == pytest.approx(pyo.value(both) / 1e-2)
+    relax.revert(model, second)
+    assert pyo.value(first.block.objective) == pytest.approx(alone)
+    relax.revert(model, first)
+    assert state(model) == before
+
+
+def test_a_penalty_is_not_put_below_the_objective_that_it_belongs_to(model, relax):
+    with pytest.raises(ComplementarityError, match=r"'part\[1\]'.*'cost' of 'unknown'.*targets= the blocks"):
+        relax.apply_to(model.part[1], relaxation="penalty")
 
 
 # ---- the way back
@@ -452,7 +501,6 @@ FAILURES = [
     (no_pairs, {}, r"'unknown': no active complementarity pair in it; there is nothing to relax"),
     (None, {"targets": []}, r"no active complementarity pair in the targets"),
     (None, {"targets": "cost"}, r"'cost': a target is a Block, a Complementarity"),
-    (no_objective, {"relaxation": "penalty"}, r"one active objective, found none"),
     (second_objective, {"relaxation": "penalty"}, r"one active objective, found 'cost', 'other'"),
     (bad_pair, {}, r"'wrong\[4\]': side 'free\[1\]' has no finite bound"),
     (None, {"relaxation": "none"}, r"unknown relaxation 'none'"),

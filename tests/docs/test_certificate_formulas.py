@@ -17,13 +17,14 @@ from scipy.optimize import linprog
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
-from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Certificate, candidate_at
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, violation
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 SMALL = st.integers(-3, 3).map(float)
 
@@ -210,8 +211,7 @@ def test_what_counts_is_the_gain_beyond_the_present_branch(slope, certificate):
     program = ComplementarityProgram(nlp, sides(0), sides(1))
     branch = Branch(np.array([False]), np.array([True]))  # y held at zero; x is at its own bound
     point = np.array([0.0, 0.0, 1e-6])
-    multipliers = (np.zeros(0), np.zeros(3), np.zeros(3))
-    start = candidate_at(program, point, multipliers, branch)
+    start = BranchPoint.at(program, PrimalDualPoint(point, np.zeros(0), np.zeros(3), np.zeros(3)), branch)
     anywhere = steepest_branch(program, Linearisation.at(nlp, point), 1e-3)
     assert anywhere.decrease > 1e-5, "the distance from the bound alone is more than the tolerance"
     solved: list[Any] = []
@@ -239,8 +239,8 @@ def test_the_guard_is_that_of_the_page(objectives, residuals):
     program = ComplementarityProgram(nlp, sides(0), sides(1))
     (f, change), (r, r_new) = objectives, residuals
     f_new = f + change * max(1.0, abs(f))
-    multipliers = (np.zeros(0), np.zeros(3), np.zeros(3))
-    start = candidate_at(program, np.array([r, r, f]), multipliers)
+    point = PrimalDualPoint(np.array([r, r, f]), np.zeros(0), np.zeros(3), np.zeros(3))
+    start = BranchPoint.at(program, point)
     answer = np.array([r_new, r_new, f_new])
     kept = ActiveSetSearch(program, lambda nlp, *_: outcome_at(nlp, answer)).polish(start) is not start
     alpha = 1e-7 if r_new >= r else (1e-3 if r <= 1e-6 else 1e-2)

@@ -13,11 +13,10 @@ import pytest
 from harness.small_problems import every_derivative, hock_schittkowski_71
 
 from pyrobocop_pyomo.errors import EvaluationError, SolverOptionError
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
 
 OPTIMUM = 17.0140172891520542
 FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
@@ -28,7 +27,7 @@ def written_71(derivatives: str) -> CompiledModel:
 
 
 def run(nlp, options=None, **keywords):
-    return run_ipopt(load_ipopt_library(), nlp, options or {}, **keywords)
+    return run_ipopt(nlp, options or {}, **keywords)
 
 
 @every_derivative
@@ -55,8 +54,7 @@ def test_a_program_is_solved_again_from_where_it_ended(derivatives):
     warm = {"warm_start_init_point": "yes", "mu_init": 1e-9}
     warm |= dict.fromkeys(("warm_start_bound_push", "warm_start_mult_bound_push", "warm_start_slack_bound_push"), 1e-9)
     again = run(
-        nlp, warm, x=first.x, g_multipliers=first.g_multipliers, lower_multipliers=first.lower_multipliers,
-        upper_multipliers=first.upper_multipliers,
+        nlp, warm, start=first.point,
     )  # fmt: skip
     assert again.status is IpoptStatus.SOLVED
     assert again.iterations < first.iterations / 2
@@ -261,4 +259,4 @@ def test_a_bad_option_is_named_with_the_reason(option, value, reason, capfd):
 @pytest.mark.casadi
 def test_wrong_sizes_are_named():
     with pytest.raises(ValueError, match=r"'x' has shape \(3,\); this problem needs \(4,\)"):
-        run(written_71("casadi").nlp, x=np.zeros(3))
+        run(written_71("casadi").nlp, start=PrimalDualPoint(np.zeros(3)))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from harness.quadratic_program import QuadraticProgram
 
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
-from pyrobocop_pyomo.mpcc.active_set import candidate_at
+from pyrobocop_pyomo.mpcc.active_set import BranchPoint
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 
 def sides(index, sign=1.0, offset=0.0):
@@ -36,18 +36,10 @@ def trap():
 
 def at_origin(program, branch=None):
     nlp = program.nlp
-    multipliers = (np.zeros(nlp.m), np.zeros(nlp.n), np.zeros(nlp.n))
-    return candidate_at(program, np.zeros(nlp.n), multipliers, branch)
+    point = PrimalDualPoint(np.zeros(nlp.n), np.zeros(nlp.m), np.zeros(nlp.n), np.zeros(nlp.n))
+    return BranchPoint.at(program, point, branch)
 
 
 def ipopt(nlp, start, iterations=None):
     options = {"bound_relax_factor": 0.0, "warm_start_init_point": "yes", "mu_init": 1e-4}
-    return run_ipopt(
-        load_ipopt_library(),
-        nlp,
-        options,
-        x=start.x,
-        g_multipliers=start.g_multipliers,
-        lower_multipliers=start.lower_multipliers,
-        upper_multipliers=start.upper_multipliers,
-    )
+    return run_ipopt(nlp, options, start)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from problems import at_origin, ipopt, ralph1, scholtes4, sides, trap
 from scipy.optimize import linprog
 
-from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, Certificate
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
@@ -49,7 +50,7 @@ def test_an_m_stationary_point_that_is_not_b_is_left_along_the_branch_that_desce
 def test_a_polished_point_is_exactly_complementary():
     program = trap()
     near = at_origin(program)
-    near = type(near)(np.array([1e-4, 0.9999]), 1.0, 0.0, 1e-4, *near.multipliers)
+    near = BranchPoint(replace(near.point, x=np.array([1e-4, 0.9999])), 1.0, 0.0, 1e-4)
     found = ActiveSetSearch(program, ipopt).polish(near)
     assert found.natural_residual == 0.0
     np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-6)

@@ -14,6 +14,7 @@ from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 TWO_MULTIPLIERS = st.tuples(st.sampled_from([-2.0, 0.0, 3.0]), st.sampled_from([-1.0, 0.0, 1.0]))
 
@@ -110,7 +111,7 @@ def test_a_solver_that_shares_the_multiplier_between_row_and_side_changes_nothin
     point = Linearisation.at(nlp, np.zeros(2))
     branch = Branch(np.array([True]), np.array([True]))
     for part in (0.0, 0.5, 1.5):
-        solver = (np.array([-part]), np.zeros(2), np.zeros(2))
+        solver = PrimalDualPoint(np.zeros(2), np.array([-part]), np.zeros(2), np.zeros(2))
         found = strong_multipliers(program, point, branch, solver)
         assert found is not None
         assert (found.nu[0], found.xi[0]) == pytest.approx((3.0, 1.0))

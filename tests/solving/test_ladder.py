@@ -16,9 +16,8 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.solving import procedure
-from pyrobocop_pyomo.solving.finding import Finding
+from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
 from pyrobocop_pyomo.solving.strategies import STRATEGIES
-from pyrobocop_pyomo.solving.tolerances import Tolerances
 
 pytestmark = pytest.mark.casadi
 
@@ -96,27 +95,39 @@ def test_an_unknown_strategy_is_refused() -> None:
         rcp.solve(trap(), strategies=[])
 
 
-def finding(objective: float, natural: float, proven: bool) -> Finding:
-    step = rcp.results.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 1, 0.0, objective, 0.0, 0.0, natural)
+def iterate(objective: float, natural: float, proven: bool, converged: bool) -> Iterate:
     certificate = Certificate.PROVEN if proven else Certificate.UNKNOWN
-    return Finding("", [], step, rcp.StopReason.FINISHED, None, lambda: None, certificate)
+    reason = rcp.StopReason.FINISHED if converged else rcp.StopReason.FAILED
+    return Iterate(
+        "fixed delta", 1e-8, None, IpoptStatus.SOLVED, 1, 0.0, objective, 0.0, 0.0, natural, stop_reason=reason,
+        certificate=certificate,
+    )  # fmt: skip
 
 
-findings = st.builds(finding, st.sampled_from([0.0, 1.0, 2.0]), st.sampled_from([0.0, 1e-4]), st.booleans())
+iterates = st.builds(
+    iterate, st.sampled_from([0.0, 1.0, 2.0]), st.sampled_from([0.0, 1e-4]), st.booleans(), st.booleans()
+)
 
 
-@given(one=findings, other=findings, sign=st.sampled_from([1.0, -1.0]))
-def test_of_two_findings_at_most_one_is_better(one: Finding, other: Finding, sign: float) -> None:
-    tolerances = Tolerances()
-    assert not (one.is_better_than(other, tolerances, sign) and other.is_better_than(one, tolerances, sign))
-    assert not one.is_better_than(one, tolerances, sign)
-    if one.step.largest_natural_residual == other.step.largest_natural_residual:
-        if sign * one.step.objective < sign * other.step.objective:
-            assert one.is_better_than(other, tolerances, sign)
-        elif one.step.objective == other.step.objective:
-            assert one.is_better_than(other, tolerances, sign) is (
+@given(one=iterates, other=iterates, sign=st.sampled_from([1.0, -1.0]))
+def test_of_two_iterates_at_most_one_is_better(one: Iterate, other: Iterate, sign: float) -> None:
+    mine, theirs = (each.standing(Tolerances(), sign) for each in (one, other))
+    assert not (mine.is_better_than(theirs) and theirs.is_better_than(mine))
+    assert not mine.is_better_than(mine)
+    if one.largest_natural_residual == other.largest_natural_residual:
+        if sign * one.objective < sign * other.objective:
+            assert mine.is_better_than(theirs)
+        elif one.objective == other.objective and one.converged == other.converged:
+            assert mine.is_better_than(theirs) is (
                 one.certificate is Certificate.PROVEN and other.certificate is not Certificate.PROVEN
             )
+
+
+def test_an_exact_point_that_is_not_shown_to_be_optimal_does_not_displace_one_that_is() -> None:
+    loose, exact = iterate(1.0, 1e-4, False, True), iterate(1.0, 0.0, False, False)
+    mine, theirs = (each.standing(Tolerances(), 1.0) for each in (loose, exact))
+    assert mine.is_better_than(theirs)
+    assert not theirs.is_better_than(mine)
 
 
 @pytest.mark.parametrize("backend", ROUTES)

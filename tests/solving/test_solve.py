@@ -15,6 +15,7 @@ from pyrobocop_pyomo.ipopt import backends
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving import progress as progress_module
+from pyrobocop_pyomo.solving.iterates import Iterate
 
 ROUTES = [
     pytest.param("asl", marks=pytest.mark.asl),
@@ -328,7 +329,7 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_result_reads_well() -> None:
-    step = rcp.results.Step("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 12, 0.5, 3.25, 1e-12, 2e-9, 1e-9)
+    step = Iterate("fixed delta", 1e-8, None, IpoptStatus.SOLVED, 12, 0.5, 3.25, 1e-12, 2e-9, 1e-9)
     assert str(step).split() == ["fixed", "delta", "1.0e-08", "12", "3.25", "1.0e-12", "2.0e-09", "0.50", "SOLVED"]
 
 

@@ -89,8 +89,10 @@ class Abilities:
         Its rows are equalities.
     several_rows : bool
         A product has further rows.
-    charges_products : bool
-        The products themselves enter the objective.
+    has_penalty : bool
+        It adds a term to the objective.
+    penalises_products : bool
+        The term holds the products themselves.
     keeps_multipliers, keeps_bounds : bool
         It has numbers that are updated between solves.
     shifts : bool
@@ -99,7 +101,8 @@ class Abilities:
 
     equality: bool
     several_rows: bool
-    charges_products: bool
+    has_penalty: bool
+    penalises_products: bool
     keeps_multipliers: bool
     keeps_bounds: bool
     shifts: bool
@@ -107,14 +110,15 @@ class Abilities:
     @classmethod
     def of(cls, relaxation: Any, delta: Any) -> Abilities:
         """Ask a relaxation; `delta` is the parameter of the model."""
-        charges = isinstance(relaxation, ObjectiveTerm)
+        penalty = isinstance(relaxation, ObjectiveTerm)
         several = hasattr(relaxation, "further_residuals")
         keeps_bounds = isinstance(relaxation, KeepsBounds)
-        elsewhere = charges or several or keeps_bounds or hasattr(relaxation, "side_slack")
+        elsewhere = penalty or several or keeps_bounds or hasattr(relaxation, "side_slack")
         return cls(
             equality=bool(getattr(relaxation, "equality", False)),
             several_rows=several,
-            charges_products=charges and not hasattr(relaxation, "excess_bound"),
+            has_penalty=penalty,
+            penalises_products=penalty and not hasattr(relaxation, "excess_bound"),
             keeps_multipliers=isinstance(relaxation, KeepsMultipliers),
             keeps_bounds=keeps_bounds,
             shifts=not elsewhere and isinstance(relaxation, Relaxation) and relaxation.shift(delta) is not None,

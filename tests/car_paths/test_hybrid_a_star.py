@@ -1,4 +1,4 @@
-"""Paths for cars: free of collisions by another judge, drivable, exact at their ends, the same every time."""
+"""Paths for cars: free of collisions by an independent check, drivable, exact at their ends, the same every time."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pyrobocop_pyomo.errors import GuessError
 
 from .car_scenes import CAR, PARALLEL, REVERSE, START, STEERING, WHEELBASE, is_free, least_distance, park, without_end
 
-# What the poses between two of the path's may be off, for rounding only: nothing is allowed for coarse judging.
+# What the poses between two of the path's may be off, for rounding only: nothing is allowed for coarse checks.
 ROUNDING = 1e-8
 
 
 def assert_drivable(path: rcp.initial_guesses.CarPath) -> None:
-    """Each piece is the arc that its direction and steering say, recomputed from scratch."""
+    """Each segment is the arc that its direction and steering say, recomputed from scratch."""
     assert np.all(np.isin(path.directions, (-1.0, 1.0)))
     assert np.all(np.abs(path.steering) <= STEERING + 1e-12)
     for before, after, direction, steering in zip(
@@ -79,8 +79,8 @@ def test_the_same_question_has_the_same_answer() -> None:
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
-def test_a_start_that_is_tight_as_well_is_left_with_finer_moves() -> None:
-    """Across a lane that is a metre longer than the car, the moves of the first search lead nowhere."""
+def test_a_start_that_is_tight_as_well_is_left_with_finer_primitives() -> None:
+    """Across a lane that is a metre longer than the car, the motion primitives of the first search lead nowhere."""
     start = (7.148, 6.6, 1.443)
     path = park(start)
     assert least_distance(path, REVERSE["obstacles"], every=0.1) >= 0.1 - ROUNDING
@@ -93,7 +93,7 @@ def test_turning_and_moving_the_scene_moves_the_path(turn: float) -> None:
     pose = rcp.planar_pose(30.0, -20.0, turn)
     moved = {
         "goal": (*pose.apply(REVERSE["goal"][:2]), REVERSE["goal"][2] + turn),
-        "obstacles": {name: each.placed(pose) for name, each in REVERSE["obstacles"].items()},
+        "obstacles": {name: shape.placed(pose) for name, shape in REVERSE["obstacles"].items()},
     }
     start = (*pose.apply(START[:2]), START[2] + turn)
     wide = ((-50.0, 50.0), (-50.0, 50.0))
@@ -109,8 +109,8 @@ def test_lengths_in_another_unit_give_the_same_path() -> None:
     """Everything in centimetres: all that the search chooses by itself grows along."""
     scale = 100.0
     obstacles = {
-        name: rcp.Polytope.from_vertices(each.vertices * scale, rays=each.rays)
-        for name, each in REVERSE["obstacles"].items()
+        name: rcp.Polytope.from_vertices(shape.vertices * scale, rays=shape.rays)
+        for name, shape in REVERSE["obstacles"].items()
     }
     goal = (REVERSE["goal"][0] * scale, REVERSE["goal"][1] * scale, REVERSE["goal"][2])
     path = park(
@@ -123,7 +123,7 @@ def test_lengths_in_another_unit_give_the_same_path() -> None:
     assert path.cusps == reference.cusps
 
 
-def test_without_obstacles_the_shortest_way_is_found() -> None:
+def test_without_obstacles_the_shortest_path_is_found() -> None:
     ahead = park((0, 2, 0), {"goal": (8, 2, 0), "obstacles": []})
     assert ahead.length == pytest.approx(8.0, abs=1e-9)
     assert ahead.cusps == 0
@@ -154,7 +154,7 @@ def test_an_end_in_collision_is_refused_with_what_is_there() -> None:
         park(scene={**REVERSE, "obstacles": boxes})
 
 
-def test_where_there_is_no_way_it_says_so() -> None:
+def test_where_there_is_no_path_it_says_so() -> None:
     gate = {"gate": rcp.Polytope.box(4, 1, center=(0, 6.2))}
     with pytest.raises(GuessError, match="no way even for a disc"):
         park(scene={**REVERSE, "obstacles": REVERSE["obstacles"] | gate})
@@ -196,7 +196,7 @@ def test_what_makes_no_sense_is_refused(options: Any, message: str) -> None:
         park(options.pop("start", START), scene, options.pop("clearance", 0.1), **options)
 
 
-@pytest.mark.parametrize("options", [{"cell": 0.0}, {"headings": 3}, {"steerings": 4}, {"eagerness": math.inf}])
+@pytest.mark.parametrize("options", [{"cell": 0.0}, {"headings": 3}, {"steerings": 4}, {"heuristic_weight": math.inf}])
 def test_a_search_that_makes_no_sense_is_refused(options: Any) -> None:
     with pytest.raises(GuessError, match=f"CarSearch: .*{next(iter(options))} = "):
         rcp.initial_guesses.CarSearch(**options)

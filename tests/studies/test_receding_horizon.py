@@ -44,7 +44,7 @@ def test_each_plan_is_that_of_a_model_built_from_scratch(parametrization: str) -
         for name in expected:
             np.testing.assert_allclose(plan[name], expected[name], atol=2e-4)
         state = {name: step.plan(0.2)[name] for name in ("x", "v")}
-    assert controller._kept.preparations == 1
+    assert controller._program.preparations == 1
 
 
 def test_the_loop_settles_and_its_steps_are_short() -> None:
@@ -67,7 +67,7 @@ def test_moving_ahead_is_reading_the_plan_later(parametrization: str) -> None:
     m = regulator(parametrization)
     controller = rcp.studies.RecedingHorizon(m, m.ahead)
     before = controller.step({"x": 0.5, "v": 0.0}).plan
-    controller._values.shift(0.25)  # one element: held values move onto each other exactly
+    controller._shifted(0.25)  # one element: held values move onto each other exactly
     after = m.ahead.trajectory()
     times = np.linspace(0.26, 2.74, 40)  # from the second element on: the first starts at the measured state
     for name in ("x", "v", "u"):

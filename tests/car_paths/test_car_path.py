@@ -1,4 +1,4 @@
-"""Ways without obstacles, poses between poses, stops at cusps, and a path as the guess of a phase."""
+"""Reeds-Shepp paths, poses between poses, stops at cusps, and a path as the initial guess of a phase."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.car_paths import CarTiming
+from pyrobocop_pyomo.car_paths.car_kinematics import follow_arc, follow_arcs
 from pyrobocop_pyomo.car_paths.free_space import FreeSpace
-from pyrobocop_pyomo.car_paths.reeds_shepp import words
-from pyrobocop_pyomo.car_paths.rolling import rolled, rolled_on
+from pyrobocop_pyomo.car_paths.reeds_shepp import reeds_shepp_paths
 from pyrobocop_pyomo.errors import GuessError
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE, park
@@ -25,21 +25,21 @@ places = st.floats(-6, 6)
 
 
 @given(x=places, y=places, heading=angles)
-def test_every_free_way_ends_where_it_should(x: float, y: float, heading: float) -> None:
+def test_every_reeds_shepp_path_ends_at_its_target(x: float, y: float, heading: float) -> None:
     ends = 0
-    for turns, lengths, exists in words(np.array([x]), np.array([y]), np.array([heading])):
+    for turns, lengths, exists in reeds_shepp_paths(np.array([x]), np.array([y]), np.array([heading])):
         if exists[0]:
             ends += 1
-            end = rolled_on(np.zeros(3), lengths[0], turns)[-1]
+            end = follow_arcs(np.zeros(3), lengths[0], turns)[-1]
             assert end[:2] == pytest.approx([x, y], abs=1e-6)
             assert math.cos(end[2] - heading) == pytest.approx(1.0, abs=1e-9)
     assert ends > 0
 
 
 @given(x=places, y=places, heading=angles)
-def test_the_shortest_free_way_back_is_as_long(x: float, y: float, heading: float) -> None:
+def test_the_shortest_path_back_is_as_long(x: float, y: float, heading: float) -> None:
     def shortest(x: float, y: float, heading: float) -> float:
-        found = words(np.array([x]), np.array([y]), np.array([heading]))
+        found = reeds_shepp_paths(np.array([x]), np.array([y]), np.array([heading]))
         return min(float(np.abs(lengths).sum()) for _, lengths, exists in found if exists[0])
 
     back_x = -x * math.cos(heading) - y * math.sin(heading)
@@ -48,7 +48,7 @@ def test_the_shortest_free_way_back_is_as_long(x: float, y: float, heading: floa
     assert shortest(x, y, heading) >= math.hypot(x, y) - 1e-9
 
 
-def test_known_shortest_ways() -> None:
+def test_known_shortest_paths() -> None:
     """To turn round on the spot takes three arcs of a third of half a turn; ahead and back are straight."""
     for pose, length in (
         ((0, 0, math.pi), math.pi),
@@ -56,7 +56,7 @@ def test_known_shortest_ways() -> None:
         ((-3, 0, 0), 3.0),
         ((1, 1, math.pi / 2), math.pi / 2),
     ):
-        found = words(*(np.array([float(each)]) for each in pose))
+        found = reeds_shepp_paths(*(np.array([float(number)]) for number in pose))
         assert min(np.abs(lengths).sum() for _, lengths, exists in found if exists[0]) == pytest.approx(length)
 
 
@@ -68,24 +68,26 @@ def test_distances_of_many_poses_are_those_of_one(pose: Any, corners: Any) -> No
         REVERSE["obstacles"]["wall"],
     ]
     space = FreeSpace.around(CAR, obstacles, 0.25, 30.0)
-    exact = [rcp.geometry.signed_distance(CAR, each, rcp.planar_pose(*pose)).distance - 0.25 for each in obstacles]
+    exact = [
+        rcp.geometry.signed_distance(CAR, obstacle, rcp.planar_pose(*pose)).distance - 0.25 for obstacle in obstacles
+    ]
     assert space.distances(np.array([pose]))[0] == pytest.approx(exact, abs=1e-7)
 
 
-@given(pose=st.tuples(places, st.floats(5, 10), angles), way=st.floats(-3, 3), curvature=st.floats(-0.25, 0.25))
-def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, way: float, curvature: float) -> None:
+@given(pose=st.tuples(places, st.floats(5, 10), angles), length=st.floats(-3, 3), curvature=st.floats(-0.25, 0.25))
+def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, length: float, curvature: float) -> None:
     """Poses a metre apart, so that something could hide in between."""
     obstacles = [*REVERSE["obstacles"].values(), rcp.Polytope.regular_polygon(5, 0.3, (2.0, 8.0))]
     space = FreeSpace.around(CAR, obstacles, 0.1, 30.0)
-    steps = np.full(3, way / 3)
-    chain = rolled_on(np.array(pose), steps, np.full(3, curvature))
-    clear = space.is_clear(chain[None], np.array([abs(curvature)]), np.array([abs(way) / 3]))[0]
-    between = rolled(np.array(pose), np.linspace(0, way, 61), np.full(61, curvature))
+    steps = np.full(3, length / 3)
+    motion = follow_arcs(np.array(pose), steps, np.full(3, curvature))
+    clear = space.is_clear(motion[None], np.array([abs(curvature)]), np.array([abs(length) / 3]))[0]
+    between = follow_arc(np.array(pose), np.linspace(0, length, 61), np.full(61, curvature))
     least = space.distances(between).min()
     if clear:
         assert least >= -1e-7
-    elif least > 0.15:  # and it is not over-careful: what one direction per piece cannot show is small
-        pytest.fail(f"judged not clear at a distance of {least}")
+    elif least > 0.15:  # not over-careful: what one direction per step cannot prove is small
+        pytest.fail(f"found not clear at a distance of {least}")
 
 
 def simple_path() -> rcp.initial_guesses.CarPath:
@@ -94,12 +96,12 @@ def simple_path() -> rcp.initial_guesses.CarPath:
 
 def test_poses_between_poses_are_on_the_arcs() -> None:
     path = simple_path()
-    np.testing.assert_allclose(path.at(path.ways), path.poses, atol=1e-9)
-    ways = np.linspace(0, path.length, 20001)
-    dense = path.at(ways)
+    np.testing.assert_allclose(path.poses_at(path.arc_lengths), path.poses, atol=1e-9)
+    driven = np.linspace(0, path.length, 20001)
+    dense = path.poses_at(driven)
     chords = np.hypot(*np.diff(dense[:, :2], axis=0).T).sum()
-    assert path.length - (path.cusps + 1e-3) * ways[1] <= chords <= path.length + 1e-9  # a step may straddle a cusp
-    slopes = np.abs(np.diff(dense[:, 2])) / np.diff(ways)
+    assert path.length - (path.cusps + 1e-3) * driven[1] <= chords <= path.length + 1e-9  # a step may straddle a cusp
+    slopes = np.abs(np.diff(dense[:, 2])) / np.diff(driven)
     assert slopes.max() <= math.tan(0.6) / WHEELBASE + 1e-6
 
 
@@ -113,17 +115,17 @@ def test_timing_stops_at_cusps_and_keeps_its_limits(lengths: Any, speed: float, 
     directions = np.resize([1.0, -1.0], len(lengths))
     timing = CarTiming.over_legs(legs, directions, speed, acceleration)
     times = np.linspace(0, timing.duration, 4001)
-    ways, velocities = timing.way_at(times), timing.velocity_at(times)
+    driven, velocities = timing.arc_length_at(times), timing.velocity_at(times)
     assert np.abs(velocities).max() <= speed * (1 + 1e-9)
-    assert np.all(np.diff(ways) >= -1e-9)
-    assert [ways[0], ways[-1]] == pytest.approx([0.0, legs[-1]])
+    assert np.all(np.diff(driven) >= -1e-9)
+    assert [driven[0], driven[-1]] == pytest.approx([0.0, legs[-1]])
     step = times[1]
     np.testing.assert_allclose(
-        np.diff(ways) / step, np.abs(velocities[1:] + velocities[:-1]) / 2, atol=2.1 * acceleration * step
+        np.diff(driven) / step, np.abs(velocities[1:] + velocities[:-1]) / 2, atol=2.1 * acceleration * step
     )
     np.testing.assert_allclose(np.diff(velocities), 0.0, atol=acceleration * step * (1 + 1e-6))
     stops = timing.times[::3]
-    np.testing.assert_allclose(timing.way_at(stops), legs, atol=1e-9)
+    np.testing.assert_allclose(timing.arc_length_at(stops), legs, atol=1e-9)
     np.testing.assert_allclose(timing.velocity_at(stops), 0.0, atol=1e-9)
 
 
@@ -150,7 +152,7 @@ NAMES = {"x": "x", "y": "y", "theta": "theta", "v": "v", "steering": "delta", "a
 def test_a_guess_nearly_follows_the_equations(duration: Any) -> None:
     path = park()
     b = car_phase(duration)
-    b.set_guess(path.guess(b, speed=1.0, names=NAMES))
+    b.set_guess(path.initial_guess(b, speed=1.0, names=NAMES))
     real = pyo.value(b.duration)
     suggested = path.timed(1.0).duration
     assert real == pytest.approx(
@@ -166,7 +168,7 @@ def test_steering_as_a_state_has_a_rate() -> None:
     m.p = b = rcp.PhaseBlock(duration=15.0, elements=150)
     b.steering, b.steering_rate = rcp.State(), rcp.Control()
     b.ode(lambda b, t: {b.steering: b.steering_rate[t]})
-    b.set_guess(park().guess(b))
+    b.set_guess(park().initial_guess(b))
     assert b.trajectory().verify().element_error < 0.05
     assert max(abs(b.steering[t].value) for t in b.time) <= 0.6 + 1e-9
 
@@ -178,9 +180,9 @@ def test_headings_start_as_the_phase_does_and_whole_turns_at_the_end_are_refused
     with pytest.raises(
         GuessError, match=r"'theta' is fixed at 1\.5708 there, 1 whole turn\(s\) away\. State final=7\.85398"
     ):
-        path.guess(b, names=NAMES)
+        path.initial_guess(b, names=NAMES)
     b.theta[b.time.last()].unfix()
-    b.set_guess(path.guess(b, names=NAMES))
+    b.set_guess(path.initial_guess(b, names=NAMES))
     assert b.theta[b.time.last()].value == pytest.approx(2.5 * math.pi)
 
 
@@ -196,4 +198,4 @@ def test_headings_start_as_the_phase_does_and_whole_turns_at_the_end_are_refused
 def test_guesses_that_do_not_fit_are_refused(options: Any, message: str) -> None:
     path, b = simple_path(), car_phase(20.0, elements=4)
     with pytest.raises(GuessError, match=message):
-        path.guess(b, **options)
+        path.initial_guess(b, **options)

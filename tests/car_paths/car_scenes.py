@@ -1,4 +1,4 @@
-"""A car, two slots to park it in, and the judge of its paths."""
+"""A car, two slots to park it in, and an independent check of its paths."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def least_distance(
 ) -> float:
     """By the exact distance, which shares nothing with the search, at poses along the path's own arcs."""
     shapes = list(obstacles.values() if isinstance(obstacles, dict) else obstacles)
-    ways = np.linspace(0.0, path.length, 2 + int(path.length / every))
-    poses = [rcp.planar_pose(*pose) for pose in path.at(ways).tolist()]
+    driven = np.linspace(0.0, path.length, 2 + int(path.length / every))
+    poses = [rcp.planar_pose(*pose) for pose in path.poses_at(driven).tolist()]
     return min(rcp.geometry.signed_distance(body, shape, pose).distance for pose in poses for shape in shapes)
 
 
 def is_free(pose: Any, obstacles: Any, clearance: float) -> bool:
     return all(
-        rcp.geometry.signed_distance(CAR, each, rcp.planar_pose(*pose)).distance >= clearance
-        for each in obstacles.values()
+        rcp.geometry.signed_distance(CAR, shape, rcp.planar_pose(*pose)).distance >= clearance
+        for shape in obstacles.values()
     )

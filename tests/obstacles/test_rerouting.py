@@ -1,4 +1,4 @@
-"""Ways around all obstacles at once: they step through no wall, however thin, and lead guesses where poses allow it."""
+"""Grid paths around all obstacles step through no wall, however thin, and reroute guesses where poses allow it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.obstacles.rerouting import reroute
-from pyrobocop_pyomo.obstacles.ways_around import Core, lower_distances, way_around
+from pyrobocop_pyomo.obstacles.rerouting import (
+    InnerAndOuterBall,
+    distance_lower_bounds,
+    path_among_obstacles,
+    reroute,
+)
 
 CLEARANCE = 0.05
 BODY = rcp.Polytope.box(0.4, 0.2)
@@ -33,39 +37,38 @@ def region(*corners: float) -> tuple[np.ndarray, np.ndarray]:
 
 @given(seed=st.integers(0, 10_000), dimension=st.sampled_from([2, 3]), radius=st.floats(0, 0.5))
 @settings(max_examples=60, deadline=None)
-def test_lower_distances_are_never_more_than_the_true_ones(seed: int, dimension: int, radius: float) -> None:
+def test_lower_bounds_of_distances_are_never_more_than_the_true_ones(seed: int, dimension: int, radius: float) -> None:
     rng = np.random.default_rng(seed)
     shapes = [
         rcp.Polytope.hull(rng.normal(size=(7, dimension)) + rng.normal(size=dimension), radius=radius) for _ in range(2)
     ]
     points = 3.0 * rng.normal(size=(8, dimension))
-    bounds = lower_distances(points, shapes)
+    bounds = distance_lower_bounds(points, shapes)
     for point, bound in zip(points, bounds, strict=True):
-        true = min(rcp.geometry.signed_distance(rcp.Polytope.point(point), each).distance for each in shapes)
+        true = min(rcp.geometry.signed_distance(rcp.Polytope.point(point), shape).distance for shape in shapes)
         assert bound <= true + 1e-9
 
 
 @given(gap=st.floats(-1.5, 1.5), width=st.floats(0.7, 1.5), thickness=st.floats(1e-3, 0.5), goal=st.floats(-1.0, 1.0))
 @settings(max_examples=40, deadline=None)
-def test_a_way_passes_a_thin_wall_through_its_opening(gap: float, width: float, thickness: float, goal: float) -> None:
-    core, walls = Core.of(BODY), wall(gap, width, thickness)
-    way = way_around(np.array([-2.0, 0.0]), np.array([2.0, goal]), core, walls, CLEARANCE, *region(-3, -3, 3, 3))
-    assert way is not None
-    np.testing.assert_array_equal(way[[0, -1]], [[-2.0, 0.0], [2.0, goal]])
-    dense = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(way)])
-    clear = [
-        rcp.geometry.signed_distance(rcp.Polytope.point(point), each).distance for point in dense for each in walls
-    ]
+def test_a_path_passes_a_thin_wall_through_its_opening(gap: float, width: float, thickness: float, goal: float) -> None:
+    balls, walls = InnerAndOuterBall.of(BODY), wall(gap, width, thickness)
+    ends = np.array([-2.0, 0.0]), np.array([2.0, goal])
+    path = path_among_obstacles(*ends, balls, walls, CLEARANCE, *region(-3, -3, 3, 3))
+    assert path is not None
+    np.testing.assert_array_equal(path[[0, -1]], [[-2.0, 0.0], [2.0, goal]])
+    dense = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(path)])
+    clear = [rcp.geometry.signed_distance(rcp.Polytope.point(point), box).distance for point in dense for box in walls]
     assert min(clear) > 0.0
 
 
-def test_a_closed_wall_has_no_way() -> None:
+def test_a_closed_wall_has_no_path() -> None:
     closed = [rcp.Polytope.box(1e-3, 20.0)]
     ends = np.array([-2.0, 0.0]), np.array([2.0, 0.0])
-    assert way_around(*ends, Core.of(BODY), closed, CLEARANCE, *region(-3, -3, 3, 3)) is None
+    assert path_among_obstacles(*ends, InnerAndOuterBall.of(BODY), closed, CLEARANCE, *region(-3, -3, 3, 3)) is None
 
 
-def test_a_way_prefers_an_opening_with_room_to_one_that_barely_fits() -> None:
+def test_a_path_prefers_an_opening_with_room_to_one_that_barely_fits() -> None:
     # The tight opening is straight ahead, the wide one a little aside.
     walls = [
         rcp.Polytope.box(0.2, 10.0, center=(0, 5.16)),
@@ -73,8 +76,8 @@ def test_a_way_prefers_an_opening_with_room_to_one_that_barely_fits() -> None:
         rcp.Polytope.box(0.2, 10.0, center=(0, -6.7)),
     ]
     ends = np.array([-2.0, 0.0]), np.array([2.0, 0.0])
-    way = way_around(*ends, Core.of(BODY), walls, CLEARANCE, *region(-3, -3, 3, 3))
-    at_wall = way[np.abs(way[:, 0]).argmin()]
+    path = path_among_obstacles(*ends, InnerAndOuterBall.of(BODY), walls, CLEARANCE, *region(-3, -3, 3, 3))
+    at_wall = path[np.abs(path[:, 0]).argmin()]
     assert -1.7 < at_wall[1] < -0.46
 
 
@@ -97,7 +100,7 @@ def by_variables(b: Any, t: Any) -> rcp.geometry.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 
 
-def test_a_guess_is_led_through_the_opening_and_turns_as_before() -> None:
+def test_a_guess_is_rerouted_through_the_opening_and_turns_as_before() -> None:
     m = plan(by_variables)
     b = m.move
     turned = [b.theta[t].value for t in b.time]
@@ -110,7 +113,7 @@ def test_a_guess_is_led_through_the_opening_and_turns_as_before() -> None:
     assert (b.x[first].value, b.y[first].value, b.x[last].value, b.y[last].value) == (-2, 0, 2, 0.3)
 
 
-def test_a_guess_that_is_led_keeps_the_bounds_of_its_variables() -> None:
+def test_a_rerouted_guess_keeps_the_bounds_of_its_variables() -> None:
     m = plan(by_variables, gap=1.2, bounds=(-2, 2))
     reroute(m.move.avoid)
     for t in m.move.time:
@@ -133,10 +136,10 @@ def test_a_guess_that_leads_nowhere_is_left_alone() -> None:
 
 
 @pytest.mark.casadi
-def test_a_plan_starts_from_a_guess_that_was_led_around() -> None:
+def test_a_plan_starts_from_a_rerouted_guess() -> None:
     m = plan(by_variables)
     m.effort = pyo.Objective(expr=m.move.integral(lambda b, t: b.x_rate[t] ** 2 + b.y_rate[t] ** 2))
     reroute(m.move.avoid)
     result = rcp.solve(m, progress=False)
     assert result.safe
-    assert len([each for each in result.rounds if each.purpose == "from the guess"]) == 1
+    assert len([round for planned in result.rounds if planned.purpose == "from the guess"]) == 1

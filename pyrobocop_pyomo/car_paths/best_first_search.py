@@ -1,0 +1,182 @@
+"""Best-first search of hybrid A*: poses reached by motion primitives, one kept per cell.
+
+The search ends with an analytic expansion: a Reeds-Shepp path that is free of collisions and leads to the target.
+
+Dolgov, Thrun, Montemerlo and Diebel, Path planning for autonomous vehicles in unknown semi-structured environments,
+The International Journal of Robotics Research 29 (2010), doi:10.1177/0278364909359210.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import time
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .car_kinematics import follow_arcs
+from .cost_to_go import Bounds, CostToGo
+from .free_space import FreeSpace
+from .motion_primitives import MotionPrimitives
+
+Array = NDArray[np.float64]
+
+# Poses that are expanded together: array operations on a few hundred motions cost little more than on ten.
+EXPANDED_AT_ONCE = 32
+# Reeds-Shepp paths to the target that are checked for collisions per expansion.
+CHECKED_AT_ONCE = 16
+
+
+class SearchEnd(Enum):
+    """Why a search ended."""
+
+    FOUND = "There is a path."
+    EXHAUSTED = "Everything that the motion primitives reach has been expanded."
+    OUT_OF_BUDGET = "The time or the number of poses ran out."
+
+
+@dataclass(eq=False)
+class BestFirstSearch:
+    """One search: the poses reached so far from a root, their costs, and which to expand next.
+
+    Attributes
+    ----------
+    root : (3,) array
+        Where it begins.
+    cost_to_go : CostToGo
+        The heuristic, and the target.
+    best_cost : float
+        Of the best path so far.
+    """
+
+    root: Array
+    limits: Bounds
+    primitives: MotionPrimitives
+    heuristic_weight: float
+    space: FreeSpace
+    cost_to_go: CostToGo
+    poses: list[tuple[float, float, float]] = field(default_factory=list)
+    costs: list[float] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    made_by: list[int] = field(default_factory=list)
+    cost_of_cell: dict[int, float] = field(default_factory=dict)
+    queue: list[tuple[float, int]] = field(default_factory=list)
+    best_cost: float = math.inf
+    last_node: int = -1
+    last_arcs: tuple[Array, Array] = field(default_factory=lambda: (np.zeros(0), np.zeros(0)))
+
+    def __post_init__(self) -> None:
+        size = np.array([self.limits[0][1] - self.limits[0][0], self.limits[1][1] - self.limits[1][0]])
+        self.cells = np.floor(size / self.primitives.cell).astype(int) + 1
+        self.close = 1e-9 * float(size.max())
+        self._add_node((self.root[0], self.root[1], self.root[2]), 0.0, -1, len(self.primitives.lengths), 0.0)
+
+    def run(self, max_nodes: int, deadline: float) -> SearchEnd:
+        """Continue until no other path can be better than the best one, or until nothing is left or allowed."""
+        while self.queue and self.queue[0][0] < self.best_cost:
+            if len(self.poses) > max_nodes or time.monotonic() > deadline:
+                return SearchEnd.FOUND if self.last_node >= 0 else SearchEnd.OUT_OF_BUDGET
+            self._expand()
+        return SearchEnd.FOUND if self.last_node >= 0 else SearchEnd.EXHAUSTED
+
+    def arcs(self) -> tuple[Array, Array]:
+        """Signed lengths and curvatures of the arcs of the path found, from the root to the target."""
+        made_by = []
+        node = self.last_node
+        while self.parents[node] >= 0:
+            made_by.append(self.made_by[node])
+            node = self.parents[node]
+        samples = self.primitives.samples
+        lengths = np.repeat(self.primitives.lengths[made_by[::-1]] / samples, samples)
+        curvatures = np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
+        return np.concatenate([lengths, self.last_arcs[0]]), np.concatenate([curvatures, self.last_arcs[1]])
+
+    def _add_node(
+        self, pose: tuple[float, float, float], cost: float, parent: int, primitive: int, rest: float
+    ) -> None:
+        self.poses.append(pose)
+        self.costs.append(cost)
+        self.parents.append(parent)
+        self.made_by.append(primitive)
+        heapq.heappush(self.queue, (cost + self.heuristic_weight * rest, len(self.poses) - 1))
+
+    def _expand(self) -> None:
+        """Expand the most promising poses: by a Reeds-Shepp path to the target, and by all motion primitives."""
+        here: list[int] = []
+        while self.queue and len(here) < EXPANDED_AT_ONCE:
+            here.append(heapq.heappop(self.queue)[1])
+        poses, costs = np.array([self.poses[i] for i in here]), np.array([self.costs[i] for i in here])
+        made_by = np.array([self.made_by[i] for i in here])
+        self._expand_analytically(here, poses, costs, made_by)
+        motions = self.primitives.poses_along(poses)
+        reached = costs[:, None] + np.abs(self.primitives.lengths) + self.primitives.change_cost[made_by]
+        ends = motions[:, :, -1]
+        cells = self._cells(ends)
+        known = np.array([self.cost_of_cell.get(cell, math.inf) for cell in cells.ravel().tolist()]).reshape(
+            cells.shape
+        )
+        node, primitive = np.nonzero((reached < known) & self._within(motions))
+        if not len(node):
+            return
+        chosen = motions[node, primitive]
+        spacings = np.full(len(node), self.primitives.spacing)
+        clear = self.space.is_clear(chosen, np.abs(self.primitives.curvatures[primitive]), spacings)
+        node, primitive = node[clear], primitive[clear]
+        ends, reached, cells = ends[node, primitive], reached[node, primitive], cells[node, primitive]
+        rests = self.cost_to_go(ends)
+        for pose, cost, cell, parent, made, rest in zip(
+            *(column.tolist() for column in (ends, reached, cells, node, primitive, rests)), strict=True
+        ):
+            if cost < self.cost_of_cell.get(cell, math.inf) and cost + rest < self.best_cost:
+                self.cost_of_cell[cell] = cost
+                self._add_node((pose[0], pose[1], pose[2]), cost, here[parent], made, rest)
+
+    def _cells(self, ends: Array) -> NDArray[np.int64]:
+        """Number of the cell of the end of each primitive: place, heading and direction, ``(n, b)``."""
+        origin = np.array([self.limits[0][0], self.limits[1][0]])
+        place = np.clip(np.floor((ends[..., :2] - origin) / self.primitives.cell).astype(int), 0, self.cells - 1)
+        turn = np.rint(ends[..., 2] * (self.primitives.headings / (2.0 * np.pi))).astype(int) % self.primitives.headings
+        cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
+        return np.asarray(2 * cell + (self.primitives.lengths > 0))
+
+    def _within(self, motions: Array) -> NDArray[np.bool_]:
+        (left, right), (bottom, top) = self.limits
+        x, y = motions[..., 0], motions[..., 1]
+        inside = (x >= left - self.close) & (x <= right + self.close)
+        inside &= (y >= bottom - self.close) & (y <= top + self.close)
+        return np.asarray(inside.all(axis=-1))
+
+    def _expand_analytically(self, here: list[int], poses: Array, costs: Array, made_by: Array) -> None:
+        """Look for a Reeds-Shepp path to the target from any of these poses cheaper than the best path so far."""
+        ahead, lengths, turns = self.primitives.reeds_shepp_paths(poses, self.cost_to_go.target)
+        first = np.sign(_first_nonzero(lengths))
+        before = np.append(np.sign(self.primitives.lengths), 0.0)[made_by]
+        total = ahead + costs + self.primitives.cusp_cost * (first * before < 0)
+        order = np.argsort(total, axis=None, kind="stable")[:CHECKED_AT_ONCE]
+        kind, node = np.unravel_index(order[total.ravel()[order] < self.best_cost], total.shape)
+        if not len(kind):
+            return
+        arcs = [self.primitives.short_arcs(lengths[k, n], turns[k]) for k, n in zip(kind, node, strict=True)]
+        most = max(len(arc_lengths) for arc_lengths, _ in arcs)
+        padded, curvatures = np.zeros((2, len(arcs), max(most, 1)))
+        for i, (arc_lengths, curvature) in enumerate(arcs):
+            padded[i, : len(arc_lengths)], curvatures[i, : len(arc_lengths)] = arc_lengths, curvature
+        motions = follow_arcs(poses[node], padded, curvatures)
+        kept = np.flatnonzero(self._within(motions))
+        clear = self.space.is_clear(
+            motions[kept], np.abs(curvatures[kept]).max(axis=1), np.full(len(kept), self.primitives.spacing)
+        )
+        if clear.any():
+            winner = kept[np.flatnonzero(clear)[0]]
+            self.best_cost = float(total[kind[winner], node[winner]])
+            self.last_node, self.last_arcs = here[node[winner]], arcs[winner]
+
+
+def _first_nonzero(lengths: Array) -> Array:
+    first = np.zeros(lengths.shape[:-1])
+    for k in reversed(range(lengths.shape[-1])):
+        first = np.where(np.abs(lengths[..., k]) > 1e-9, lengths[..., k], first)
+    return first

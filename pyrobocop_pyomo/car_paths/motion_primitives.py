@@ -1,0 +1,179 @@
+"""Motion primitives of a car: the short arcs that a search is made of, what they cost, and Reeds-Shepp paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.errors import GuessError
+
+from .car_kinematics import follow_arcs, relative_pose
+from .reeds_shepp import reeds_shepp_paths
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CarSearch:
+    """Resolution and costs of a search for a car's path. Lengths are in the user's unit.
+
+    Attributes
+    ----------
+    cell : float or None
+        Side of the squares in which one path is kept per heading and direction; None: 0.06 turning radii.
+    headings : int
+        Into how many a full turn is divided.
+    steerings : int
+        How many steering angles are tried, from one limit to the other; odd, so that straight ahead is one.
+    primitive_length : float or None
+        Length of one motion primitive; None: enough to leave a cell and to change the heading by one division.
+    cusp_cost : float or None
+        What a change of direction costs, as a length; None: half a turning radius.
+    steering_cost : float or None
+        What a change of steering from one limit to the other costs, as a length; None: a tenth of a turning radius.
+    heuristic_weight : float
+        Factor of the estimated cost to go; 1 for the shortest paths, more for a faster search.
+    refinements : int
+        How often cells and primitives may be halved where they lead nowhere.
+    max_nodes : int
+        How many poses a search may keep.
+    """
+
+    cell: float | None = None
+    headings: int = 72
+    steerings: int = 5
+    primitive_length: float | None = None
+    cusp_cost: float | None = None
+    steering_cost: float | None = None
+    heuristic_weight: float = 1.5
+    refinements: int = 3
+    max_nodes: int = 500_000
+
+    def __post_init__(self) -> None:
+        for name in ("cell", "primitive_length", "cusp_cost", "steering_cost", "heuristic_weight"):
+            number = getattr(self, name)
+            if number is not None and not (math.isfinite(number) and number > 0.0):
+                raise GuessError(f"CarSearch: {name} = {number}; expected a positive number.")
+        if (
+            self.headings < 8
+            or self.steerings < 3
+            or self.steerings % 2 == 0
+            or self.max_nodes < 1
+            or self.refinements < 0
+        ):
+            raise GuessError(
+                f"CarSearch: headings = {self.headings}, steerings = {self.steerings}, max_nodes = {self.max_nodes}; "
+                "expected at least 8 headings, an odd number of steerings from 3 on, and a positive number of nodes."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPrimitives:
+    """The motion primitives of one car, their shapes and costs.
+
+    Attributes
+    ----------
+    turning_radius : float
+        Of the tightest turn.
+    cell, headings : float and int
+        Of the cells in which one path is kept.
+    spacing : float
+        Longest arc from one pose to the next where motions are checked.
+    lengths, curvatures : (b,) arrays
+        Of each primitive; negative lengths are driven backwards.
+    samples : int
+        Arcs into which a primitive is cut.
+    cusp_cost : float
+    change_cost : (b + 1, b) array
+        Of one primitive after another; the last row is for the first primitive of a path.
+    """
+
+    turning_radius: float
+    cell: float
+    headings: int
+    spacing: float
+    lengths: Array
+    curvatures: Array
+    samples: int
+    cusp_cost: float
+    change_cost: Array
+
+    @classmethod
+    def of(cls, wheelbase: float, steering_limit: float, search: CarSearch, level: int = 0) -> MotionPrimitives:
+        """Primitives of a car with a given wheelbase and largest steering angle, halved `level` times."""
+        radius = wheelbase / math.tan(steering_limit)
+        cell = 0.06 * radius if search.cell is None else search.cell
+        turn = 2.0 * math.pi / search.headings * radius
+        length = max(1.5 * cell, 1.1 * turn) if search.primitive_length is None else search.primitive_length
+        length, cell, headings = length / 2**level, cell / 2**level, search.headings * 2**level
+        samples = max(1, math.ceil(length / (0.04 * radius)))
+        steer = np.linspace(-steering_limit, steering_limit, search.steerings)
+        steering = np.concatenate([steer, steer])
+        lengths = np.repeat([length, -length], search.steerings)
+        cusp = 0.5 * radius if search.cusp_cost is None else search.cusp_cost
+        swing = 0.1 * radius if search.steering_cost is None else search.steering_cost
+        change = swing * np.abs(steering[:, None] - steering) / (2.0 * steering_limit)
+        change = change + cusp * (lengths[:, None] * lengths < 0)
+        curvatures = np.tan(steering) / wheelbase
+        curvatures[np.abs(curvatures) < 1e-12 / radius] = 0.0
+        return cls(
+            radius, cell, headings, length / samples, lengths, curvatures, samples, cusp,
+            np.vstack([change, np.zeros(len(lengths))]),
+        )  # fmt: skip
+
+    def poses_along(self, poses: Array) -> Array:
+        """Poses along every primitive from each pose, ``(n, b, samples + 1, 3)``."""
+        steps = np.repeat((self.lengths / self.samples)[:, None], self.samples, axis=1)
+        return follow_arcs(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
+
+    def reeds_shepp_paths(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
+        """All Reeds-Shepp paths to a target.
+
+        Returns
+        -------
+        costs : (w, n) array
+            Length and cusps; infinite where a type of path does not exist.
+        lengths : (w, n, 5) array
+            Of the segments, negative backwards.
+        turns : (w, 5) array
+        """
+        all_turns, all_lengths, all_exist = zip(*self._unit_paths(poses, target), strict=True)
+        lengths, turns, exists = self.turning_radius * np.array(all_lengths), np.array(all_turns), np.array(all_exist)
+        costs = np.abs(lengths).sum(axis=2) + self.cusp_cost * count_cusps(lengths)
+        return np.where(exists, costs, np.inf), lengths, turns
+
+    def reeds_shepp_cost(self, poses: Array, target: Array) -> Array:
+        """Cost of the cheapest Reeds-Shepp path, ``(n,)``; for many poses."""
+        least = np.full(len(poses), np.inf)
+        for _, lengths, exists in self._unit_paths(poses, target):
+            costs = self.turning_radius * np.abs(lengths).sum(axis=1) + self.cusp_cost * count_cusps(lengths)
+            least = np.where(exists, np.minimum(least, costs), least)
+        return least
+
+    def _unit_paths(self, poses: Array, target: Array) -> Iterator[tuple[Array, Array, NDArray[np.bool_]]]:
+        x, y, heading = relative_pose(poses, target).T
+        return reeds_shepp_paths(x / self.turning_radius, y / self.turning_radius, heading)
+
+    def short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
+        """Lengths and curvatures of short arcs that make up one Reeds-Shepp path, ``(s,)`` each."""
+        arcs, curvatures = [np.zeros(0)], [np.zeros(0)]
+        for length, turn in zip(lengths.tolist(), turns.tolist(), strict=True):
+            count = math.ceil(abs(length) / self.spacing) if abs(length) > 1e-9 * self.turning_radius else 0
+            arcs.append(np.full(count, length / max(count, 1)))
+            curvatures.append(np.full(count, turn / self.turning_radius))
+        return np.concatenate(arcs), np.concatenate(curvatures)
+
+
+def count_cusps(lengths: Array) -> Array:
+    """Number of changes of direction along signed lengths, zeros left out: ``(...)`` from ``(..., p)``."""
+    count = np.zeros(lengths.shape[:-1])
+    last = np.zeros(lengths.shape[:-1])
+    for k in range(lengths.shape[-1]):
+        sign = np.where(np.abs(lengths[..., k]) > 1e-9, np.sign(lengths[..., k]), 0.0)
+        count += last * sign < 0
+        last = np.where(sign == 0, last, sign)
+    return count

@@ -1,0 +1,282 @@
+"""Where the values of a declared name live on a grid, and what they mean at any other time.
+
+States live at element boundaries and collocation points, algebraics and collocated controls at collocation points.
+A piecewise control has fewer values: one per interval between its knots, or one per knot. A declaration says which
+(`Declaration.nodes`); everything that reads, writes or evaluates values asks the nodes.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.transcription import Guess, guess_at, stage_guess, state_guess
+
+Array = NDArray[np.float64]
+Weights = list[tuple[int, float]]
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Where the values of one name live.
+
+    Attributes
+    ----------
+    component : str
+        Name of the component that holds the variables, one for each of `times`.
+    grid : Grid
+        In the phase's time indices.
+    """
+
+    component: str
+    grid: Grid
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Time index of each value."""
+        return self.grid.points
+
+    @property
+    def sample_times(self) -> tuple[float, ...]:
+        """Where a signal is sampled whose values are wanted; see `from_samples`."""
+        return self.times
+
+    @property
+    def begins(self) -> NDArray[np.bool_] | None:
+        """Which samples are wanted just after their time; None for no one."""
+        return None
+
+    @property
+    def steps_at_points(self) -> NDArray[np.int64]:
+        """Which difference of neighbouring values is the rate of change seen at each collocation point."""
+        raise NotImplementedError
+
+    def variables(self, block: Any) -> list[Any]:
+        """The variables, in the order of `times`."""
+        component = block.component(self.component)
+        return [component[time] for time in self.times]
+
+    def from_samples(self, samples: Array) -> Array:
+        """Values from samples at `sample_times`."""
+        return samples
+
+    def from_guess(self, guess: Guess, what: str) -> Array:
+        """Values that an initial guess of the user's means.
+
+        Raises
+        ------
+        GuessError
+            When it has the wrong length, or is not finite.
+        """
+        raise NotImplementedError
+
+    def weights_at(self, time: float, after: bool = False) -> Weights:
+        """Which values make the value at a time index, and their weights.
+
+        Parameters
+        ----------
+        time : float
+        after : bool
+            At an element boundary, ask the element that starts there; by default the one that ends.
+        """
+        raise NotImplementedError
+
+    def at_points(self, values: Array) -> Array:
+        """Values at the collocation points."""
+        return values
+
+    def _element(self, time: float, after: bool) -> tuple[int, float]:
+        """The element that answers for a time, and where in it the time lies, from 0 to 1."""
+        mesh = self.grid.mesh
+        found = np.searchsorted(mesh.boundaries, time, side="right" if after else "left") - 1
+        i = int(np.clip(found, 0, mesh.elements - 1))
+        return i, min(max((time - mesh.boundaries[i]) / float(mesh.widths[i]), 0.0), 1.0)
+
+
+@dataclass(frozen=True)
+class StateNodes(Nodes):
+    """Element boundaries and collocation points."""
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Time index of each value."""
+        return self.grid.times
+
+    def from_guess(self, guess: Guess, what: str) -> Array:
+        """Values that an initial guess of the user's means."""
+        return state_guess(guess, self.grid, what)
+
+    def weights_at(self, time: float, after: bool = False) -> Weights:
+        """By the polynomial of the element."""
+        element, local = self._element(time, after)
+        return _nonzero(self.grid.node_positions[element], self.grid.scheme.state_at([local])[0])
+
+    def at_points(self, values: Array) -> Array:
+        """Values at the collocation points."""
+        return values[np.searchsorted(self.times, self.grid.points)]
+
+
+@dataclass(frozen=True)
+class StageNodes(Nodes):
+    """Collocation points."""
+
+    @property
+    def begins(self) -> NDArray[np.bool_] | None:
+        """A stage at an element start that no other element shares belongs to the element that begins."""
+        if not self.grid.scheme.starts_on_a_stage or self.grid.elements_share_points:
+            return None
+        return np.isin(self.grid.points, [times[0] for times in self.grid.stage_times])
+
+    @property
+    def steps_at_points(self) -> NDArray[np.int64]:
+        """The step that led to the point."""
+        return np.arange(len(self.times)) - 1
+
+    def from_guess(self, guess: Guess, what: str) -> Array:
+        """Values that an initial guess of the user's means."""
+        return stage_guess(guess, self.grid, what)
+
+    def weights_at(self, time: float, after: bool = False) -> Weights:
+        """By the polynomial through the stages of the element."""
+        element, local = self._element(time, after)
+        return _nonzero(self.grid.stage_positions[element], self.grid.scheme.stage_polynomial_at([local])[0])
+
+
+@dataclass(frozen=True)
+class _PiecewiseNodes(Nodes):
+    """Of a piecewise control.
+
+    Attributes
+    ----------
+    knots : tuple of float
+        Element boundaries, the first and the last among them.
+    """
+
+    knots: tuple[float, ...]
+
+    def variables(self, block: Any) -> list[Any]:
+        """The variables, in the order of `times`."""
+        return list(block.component(self.component).values())
+
+    @cached_property
+    def of_elements(self) -> NDArray[np.int64]:
+        """The interval between knots of each element."""
+        return np.searchsorted(self.knots, _middles(self.grid.mesh.boundaries)) - 1
+
+    @cached_property
+    def of_points(self) -> NDArray[np.int64]:
+        """The interval between knots of each collocation point."""
+        return self.of_elements[[self.grid.element_of[time] for time in self.grid.points]]
+
+
+class IntervalNodes(_PiecewiseNodes):
+    """Intervals between knots, over each of which a value is constant."""
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The middle of each interval."""
+        return _middles(self.knots)
+
+    @property
+    def sample_times(self) -> tuple[float, ...]:
+        """The middle of each element."""
+        return _middles(self.grid.mesh.boundaries)
+
+    @property
+    def steps_at_points(self) -> NDArray[np.int64]:
+        """The step that led to the interval."""
+        return self.of_points - 1
+
+    def from_samples(self, samples: Array) -> Array:
+        """The mean over the elements of each interval, weighted by their widths."""
+        widths, count = self.grid.mesh.widths, len(self.knots) - 1
+        total = np.bincount(self.of_elements, widths * samples, count)
+        return total / np.bincount(self.of_elements, widths, count)
+
+    def from_guess(self, guess: Guess, what: str) -> Array:
+        """Values that an initial guess of the user's means: an array has one value per interval, or per element."""
+        intervals, elements = len(self.knots) - 1, self.grid.mesh.elements
+        if not callable(guess) and np.ndim(guess) == 1 and len(guess) == intervals:  # type: ignore[arg-type]
+            return guess_at(guess, self.times, what, f"{intervals} intervals")
+        return self.from_samples(guess_at(guess, self.sample_times, what, f"{elements} elements"))
+
+    def weights_at(self, time: float, after: bool = False) -> Weights:
+        """The value of the interval."""
+        element, _ = self._element(time, after)
+        return [(int(self.of_elements[element]), 1.0)]
+
+    def at_points(self, values: Array) -> Array:
+        """Values at the collocation points."""
+        return values[self.of_points]
+
+
+class KnotNodes(_PiecewiseNodes):
+    """Knots, between which values are joined by lines."""
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The knots."""
+        return self.knots
+
+    @property
+    def steps_at_points(self) -> NDArray[np.int64]:
+        """The step that is going on."""
+        return self.of_points
+
+    def from_guess(self, guess: Guess, what: str) -> Array:
+        """Values that an initial guess of the user's means."""
+        return guess_at(guess, self.knots, what, f"{len(self.knots)} knots")
+
+    def weights_at(self, time: float, after: bool = False) -> Weights:
+        """By the line between two knots."""
+        i = min(max(bisect_left(self.knots, time) - 1, 0), len(self.knots) - 2)
+        share = min(max((time - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0), 1.0)
+        return [(i + k, weight) for k, weight in enumerate((1.0 - share, share)) if weight != 0.0]
+
+    def at_points(self, values: Array) -> Array:
+        """Values at the collocation points."""
+        return np.interp(self.grid.points, self.knots, values)
+
+
+def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, what: str) -> tuple[float, ...]:
+    """The knots of a piecewise control: element boundaries, all of them or those that the user chose.
+
+    Raises
+    ------
+    DeclarationError
+        When a knot is no element boundary, or the ends are missing.
+    """
+    boundaries = grid.mesh.boundaries
+    if knots is None:
+        return boundaries
+    slack = 1e-9 * (boundaries[-1] - boundaries[0])
+    found = []
+    for knot in knots:
+        nearest = min(boundaries, key=lambda boundary: abs(boundary - knot))
+        if abs(nearest - knot) > slack:
+            raise DeclarationError(
+                f"{what}: knot {knot:g} is no element boundary; the nearest is {nearest:g}. The mesh is too coarse for "
+                "it: give mesh= with this boundary, or move the knot."
+            )
+        found.append(nearest)
+    if (found[:1], found[-1:]) != ([boundaries[0]], [boundaries[-1]]) or any(a >= b for a, b in pairwise(found)):
+        raise DeclarationError(
+            f"{what}: knots {knots} must increase from {boundaries[0]:g} to {boundaries[-1]:g}, both included."
+        )
+    return tuple(found)
+
+
+def _middles(times: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple((start + end) / 2 for start, end in pairwise(times))
+
+
+def _nonzero(positions: ArrayLike, weights: Array) -> Weights:
+    return [(int(i), weight) for i, weight in zip(positions, weights.tolist(), strict=True) if weight != 0.0]  # type: ignore[arg-type]

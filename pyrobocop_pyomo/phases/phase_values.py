@@ -1,0 +1,197 @@
+"""All values of a phase as arrays, and back: read, sampled from a trajectory, set, made a trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.complementarity import Complementarity, canonical_form, side_values
+from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
+from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .declarations import Algebraic, Control, Parameter, State
+from .horizon import real_grid
+from .nodes import IntervalNodes, KnotNodes, Nodes
+from .record import PhaseRecord
+
+Array = NDArray[np.float64]
+
+
+class PhaseValues:
+    """The values of states, algebraics, controls and kept derivatives, each an array over its own nodes.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+
+    Attributes
+    ----------
+    nodes : dict of name to Nodes
+        Where the values of each name live. A kept derivative has the name ``<state>_derivative``.
+    """
+
+    def __init__(self, phase: Any) -> None:
+        record: PhaseRecord = phase.record
+        self._phase, self._record, self._grid = phase, record, record.grid
+        names = [name for kind in (State, Algebraic, Control) for name in record.names(kind)]
+        derivatives = [f"{name}_derivative" for name in sorted(record.kept_derivatives)]
+        self.nodes: dict[str, Nodes] = {name: record.nodes(name) for name in [*names, *derivatives]}
+        self._variables = {name: nodes.variables(phase) for name, nodes in self.nodes.items()}
+
+    def read(self) -> dict[str, Array]:
+        """The values now, by name.
+
+        Raises
+        ------
+        TrajectoryError
+            When a variable has no value.
+        """
+        return {name: read_values(variables) for name, variables in self._variables.items()}
+
+    def set(self, values: Mapping[str, Array]) -> None:
+        """Set values by name; what is fixed stays, and what is not named."""
+        for name, numbers in values.items():
+            for variable, number in zip(self._variables[name], numbers.tolist(), strict=True):
+                if not variable.fixed:
+                    variable.set_value(number, skip_validation=True)
+
+    def sampled(self, trajectory: Trajectory, place: Callable[[float], float]) -> dict[str, Array]:
+        """The values that a trajectory means for the names that it has.
+
+        Its own polynomials are evaluated. At an element boundary it answers for the element that ends there, except
+        where the nodes ask for the one that begins.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+        place : callable
+            From the time indices of the phase to the times of the trajectory.
+        """
+        # Between schemes, rates of the polynomial through the new nodes would be less exact than the trajectory's own.
+        rates = replace(trajectory, states={}, signals=trajectory.rates, linear={})
+        answers: dict[Any, dict[str, Array]] = {}
+        found = {}
+        for name, nodes in self.nodes.items():
+            derivative = name not in self._record.declarations
+            source, known = (rates, name.removesuffix("_derivative")) if derivative else (trajectory, name)
+            if known in source.names:
+                key = (derivative, type(nodes), nodes.sample_times)
+                if key not in answers:
+                    answers[key] = source(_placed(trajectory, nodes, place))
+                found[name] = nodes.from_samples(answers[key][known])
+        return found
+
+    def trajectory(self, values: Mapping[str, Array] | None = None, *, evaluate: bool = True) -> Trajectory:
+        """Values as a trajectory in real time; those that the phase has now by default.
+
+        Parameters
+        ----------
+        values : mapping of name to array, optional
+        evaluate : bool
+            Also evaluate what is an expression: sides of pairs, and derivatives.
+
+        Raises
+        ------
+        TrajectoryError
+            When a variable has no value.
+        """
+        phase, record = self._phase, self._record
+        values = self.read() if values is None else values
+        return make_trajectory(
+            phase,
+            real_grid(phase, record),
+            states={name: values[name] for name in record.names_of_states},
+            signals={name: self.nodes[name].at_points(values[name]) for name in record.names_of_signals},
+            parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
+            pairs=_pairs(phase, self._grid) if evaluate else {},
+            rates={name: _rates(phase, name) for name in record.names_of_states if evaluate and _has_rate(phase, name)},
+            knot_values=values,
+        )
+
+
+def make_trajectory(
+    phase: Any, grid: Grid, *, signals: Mapping[str, Array], knot_values: Mapping[str, Array], **facts: Any
+) -> Trajectory:
+    """A trajectory of a phase, whose piecewise controls are known as such.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    grid : Grid
+        In real time; of the first elements of the phase, or of all.
+    signals : mapping of name to array
+        At the collocation points.
+    knot_values : mapping of name to array
+        Values of the piecewise linear controls at their knots.
+    **facts
+        The other attributes of a `Trajectory`.
+    """
+    record: PhaseRecord = phase.record
+    nodes = {name: record.nodes(name) for name in record.names(Control)}
+    whole = grid.mesh.elements == record.grid.mesh.elements
+    linear = {
+        name: np.array([np.interp(of.times, record.grid.mesh.boundaries, grid.mesh.boundaries), knot_values[name]])
+        for name, of in nodes.items()
+        if whole and isinstance(of, KnotNodes)
+    }
+    constant = frozenset(name for name, of in nodes.items() if isinstance(of, IntervalNodes))
+    return Trajectory(name=phase.name, grid=grid, signals=signals, linear=linear, held=constant, phase=phase, **facts)
+
+
+def read_values(
+    variables: list[Any],
+    error: type[PyRobocopError] = TrajectoryError,
+    what_is_wrong: str = "has no value. Solve the model first, or give it a guess.",
+) -> Array:
+    """The values of variables.
+
+    Raises
+    ------
+    PyRobocopError
+        Of the class given, when a variable has no value.
+    """
+    values = [variable.value for variable in variables]
+    if None in values:
+        raise error(f"'{variables[values.index(None)].name}' {what_is_wrong}")
+    return np.array(values, dtype=float)
+
+
+def _placed(trajectory: Trajectory, nodes: Nodes, place: Callable[[float], float]) -> Array:
+    boundaries = np.array(trajectory.grid.mesh.boundaries)
+    times = np.clip([place(t) for t in nodes.sample_times], boundaries[0], boundaries[-1])
+    # A control may jump at an element end, and rounding must not carry a time to the other side of it.
+    nearest = boundaries[np.abs(times[:, None] - boundaries[None, :]).argmin(axis=1)]
+    times = np.where(np.abs(times - nearest) < 1e-12 * (1 + np.abs(boundaries).max()), nearest, times)
+    return times if nodes.begins is None else np.where(nodes.begins, np.nextafter(times, boundaries[-1]), times)
+
+
+def _has_rate(phase: Any, name: str) -> bool:
+    return name in phase.record.equation_of or phase.component(f"{name}_derivative") is not None
+
+
+def _rates(phase: Any, name: str) -> Array:
+    rates = phase.derivative(name)
+    return np.array([float(value(rates[time])) for time in phase.grid.points])
+
+
+def _pairs(phase: Any, grid: Grid) -> dict[str, Array]:
+    """Both sides of every pair over the points, by the name under which the user stated it; a range has two."""
+    series: dict[str, Array] = {}
+    position = {time: i for i, time in enumerate(grid.points)}
+    for component in phase.component_objects(Complementarity, descend_into=False):
+        for index, data in component.items():
+            time, *labels = index if isinstance(index, tuple) else (index,)
+            if time not in position:
+                continue
+            name = component.local_name + "".join(f"[{label}]" for label in labels)
+            for pair in canonical_form(data).pairs:
+                label = f"{name} ({pair.role})" if pair.role else name
+                sides = series.setdefault(label, np.full((2, len(grid.points)), np.nan))
+                sides[:, position[time]] = side_values(pair)
+    return series

@@ -1,0 +1,135 @@
+"""One round of planning around obstacles: what was done, what came out, how safe it is, and the way back to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.motion import SafetyReport
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.solving.iterates import Quality, Standing
+from pyrobocop_pyomo.solving.solve_result import SolveResult
+
+
+def _cannot_restore() -> None:
+    raise RuntimeError("only rounds of a plan that is being made can be gone back to")
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningRound:
+    """One solve with the verification of the motion that came out.
+
+    Attributes
+    ----------
+    purpose : str
+        What was changed before it.
+    quality : Quality
+    objective : float
+    iterations : int
+        Of Ipopt, in all steps of the solve.
+    shortfall : float
+        By how much the motion comes closer than its clearance, at worst; negative where there is room left.
+    worst : str
+        The two bodies for which that is so.
+    safe : bool
+        Whether the clearance is proven for the whole motion.
+    seconds : float
+        Of the solve.
+    result : SolveResult
+        Of the solve, with its safety; None in the list that a result keeps.
+    restore : callable
+        Puts the point back, with the margins and norms of this round.
+    """
+
+    purpose: str
+    quality: Quality
+    objective: float
+    iterations: int
+    shortfall: float
+    worst: str
+    safe: bool
+    seconds: float
+    result: Any = field(default=None, repr=False)
+    restore: Callable[[], None] = field(default=_cannot_restore, repr=False)
+
+    HEADER: ClassVar[str] = (
+        f"{'quality':<10} {'objective':>13} {'iter':>6} {'shortfall':>10} {'safe':>5} {'seconds':>8}  "
+        f"{'worst pair':<28} round"
+    )
+
+    @classmethod
+    def now(
+        cls,
+        purpose: str,
+        model: Any,
+        blocks: list[ObstacleAvoidanceBlockData],
+        regions: list[ContainmentData],
+        result: SolveResult,
+        report: SafetyReport,
+    ) -> PlanningRound:
+        """The round that has just been verified."""
+        worst = report.worst
+        shortfall = worst.clearance - worst.distance if worst is not None else 0.0
+        standing = replace(result.standing, shortfall=0.0 if report.safe else max(shortfall, 0.0))
+        return cls(
+            purpose=purpose,
+            quality=result.quality,
+            objective=result.objective,
+            iterations=result.iterations,
+            shortfall=shortfall,
+            worst=f"{worst.first} - {worst.second}" if worst is not None else "",
+            safe=report.safe,
+            seconds=result.seconds,
+            result=replace(result, safety=report, standing=standing),
+            restore=_way_back(model, blocks, regions),
+        )
+
+    @property
+    def standing(self) -> Standing:
+        """What decides between this round and another one."""
+        return self.result.standing
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether it is a plan to go by."""
+        return self.safe and self.quality is not Quality.INFEASIBLE
+
+    def record(self) -> PlanningRound:
+        """The same without its result and the way back: what a result keeps, and a pickle can hold."""
+        return replace(self, result=None, restore=_cannot_restore)
+
+    def __str__(self) -> str:
+        # What was done takes as much room as it needs, at the end.
+        return (
+            f"{self.quality.name:<10} {self.objective:>13.6g} {self.iterations:>6} {self.shortfall:>10.2e} "
+            f"{'yes' if self.safe else 'no':>5} {self.seconds:>8.2f}  {self.worst:<28} {self.purpose}"
+        )
+
+
+def _way_back(
+    model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData]
+) -> Callable[[], None]:
+    """What puts back the point, margins and norms of now; planes that are new by then start at the point."""
+    point = VariableValues.of_free(model)
+    margins = [{index: value(block.margin[index]) for index in block.planes} for block in blocks]
+    norms = [block.record.norm_now for block in blocks]
+    room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
+
+    def restore() -> None:
+        point.restore()
+        for block, own_margins, norm in zip(blocks, margins, norms, strict=True):
+            for index in block.planes:
+                block.margin[index] = own_margins.get(index, 0.0)
+            if set(block.planes) == set(own_margins):
+                if block.record.norm_now != norm:
+                    block.set_norm(norm)
+            else:
+                block.initialize()
+        for region, own_room in zip(regions, room, strict=True):
+            region.margin.store_values(own_room)
+
+    return restore

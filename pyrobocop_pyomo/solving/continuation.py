@@ -1,0 +1,143 @@
+"""A continuation: runs of Ipopt for one delta after the other, each checked, the best one kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+
+from .ipopt_options import IpoptOptions, inexact, warm_continuation
+from .iterate_log import IterateLog
+from .iterates import Iterate
+from .session import Session
+from .settings import Settings
+
+# So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
+SHORTENED_STEPS = 4
+
+
+class Continuation:
+    """Runs a schedule, and remembers the best point.
+
+    Parameters
+    ----------
+    session : Session
+    log : IterateLog
+    values : VariableValues
+        What a point is made of.
+    settings : Settings
+    sign : float
+        1 where the objective is minimised, -1 where it is maximised.
+    options : IpoptOptions
+    exact : bool
+        Whether runs before the last have to be solved to the end: where multipliers decide how the relaxation goes on.
+
+    Attributes
+    ----------
+    last : Iterate
+        Where the last run ended.
+    best : Iterate
+    """
+
+    best: Iterate
+    last: Iterate
+
+    def __init__(
+        self,
+        session: Session,
+        log: IterateLog,
+        values: VariableValues,
+        settings: Settings,
+        sign: float,
+        options: IpoptOptions,
+        *,
+        exact: bool,
+    ) -> None:
+        self._session, self._log, self._values = session, log, values
+        self._settings, self._sign, self._options, self._exact = settings, sign, options, exact
+        self._deadline = settings.deadline
+
+    def run(
+        self, schedule: Schedule | None, *, start: Iterate | None = None, purpose: Mapping[str, Any] | None = None
+    ) -> Iterate:
+        """Run the schedule and return the best point, which need not be the one on the model.
+
+        Parameters
+        ----------
+        schedule : Schedule or None
+            None stands for one run of a model without pairs.
+        start : Iterate, optional
+            To start from, warm in primal and dual values; otherwise from the point on the model.
+        purpose : mapping, optional
+            Ipopt's options for all runs of a shrinking schedule.
+        """
+        if schedule is None:
+            self._take(self._session.run(None, self._options.resolve(), self._deadline))
+        elif isinstance(schedule, BarrierSchedule):
+            self._follow(schedule)
+        else:
+            self._shrink(schedule, start, purpose or {})
+        return self.best
+
+    def _follow(self, schedule: BarrierSchedule) -> None:
+        for iterate in self._session.follow(schedule, self._options, self._deadline):
+            self._take(iterate)
+        # The rows may have moved in the very last iterations; products above their final bound say so.
+        final = list(schedule.steps())[-1]
+        if self.last.converged and self.last.largest_product > 10 * final:
+            self._run(final, self.last, {})
+
+    def _shrink(self, schedule: Schedule, start: Iterate | None, purpose: Mapping[str, Any]) -> None:
+        """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
+        wanted = list(schedule.steps())[::-1]
+        final = wanted[0]
+        if start is not None:
+            self._values.write(start.values)
+        shortened = 0
+        while wanted:
+            delta = wanted.pop()
+            on_the_way = {} if self._exact or delta == final else inexact(delta)
+            iterate = self._run(delta, start, {**on_the_way, **purpose})
+            if iterate.stop_reason.is_final or (iterate.converged and iterate.largest_natural_residual <= 1e-9):
+                return
+            if iterate.converged:
+                start = iterate
+            elif start is not None and _is_shorter(start, delta) and shortened < SHORTENED_STEPS:
+                assert start.delta is not None
+                wanted += [delta, (delta * start.delta) ** 0.5]
+                self._values.write(start.values)
+                shortened += 1
+            else:
+                # A failed run leaves multipliers that are worth nothing, and often a point that is.
+                start = None
+                self._values.write(self.best.values)
+
+    def _run(self, delta: float, start: Iterate | None, purpose: Mapping[str, Any]) -> Iterate:
+        warm = {} if start is None else warm_continuation(delta)
+        return self._take(
+            self._session.run(delta, self._options.resolve(warm, purpose), self._deadline, start), start=start
+        )
+
+    def _take(self, iterate: Iterate, *, start: Iterate | None = None) -> Iterate:
+        if start is not None and iterate.iterations == 0 and iterate.converged:
+            # It was a solution before: the same point, which was checked already.
+            self._values.write(start.values)
+            iterate = self._log.add(iterate, at=start)
+        else:
+            iterate = self._log.add(iterate)
+        self.last = iterate = replace(iterate, values=self._values.read())
+        if not hasattr(self, "best") or not self._is_better(self.best, iterate):
+            self.best = iterate
+        return iterate
+
+    def _is_better(self, first: Iterate, second: Iterate) -> bool:
+        one, other = (each.standing(self._settings.tolerances, self._sign) for each in (first, second))
+        return one.is_better_than(other)
+
+
+def _is_shorter(start: Iterate, delta: float) -> bool:
+    """Whether there is a delta between that of the last solution and the next one that is worth trying."""
+    return start.delta is not None and start.delta > 1.5 * delta

@@ -1,0 +1,94 @@
+"""Ipopt's options of a run: who decides which, in one place.
+
+Each layer overrides those after it::
+
+    user > strategy > purpose > default
+
+* *user*: what the caller of `solve` gave as ``options=``. It always wins.
+* *strategy*: what a `Strategy` carries, or sets for small problems.
+* *purpose*: what a kind of run needs, such as a warm start or a polish; the constants and functions below.
+* *default*: for every run of this package.
+
+One number is a path and not an option: where the ``ipopt`` executable follows the barrier parameter from outside, each
+process solves for another ``mu_init``, and the user's is the first of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+# Ipopt's own first barrier parameter and tolerance.
+IPOPT_MU_INIT = 0.1
+IPOPT_TOLERANCE = 1e-8
+
+DEFAULT = {"max_iter": 3000}
+# Ipopt loosens all bounds a little by default, and the two sides of a pair could both become slightly negative.
+DEFAULT_WITH_PAIRS = {**DEFAULT, "bound_relax_factor": 0.0}
+
+_WARM_PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
+
+
+def warm_start(mu: float, push: float = 1e-9) -> dict[str, Any]:
+    """Start where the last run ended instead of pushing the point back into the interior.
+
+    Parameters
+    ----------
+    mu : float
+        First barrier parameter: the smaller, the closer to the last point.
+    push : float
+        Least distance from the bounds.
+    """
+    pushes = {f"warm_start_{name}": push for name in _WARM_PUSHES}
+    return {"warm_start_init_point": "yes", **pushes, "mu_init": mu}
+
+
+def warm_continuation(delta: float | None) -> dict[str, Any]:
+    """Go on with a smaller delta."""
+    return warm_start(min(IPOPT_MU_INIT, delta or 1e-6))
+
+
+def inexact(delta: float) -> dict[str, Any]:
+    """Solve for a delta on the way: the next run takes on what is left. Far below delta, a tolerance is wasted."""
+    return {"tol": min(1e-4, delta / 10.0)}
+
+
+# Enough to leave a bound that the branch does not hold any more, little enough to stay near the point. In a degenerate
+# branch multipliers grow without bound, and Ipopt would take its tolerance relative to them: hence s_max.
+POLISH = {**warm_start(1e-6, 1e-8), "s_max": 1e8}
+# Where the polish fails. Ipopt's tolerance is absolute, and would hide products of this size.
+TIGHTENED = {"tol": 1e-10, "s_max": 1e8}
+# The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
+SOLVE_AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
+# Ipopt refuses more equations than variables that it may move, even where they agree.
+OVERDETERMINED = {"fixed_variable_treatment": "relax_bounds"}
+
+
+@dataclass(frozen=True)
+class IpoptOptions:
+    """The layers of the options, resolved for each run.
+
+    Attributes
+    ----------
+    user, strategy, default : mapping
+    """
+
+    user: Mapping[str, Any] = field(default_factory=dict)
+    strategy: Mapping[str, Any] = field(default_factory=dict)
+    default: Mapping[str, Any] = field(default_factory=lambda: DEFAULT)
+
+    def with_strategy(self, options: Mapping[str, Any]) -> IpoptOptions:
+        """The same with another layer of a strategy."""
+        return replace(self, strategy=dict(options))
+
+    def with_default(self, options: Mapping[str, Any]) -> IpoptOptions:
+        """The same with further defaults."""
+        return replace(self, default={**self.default, **options})
+
+    def resolve(self, *purposes: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of one run; of several purposes, later ones win."""
+        resolved = dict(self.default)
+        for layer in (*purposes, self.strategy, self.user):
+            resolved.update(layer)
+        return resolved

@@ -1,0 +1,126 @@
+"""How good a point is, by the user's own expressions, and the log of all points that runs ended at."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.complementarity import CanonicalPair, PairResidual, pair_residuals
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
+
+from .iterates import Iterate
+from .progress import Progress
+
+logger = logging.getLogger(__name__)
+
+
+class ModelCheck:
+    """Evaluates what the user stated at the model's current values; nothing that a solver says is used.
+
+    Made before a relaxation is applied, so that generated rows and penalties are not mistaken for the user's.
+
+    Parameters
+    ----------
+    model : Block
+
+    Attributes
+    ----------
+    sign : float
+        1 where the objective is minimised, -1 where it is maximised.
+    """
+
+    def __init__(self, model: Any) -> None:
+        rows = (row.to_bounded_expression(True) for row in model.component_data_objects(Constraint, active=True))
+        self._rows = [(body, lower, upper) for lower, body, upper in rows if lower is not None or upper is not None]
+        self._bounded = [
+            variable
+            for variable in model.component_data_objects(Var, active=True)
+            if not variable.fixed and variable.bounds != (None, None)
+        ]
+        objectives = list(model.component_data_objects(Objective, active=True))
+        self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
+        self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
+
+    def objective(self) -> float:
+        """The user's objective; NaN where it has no value."""
+        return number_or_nan(self._objective)
+
+    def violation(self) -> float:
+        """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
+        worst = 0.0
+        for body, lower, upper in self._rows:
+            worst = max(worst, bound_violation(number_or_nan(body), lower, upper))
+        for variable in self._bounded:
+            if variable.value is not None:
+                worst = max(worst, bound_violation(variable.value, variable.lb, variable.ub))
+        return worst
+
+
+class IterateLog:
+    """Checks the point on the model after each run and keeps the record.
+
+    Parameters
+    ----------
+    check : ModelCheck
+    progress : Progress
+
+    Attributes
+    ----------
+    pairs : sequence of CanonicalPair
+        To be checked.
+    steps : list of Iterate
+        Without values and multipliers.
+    seconds : float
+        Elapsed in checking.
+    """
+
+    def __init__(self, check: ModelCheck, progress: Progress) -> None:
+        self._check, self._progress = check, progress
+        self.pairs: Sequence[CanonicalPair] = ()
+        self.steps: list[Iterate] = []
+        self.seconds = 0.0
+
+    def add(self, iterate: Iterate, *, at: Iterate | None = None) -> Iterate:
+        """Check the point on the model, and log the run that ended there.
+
+        Parameters
+        ----------
+        iterate : Iterate
+            Not checked yet.
+        at : Iterate, optional
+            One that was checked at the very same point: its residuals are taken over.
+        """
+        if at is None:
+            iterate = self._checked(iterate)
+        else:
+            names = ("objective", "constraint_violation", "largest_product", "largest_natural_residual")
+            iterate = replace(iterate, **{name: getattr(at, name) for name in names})
+        iterate = replace(iterate, number=len(self.steps))
+        self.steps.append(iterate.record())
+        self._progress.line(str(iterate))
+        logger.info("%s", iterate)
+        return iterate
+
+    def _checked(self, iterate: Iterate) -> Iterate:
+        started = time.perf_counter()
+        residuals = self.residuals()
+        checked = replace(
+            iterate,
+            objective=self._check.objective(),
+            constraint_violation=max(self._check.violation(), *(pair.infeasibility for pair in residuals), 0.0),
+            largest_product=max((abs(pair.product) for pair in residuals), default=0.0),
+            largest_natural_residual=max((abs(pair.natural) for pair in residuals), default=0.0),
+        )
+        self.seconds += time.perf_counter() - started
+        return checked
+
+    def residuals(self) -> list[PairResidual]:
+        """The pairs at the model's current values."""
+        return pair_residuals(self.pairs)

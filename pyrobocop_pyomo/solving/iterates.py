@@ -1,0 +1,267 @@
+"""`Iterate`: a point that a run of Ipopt ended at, with all that is known of it, and which of two is the better one."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+
+
+class Quality(enum.Enum):
+    """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
+
+    OPTIMAL = "Feasible and stationary, and every pair is complementary, within the tolerances."
+    FEASIBLE = "Feasible, and every pair is complementary, but the point is not shown to be stationary."
+    INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
+
+
+class StopReason(enum.Enum):
+    """Why the procedure ended; the value is a sentence."""
+
+    FINISHED = "The procedure ran to its end."
+    ITERATION_LIMIT = "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}."
+    TIME_LIMIT = "The time limit was reached. Raise time_limit."
+    INTERRUPTED = "Ctrl-C interrupted the procedure."
+    INFEASIBLE = "Ipopt converged to a point of local infeasibility. Try another initial guess, or relax constraints."
+    FAILED = "Ipopt failed. Try another initial guess, another schedule or tee=True to see its log."
+
+    @property
+    def is_final(self) -> bool:
+        """Whether nothing more may be tried: there is no time left, or somebody interrupted."""
+        return self in (StopReason.TIME_LIMIT, StopReason.INTERRUPTED)
+
+
+_STOP_REASONS = {
+    IpoptStatus.INTERRUPTED: StopReason.INTERRUPTED,
+    IpoptStatus.STOPPED: StopReason.INTERRUPTED,
+    IpoptStatus.ITERATION_LIMIT: StopReason.ITERATION_LIMIT,
+    IpoptStatus.TIME_LIMIT: StopReason.TIME_LIMIT,
+    IpoptStatus.INFEASIBLE: StopReason.INFEASIBLE,
+}
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """When a point counts as acceptable.
+
+    Attributes
+    ----------
+    feasibility : float
+        Largest violation of a constraint, a bound or a side.
+    product : float
+        Largest product ``a b`` of a pair.
+    natural : float
+        Largest ``|min(a, b)|`` of a pair that counts as exactly complementary.
+    stationarity : float
+        Largest relative gradient of the Lagrangian.
+    """
+
+    feasibility: float = 1e-6
+    product: float = 1e-7
+    natural: float = 1e-6
+    stationarity: float = 1e-5
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What decides which of two points is the better one, for runs, solves, starts, sequences and rounds alike.
+
+    Attributes
+    ----------
+    excess : float
+        How far residuals exceed their tolerances; 1 where none does.
+    shortfall : float
+        By how much a motion misses its clearance; 0 where it is proven safe or there is nothing to keep clear of.
+    cost : float
+        The objective, of a minimisation.
+    exact : bool
+        Whether every pair is complementary by its natural residual, not only by its product.
+    optimal, certified : bool
+        Whether the point is shown to be stationary, and proven to be B-stationary.
+    """
+
+    excess: float
+    shortfall: float = 0.0
+    cost: float = 0.0
+    exact: bool = True
+    optimal: bool = False
+    certified: bool = False
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all residuals are within their tolerances."""
+        return self.excess <= 1.0
+
+    def is_better_than(self, other: Standing) -> bool:
+        """Feasible first, then safe, then exactly complementary, then the objective, then what is shown and proven.
+
+        Differences of the objective that are within a solver's tolerance do not decide. A pair that is met only
+        loosely flatters the objective; an exact point may cost up to 1 % more than a loose one, unless only the loose
+        one is shown to be stationary.
+        """
+        if not (self.feasible and other.feasible):
+            return self.excess < other.excess
+        if self.shortfall != other.shortfall:
+            return self.shortfall < other.shortfall
+        gain = (other.cost - self.cost) / max(1.0, abs(self.cost), abs(other.cost))
+        if self.exact != other.exact:
+            if self.exact:
+                return gain > (-1e-2 if self.optimal or not other.optimal else 1e-6)
+            return gain > (1e-2 if other.optimal or not self.optimal else -1e-6)
+        if abs(gain) > 1e-6:
+            return gain > 0.0
+        return (self.certified, self.optimal) > (other.certified, other.optimal)
+
+
+def _nothing_to_load() -> None:
+    """Multipliers that nobody kept fill no suffix."""
+
+
+def _nothing_to_classify() -> None:
+    """Multipliers that nobody kept cannot be classified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """A point that a run of Ipopt, or a linear program of the search for descent, ended at.
+
+    Attributes
+    ----------
+    label : str
+        What kind of run it was.
+    delta : float or None
+        The bound of the products at its end; None for a problem without pairs.
+    mu : float or None
+        Ipopt's barrier parameter at its end, where it is known.
+    status : IpoptStatus or None
+        None for a linear program.
+    iterations : int
+    seconds : float
+        Elapsed.
+    objective : float
+        The user's objective.
+    constraint_violation, largest_product, largest_natural_residual : float
+        Recomputed from the user's model, whatever Ipopt says.
+    options : mapping
+        Ipopt's options of the run, resolved.
+    path : sequence of (mu, delta)
+        Per iteration, where delta followed mu inside the run.
+    strategy : str
+        Which strategy it belongs to.
+    number : int
+        Its place in the log of all runs, from 0; -1 before it is logged.
+    stop_reason : StopReason
+        Why the run ended.
+    stationarity : float or None
+        Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
+    certificate : Certificate
+        Whether another branch through the point descends.
+    values : list of float, optional
+        Of the model's free variables.
+    multipliers : object, optional
+        What its session needs to start from here.
+    load_suffixes : callable
+        Fills the user's suffixes with its multipliers.
+    classify : callable
+        Looks for the multipliers of the pairs; None where there are none to be found.
+    outdone : bool
+        Whether its strategy has left another local solution for it: there are several then.
+    """
+
+    label: str
+    delta: float | None
+    mu: float | None
+    status: IpoptStatus | None
+    iterations: int
+    seconds: float
+    objective: float = float("nan")
+    constraint_violation: float = float("inf")
+    largest_product: float = float("inf")
+    largest_natural_residual: float = float("inf")
+    options: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    path: Sequence[tuple[float, float]] = field(default=(), repr=False)
+    strategy: str = ""
+    number: int = -1
+    stop_reason: StopReason = StopReason.FINISHED
+    stationarity: float | None = None
+    certificate: Certificate = Certificate.UNKNOWN
+    values: Any = field(default=None, repr=False)
+    multipliers: Any = field(default=None, repr=False)
+    load_suffixes: Callable[[], None] = field(default=_nothing_to_load, repr=False)
+    classify: Callable[[], Multipliers | None] = field(default=_nothing_to_classify, repr=False)
+    outdone: bool = False
+
+    @classmethod
+    def of_run(cls, label: str, status: IpoptStatus, **facts: Any) -> Iterate:
+        """The end of a run of Ipopt, not checked yet."""
+        converged = status.solved or status is IpoptStatus.TINY_STEP
+        reason = StopReason.FINISHED if converged else _STOP_REASONS.get(status, StopReason.FAILED)
+        return cls(label=label, status=status, stop_reason=reason, **facts)
+
+    @property
+    def converged(self) -> bool:
+        """Whether Ipopt reached its tolerances, or as near to them as its numbers allow."""
+        return self.stop_reason is StopReason.FINISHED
+
+    def excess(self, tolerances: Tolerances) -> float:
+        """How far the residuals exceed the tolerances; 1 if they do not."""
+        found = max(self.constraint_violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
+        return found if found == found else float("inf")
+
+    def is_exact(self, tolerances: Tolerances) -> bool:
+        """Whether every pair is complementary by its natural residual."""
+        return self.largest_natural_residual <= tolerances.natural
+
+    def quality(self, tolerances: Tolerances) -> Quality:
+        """How good the point is."""
+        if not self.excess(tolerances) <= 1.0:
+            return Quality.INFEASIBLE
+        shown = self.converged and self.certificate is not Certificate.DESCENT
+        if self.stationarity is not None:
+            shown = shown and self.stationarity <= tolerances.stationarity
+        return Quality.OPTIMAL if shown else Quality.FEASIBLE
+
+    def is_certified(self, tolerances: Tolerances, polished: bool) -> bool:
+        """Whether no further strategy is needed: optimal and, where points are polished, exactly complementary."""
+        return self.quality(tolerances) is Quality.OPTIMAL and (not polished or self.is_exact(tolerances))
+
+    def standing(self, tolerances: Tolerances, sign: float) -> Standing:
+        """What decides between this iterate and another one.
+
+        Parameters
+        ----------
+        tolerances : Tolerances
+        sign : float
+            1 where the objective is minimised, -1 where it is maximised.
+        """
+        return Standing(
+            excess=self.excess(tolerances),
+            cost=sign * self.objective,
+            exact=self.is_exact(tolerances),
+            optimal=self.quality(tolerances) is Quality.OPTIMAL,
+            certified=self.certificate is Certificate.PROVEN,
+        )
+
+    def record(self) -> Iterate:
+        """The same without values and multipliers: what a log keeps of it, and a pickle can hold."""
+        return replace(
+            self, values=None, multipliers=None, load_suffixes=_nothing_to_load, classify=_nothing_to_classify
+        )
+
+    def __str__(self) -> str:
+        delta = "-" if self.delta is None else f"{self.delta:.1e}"
+        return (
+            f"{self.label:<22} {delta:>8} {self.iterations:>6} {self.objective:>14.7g} "
+            f"{self.constraint_violation:>9.1e} {self.largest_product:>9.1e} {self.seconds:>8.2f}  "
+            f"{'-' if self.status is None else self.status.name}"
+        )
+
+
+STEP_HEADER = (
+    f"{'step':<22} {'delta':>8} {'iter':>6} {'objective':>14} {'violation':>9} {'max a*b':>9} {'seconds':>8}  status"
+)

@@ -1,0 +1,260 @@
+"""The polish of a nearly complementary point: exact pairs, the best branch around, multipliers and a certificate."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, Limits
+from pyrobocop_pyomo.mpcc.branch import restricted
+from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, lagrangian_residual
+
+from .ipopt_options import OVERDETERMINED, POLISH
+from .iterate_log import IterateLog
+from .iterates import Iterate, Quality, StopReason
+from .numeric_pairs import numeric_pairs, without_crossed
+from .relaxed_model import RelaxedModel
+from .settings import Settings
+
+logger = logging.getLogger(__name__)
+
+# Far from feasible the nearest branch means nothing: that is for other strategies.
+POLISHED_VIOLATION = 1e-2
+# Up to here the whole exploration is worth its time; beyond, the part of it shrinks as the number of pairs grows.
+EXPLORED_PAIRS = 100
+
+
+@dataclass(eq=False)
+class Exploration:
+    """What one solve has explored, over all strategies.
+
+    Attributes
+    ----------
+    factor : float
+        How long it may take, as a multiple of the time that the rest of the solve took so far.
+    started : float
+        When the solve started, on the clock `time.perf_counter`.
+    seconds : float
+        Elapsed in exploring.
+    tried : set
+        Keys of branches that need not be tried again.
+    """
+
+    factor: float
+    started: float
+    seconds: float = 0.0
+    tried: set[bytes] = field(default_factory=set)
+
+    def budget(self, pairs: int) -> float:
+        """Seconds that may be spent from now on in a problem with so many pairs."""
+        elsewhere = time.perf_counter() - self.started - self.seconds
+        worth = min(1.0, EXPLORED_PAIRS / max(pairs, 1))
+        return self.factor * worth * elsewhere - self.seconds if self.factor > 0.0 else 0.0
+
+
+class Polish:
+    """Works on one relaxed model, as numbers.
+
+    Parameters
+    ----------
+    settings : Settings
+    relaxed : RelaxedModel
+    compiled : CompiledModel
+        Of the relaxed model.
+    log : IterateLog
+    values : VariableValues
+        The user's variables.
+    sign : float
+        1 where the objective is minimised, -1 where it is maximised.
+    exploration : Exploration
+
+    Attributes
+    ----------
+    interrupted : bool
+        Whether Ctrl-C ended the search.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        relaxed: RelaxedModel,
+        compiled: CompiledModel,
+        log: IterateLog,
+        values: VariableValues,
+        sign: float,
+        exploration: Exploration,
+    ) -> None:
+        self._settings, self._compiled, self._log = settings, compiled, log
+        self._values, self._sign, self._exploration = values, sign, exploration
+        self._crossed = relaxed.crossed
+        self._program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        self._limits = Limits(feasibility=settings.tolerances.feasibility)
+        self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
+        self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the search."""
+        return self._search.interrupted
+
+    def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
+        """Solve the nearest branch, follow descending ones, and certify where that ends.
+
+        Parameters
+        ----------
+        iterate : Iterate
+            Its point is on the model.
+        point : PrimalDualPoint
+            The same in the order of the compiled model.
+
+        Returns
+        -------
+        Iterate
+            The better one of the given iterate and what was found; the given one, too, where a function has no
+            derivative at an exactly complementary point.
+        """
+        try:
+            rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
+            start = BranchPoint.at(self._program, replace(point, g_multipliers=rows))
+            found = self._search.polish(start) if start.violation <= POLISHED_VIOLATION else start
+            return self._better(iterate, self._examined(iterate, found, start))
+        except EvaluationError as error:
+            logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
+            return iterate
+
+    def project(self, iterate: Iterate) -> Iterate:
+        """Look for a feasible branch near the point of the iterate, which is on the model."""
+        start = BranchPoint.at(self._program, PrimalDualPoint(self._compiled.current_point()))
+        found = self._search.project(start)
+        return self._better(iterate, self._examined(replace(iterate, strategy="projection"), found, start))
+
+    def _better(self, before: Iterate, after: Iterate) -> Iterate:
+        """A polish that failed must not cost the point that it started from."""
+        one, other = (each.standing(self._settings.tolerances, self._sign) for each in (before, after))
+        return before if one.is_better_than(other) else after
+
+    def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
+        """The iterate at the best point that is found from here, with its certificate and multipliers."""
+        best, certificate = self._certified(found)
+        if certificate is Certificate.PROVEN and best.branch is not None:
+            explored = self._explored(best)
+            if explored is not best:
+                best, certificate = self._certified(explored)
+                iterate = replace(iterate, outdone=True)
+        if best is not start:
+            iterate = self._at(best, iterate.strategy)
+        iterate = replace(
+            iterate, certificate=certificate, classify=functools.cache(functools.partial(self._classified, best))
+        )
+        if iterate.quality(self._settings.tolerances) is not Quality.FEASIBLE:
+            return iterate
+        # What Ipopt said does not count where multipliers are at hand that show the point to be stationary.
+        multipliers = iterate.classify()
+        if multipliers is None or multipliers.kind is Stationarity.NONE:
+            return iterate
+        return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
+
+    def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
+        """Follow descending branches, unless the multipliers show already that there are none."""
+        if found.branch is None or found.violation > self._limits.feasibility:
+            return found, Certificate.UNKNOWN
+        if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
+            return found, Certificate.PROVEN
+        descended = self._search.descend(found)
+        self._add_linear_programs("certificate", descended)
+        return descended, self._search.certificate
+
+    def _explored(self, best: BranchPoint) -> BranchPoint:
+        """Look for a better optimum beyond the nearest, in the time that this may take."""
+        budget = self._exploration.budget(self._program.pairs)
+        deadline = self._settings.deadline.within(budget)
+        if deadline.has_passed:
+            return best
+        self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
+        started = time.perf_counter()
+        explored = self._search.explore(best, self._exploration.tried, deadline)
+        self._add_linear_programs("explore", explored)
+        self._exploration.seconds += time.perf_counter() - started
+        return explored
+
+    def _classified(self, found: BranchPoint) -> Multipliers | None:
+        """Multipliers of the strongest kind at a point; None where it is not met, or there was no time."""
+        if max(found.violation, found.natural_residual) > self._settings.tolerances.natural:
+            return None
+        point = Linearisation.at(self._program.nlp, found.x)
+        multipliers = self._strong(found, point)
+        if multipliers is None:
+            seconds, deadline = self._limits.lpec_seconds, self._settings.deadline
+            multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
+        return None if multipliers is None else without_crossed(multipliers, self._crossed)
+
+    def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
+        if found.branch is None or found.violation > self._limits.feasibility:
+            return None
+        return strong_multipliers(self._program, point, found.branch, found.point)
+
+    def _at(self, found: BranchPoint, strategy: str) -> Iterate:
+        """The iterate of the run that solved a branch, its point on the model."""
+        iterate, outcome = self._solved[id(found)]
+        assert found.branch is not None
+        self._compiled.load_point(found.x)
+        every = np.zeros(self._compiled.nlp.m)
+        every[self._kept_rows] = outcome.g_multipliers
+        return replace(
+            iterate,
+            strategy=strategy,
+            values=self._values.read(),
+            stationarity=lagrangian_residual(restricted(self._program, found.branch), found.point),
+            load_suffixes=InProcessSolutionLoader(
+                self._compiled, replace(outcome, g_multipliers=every)
+            ).load_import_suffixes,
+        )
+
+    def _solve(self, nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
+        purposes = [POLISH, {"max_iter": iterations}]
+        if int((nlp.x_lower < nlp.x_upper).sum()) < int((nlp.g_lower == nlp.g_upper).sum()):
+            purposes.append(OVERDETERMINED)
+        self._options = self._settings.options.resolve(*purposes)
+        deadline: Deadline = self._search.deadline
+        return run_ipopt(nlp, self._options, start, deadline=deadline, output=self._settings.output)
+
+    def _add(self, purpose: str, outcome: IpoptOutcome, found: BranchPoint, kept: bool) -> None:
+        self._compiled.load_point(found.x)
+        iterate = self._log.add(
+            Iterate.of_run(
+                purpose if kept else f"{purpose} (not kept)",
+                outcome.status,
+                delta=None,
+                mu=outcome.mu,
+                iterations=outcome.iterations,
+                seconds=outcome.seconds + self._linear_seconds(),
+                options=self._options,
+            )
+        )
+        self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
+
+    def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:
+        """Log the linear programs after the last run, at the point where they led no further."""
+        seconds = self._linear_seconds()
+        if seconds > 0.0:
+            self._compiled.load_point(at.x)
+            label = f"{purpose} (linear)"
+            self._log.add(Iterate(label=label, delta=None, mu=None, status=None, iterations=0, seconds=seconds))
+
+    def _linear_seconds(self) -> float:
+        seconds, self._search.linear_seconds = self._search.linear_seconds, 0.0
+        return seconds
