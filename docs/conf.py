@@ -1,5 +1,7 @@
 """Sphinx settings; build with ``python -m sphinx -W -b html docs docs/_build/html``."""
 
+import os
+
 import pyrobocop_pyomo
 
 project = "pyrobocop_pyomo"
@@ -29,4 +31,5 @@ napoleon_use_rtype = False
 default_role = "code"  # a single backtick in a docstring names code
 
 html_theme = "furo"
+html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # where a host serves several versions
 html_title = f"pyrobocop_pyomo {release}"

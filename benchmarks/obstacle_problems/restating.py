@@ -59,7 +59,7 @@ def sampled_distance(avoid: Any, per_interval: int = 20) -> float:
                 name: body.pose and motion.pose_at(body.pose, interval, fraction, name=name)
                 for name, body in scene.bodies.items()
             }
-            for p, q in scene.pairs_of_parts():
+            for p, q in scene.part_pairs():
                 near = rcp.geometry.signed_distance(p.shape, q.shape, poses[p.body], poses[q.body])
                 smallest = min(smallest, near.distance)
     return float(smallest)

@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any
 
 
-class Part(Enum):
+class SidePart(Enum):
     """How much of the expression ``b`` a pair is about."""
 
     WHOLE = "b itself, which is nonnegative"
@@ -32,7 +32,7 @@ class CanonicalPair:
         Label of the group that the pair belongs to.
     weight : number or Pyomo expression
         Measure of the pair in a penalty.
-    b_part : Part
+    b_part : SidePart
         Of which part of ``b`` the pair speaks: of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with
         the positive part of H, the second u - F with the negative one. ``b`` is H in both, of any sign.
     role : {"", "lower", "upper"}
@@ -46,7 +46,7 @@ class CanonicalPair:
     b_row: Any
     group: Hashable
     weight: Any
-    b_part: Part = Part.WHOLE
+    b_part: SidePart = SidePart.WHOLE
     role: str = ""
 
     @property

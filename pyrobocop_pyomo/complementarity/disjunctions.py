@@ -15,19 +15,18 @@ from pyomo.core.base import Transformation, TransformationFactory
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, deactivate
 
-from .bounded_sides import BoundedSides
-from .branches import add_disjunctions, add_special_ordered_sets
+from .branches import BoundedSides, add_disjunctions, add_special_ordered_sets
 from .canonical import CanonicalForm, CanonicalPair
-from .pair_checks import refuse_leaves
-from .pairs import BLOCK_TYPES, active_sources, canonical_form, home_of, put_to_sleep
-from .preconditions import refuse_nothing, refuse_unusable
+from .pairs import active_sources, canonical_form, home_of
+from .preconditions import refuse_leaves, refuse_nothing, refuse_unusable
 from .residuals import PairResidual, pair_residuals
 
 BLOCK_NAME = "complementarity_disjunctions"
 
 
-class Choices(AutoSlots.Mixin):
+class DisjunctionRecord(AutoSlots.Mixin):
     """Private data of a generated block.
 
     Attributes
@@ -45,7 +44,7 @@ class Choices(AutoSlots.Mixin):
         self.sources = ComponentMap()
 
 
-Block.register_private_data_initializer(Choices)
+Block.register_private_data_initializer(DisjunctionRecord)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ class ComplementarityToDisjunctions(Transformation):
             fresh = [(home, _build(members, config)) for home, members in _by_home(model, forms)]
             for home, block in fresh:
                 home.add_component(unique_component_name(home, BLOCK_NAME), block)
-            put_to_sleep(sources)
+            deactivate(sources)
         return DisjunctionToken(model, tuple(block for _, block in fresh))
 
     def revert(self, model: Any, token: DisjunctionToken | None = None) -> None:
@@ -136,13 +135,13 @@ class ComplementarityToDisjunctions(Transformation):
             )
         for block in wanted:
             block.parent_block().del_component(block)
-            for source in _choices(block).forms:
+            for source in _record_of(block).forms:
                 source.activate()
 
     def source_of(self, component: Any) -> Any:
         """Return the pair, as declared, that a generated disjunction, disjunct, set, variable or row came from."""
         for block in _blocks_above(component):
-            sources = _choices(block).sources
+            sources = _record_of(block).sources
             while component is not block:
                 if component in sources:
                     return sources[component]
@@ -156,7 +155,7 @@ class ComplementarityToDisjunctions(Transformation):
         parent = source.parent_block()
         while parent is not None:
             for block in _generated_on(parent):
-                choices = _choices(block)
+                choices = _record_of(block)
                 if source in choices.forms:
                     kept = [block.component(name) for name in ("choices", "sets")]
                     parts = [data for component in kept if component is not None for data in component.values()]
@@ -168,7 +167,7 @@ class ComplementarityToDisjunctions(Transformation):
 
     def pairs_of(self, model: Any) -> list[CanonicalPair]:
         """Return the pairs of a model that are disjunctions, in canonical form; a range has two, an equality none."""
-        forms = [form for block in _generated_on(model) for form in _choices(block).forms.values()]
+        forms = [form for block in _generated_on(model) for form in _record_of(block).forms.values()]
         return [pair for form in forms for pair in form.pairs]
 
     def residuals(self, model: Any) -> list[PairResidual]:
@@ -189,7 +188,7 @@ def _build(forms: list[CanonicalForm], config: Any) -> Block:
     for form in forms:
         for row in form.rows:
             sides.add_row(form.source, row)
-    choices = _choices(block)
+    choices = _record_of(block)
     choices.forms = ComponentMap((form.source, form) for form in forms)
     choices.sources.update([*generated, *sides.generated])
     return block
@@ -203,7 +202,7 @@ def _by_home(model: Any, forms: list[CanonicalForm]) -> list[tuple[Any, list[Can
     return list(found.values())
 
 
-def _choices(block: Any) -> Choices:
+def _record_of(block: Any) -> DisjunctionRecord:
     return block.private_data()
 
 
@@ -211,13 +210,13 @@ def _generated_on(model: Any) -> Iterator[Any]:
     """The generated blocks of this model and of the disjuncts in it."""
     for part in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
         # The name is looked at first so that no private data appear on blocks of the user.
-        if part.local_name.startswith(BLOCK_NAME) and _choices(part).forms is not None:
+        if part.local_name.startswith(BLOCK_NAME) and _record_of(part).forms is not None:
             yield part
 
 
 def _blocks_above(component: Any) -> Iterator[Any]:
     block = component.parent_block()
     while block is not None:
-        if block.local_name.startswith(BLOCK_NAME) and _choices(block).forms is not None:
+        if block.local_name.startswith(BLOCK_NAME) and _record_of(block).forms is not None:
             yield block
         block = block.parent_block()

@@ -1,14 +1,19 @@
-"""Tying derivatives to the variables that they are derivatives of.
+"""Collocation rows, which tie derivatives to their variables, and the substitution of explicit equations.
 
 A derivative of order ``n`` is taken one order at a time: ``x``, ``x'``, ..., each a state whose polynomial has the next
-as its slope. Where the model has no variable for an order in between, one is added. A second derivative is thus that of
-the scheme's solution of ``x' = v, v' = a``, continuous in ``v``; the second
-derivative of one polynomial would let ``v`` jump.
+as its slope. Where the model has no variable for an order in between, one is added. A second derivative is thus part of
+the scheme's solution of ``x' = v, v' = a``, where ``v`` is continuous; with the second derivative of one polynomial
+``v`` would jump.
+
+An equation is explicit when a row says ``dx[t] == f``, not just within a disjunct, and the derivative is found nowhere
+else, at each collocation point. The row is then deactivated, ``f`` goes into the collocation rows, which saves half of
+the variables, and under the name of the derivative there is an expression, ``f`` itself: it can be read after a solve,
+by whatever solver, and used in further rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,20 +21,24 @@ from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
+from pyomo.core.expr import EqualityExpression
 from pyomo.dae import DerivativeVar
+from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
-from .inheritance import set_guess
-from .record import Discretisation
-from .structure import Axis, Spot, axis_on
+from .expansion import set_initial_value
+from .record import Discretisation, Substitution
+from .structure import PAIRS, Axis, Spot, axis_on, variables_in, variables_of
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
-    """Every variable with derivatives along a set, and these by their order.
+    """Every variable with derivatives along a set, and the derivatives by their order.
 
     Raises
     ------
@@ -42,9 +51,9 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
         if not isinstance(derivative, DerivativeVar):
             continue
         along = derivative.get_continuousset_list()
-        order = sum(each is domain for each in along)
+        order = sum(along_set is domain for along_set in along)
         if order and order < len(along):
-            names = ", ".join(f"'{each.name}'" for each in along)
+            names = ", ".join(f"'{along_set.name}'" for along_set in along)
             raise TranscriptionError(
                 f"'{derivative.name}': is a derivative with respect to {names} together. Declare the derivative with "
                 "respect to one set as a variable and differentiate that with respect to the other."
@@ -55,53 +64,53 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
     return list(found.values())
 
 
-def add_collocation(done: Discretisation, spots: list[Spot]) -> None:
+def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
     """Add the rows of every derivative along a set, beside the derivative."""
     homes: dict[int, Any] = {}
-    done.states, done.derivatives, done.rows = [], [], ComponentMap()
-    for variable, by_order in derivatives_along(spots, done.domain):
+    discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
+    for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
-            nearest = by_order[min(each for each in by_order if each >= order)]
-            home = _home(done, nearest.parent_block(), homes)
+            nearest = by_order[min(known for known in by_order if known >= order)]
+            home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _tie(home, levels[-2], levels[-1], done)
-            done.states.append(levels[-2])
-            done.derivatives.append((levels[-2], levels[-1]))
+            _add_rows(home, levels[-2], levels[-1], discretisation)
+            discretisation.states.append(levels[-2])
+            discretisation.derivatives.append((levels[-2], levels[-1]))
 
 
-def remove_collocation(done: Discretisation) -> None:
+def remove_collocation(discretisation: Discretisation) -> None:
     """Take away all generated blocks of a set."""
-    for block in done.generated:
+    for block in discretisation.generated:
         parent = block.parent_block()
         if parent is not None:
             parent.del_component(block)
-    done.generated.clear()
+    discretisation.generated.clear()
 
 
-def _home(done: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
-    """The generated block beside the derivatives of one block: what deactivates them deactivates their rows."""
+def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
+    """The generated block beside the derivatives of one block: both are deactivated together."""
     if id(parent) not in homes:
         home = homes[id(parent)] = Block(concrete=True)
-        parent.add_component(unique_component_name(parent, f"{done.domain.local_name}_collocation"), home)
-        done.generated.append(home)
+        parent.add_component(unique_component_name(parent, f"{discretisation.domain.local_name}_collocation"), home)
+        discretisation.generated.append(home)
     return homes[id(parent)]
 
 
 def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     name = unique_component_name(home, f"{variable.local_name}_derivative_{order}")
-    # Of some unit in between: nobody else sees this variable, so the raw numbers of the rows decide.
+    # Its unit does not matter: only the generated rows hold this variable.
     added = Var(derivative.index_set())
     home.add_component(name, added)
     return added
 
 
-def _tie(home: Any, state: Any, rate: Any, done: Discretisation) -> None:
-    grid, axis = done.grid, axis_on(rate, done.domain)
+def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation) -> None:
+    grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
     rows = Constraint(rate.index_set())
     home.add_component(unique_component_name(home, rate.local_name), rows)
-    done.rows[rate] = rows
+    discretisation.rows[rate] = rows
     joints = None
     if not grid.scheme.end_is_a_node:
         joints = Constraint(rate.index_set())
@@ -113,12 +122,12 @@ def _tie(home: Any, state: Any, rate: Any, done: Discretisation) -> None:
         if joints is not None:
             for time, row in continuity_rows(states, grid):
                 joints.add(axis.join(others, time), row)
-        _guess_rates(states, rates, done)
+        _initialise_rates(states, rates, discretisation)
 
 
-def retie(done: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
+def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
     """Write the rows of a derivative anew with the right-hand sides in its place; returns the block of the rows."""
-    grid, axis, rows = done.grid, axis_on(rate, done.domain), done.rows[rate]
+    grid, axis, rows = discretisation.grid, axis_on(rate, discretisation.domain), discretisation.rows[rate]
     assert axis is not None
     rows.clear()
     for others in {axis.others(index) for index in sides}:
@@ -150,27 +159,105 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
     return [width * unit for width in widths]
 
 
-def _guess_rates(states: dict[float, Any], rates: dict[float, Any], done: Discretisation) -> None:
-    """Derivatives without a guess start from the slopes of what their states start from."""
-    if any(each.value is not None or each.fixed for each in rates.values()) or any(
-        each.value is None for each in states.values()
+def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discretisation: Discretisation) -> None:
+    """Give derivatives without a value the slopes of their states' initial values."""
+    if any(variable.value is not None or variable.fixed for variable in rates.values()) or any(
+        variable.value is None for variable in states.values()
     ):
         return
-    grid, scheme = done.grid, done.grid.scheme
-    done.guessed += rates.values()
+    grid, scheme = discretisation.grid, discretisation.grid.scheme
+    discretisation.initialised += rates.values()
     for nodes, stages, width in zip(grid.node_times, grid.stage_times, grid.mesh.widths, strict=True):
         increments = scheme.D @ np.array([states[time].value for time in nodes]) / width
         slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0]
         for time, slope in zip(stages, slopes.tolist(), strict=True):
-            set_guess(rates[time], slope)
+            set_initial_value(rates[time], slope)
 
 
-def state_ids(done: Discretisation) -> set[int]:
-    """The ids of all variables that have a value at every time of the set."""
-    return {id(data) for state in done.states for data in state.values()}
+def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
+    """Replace all derivatives that are given explicitly by their right-hand sides."""
+    candidates = {
+        id(data): data
+        for _, derivative in discretisation.derivatives
+        if isinstance(derivative, DerivativeVar) and not derivative.is_reference()
+        for data in derivative.values()
+        if not data.fixed and data.lower is None and data.upper is None
+    }
+    for key in discretisation.state_ids():
+        candidates.pop(key, None)
+    explicit = _explicit_rows(found, candidates, {id(rows) for rows in discretisation.generated_constraints()})
+    for state, derivative in list(discretisation.derivatives):
+        needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
+        if needed and all(id(data) in explicit for data in needed):
+            _substitute(discretisation, state, derivative, needed, explicit)
 
 
-def rows_of(done: Discretisation) -> Iterator[Any]:
-    """The generated constraints of a set."""
-    for block in done.generated:
-        yield from block.component_map(Constraint).values()
+def restore_derivatives(discretisation: Discretisation) -> None:
+    """Put the derivatives and their equations back where they were declared."""
+    for substitution in discretisation.substitutions:
+        for row in substitution.rows:
+            row.activate()
+        for data, value in substitution.values:
+            data.unfix()
+            data.set_value(value, skip_validation=True)
+        substitution.parent.del_component(substitution.expression)
+        substitution.derivative.parent_block().del_component(substitution.derivative)
+        substitution.parent.add_component(substitution.name, substitution.derivative)
+    discretisation.substitutions.clear()
+
+
+def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int]) -> dict[int, tuple[Any, Any]]:
+    """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
+    explicit: dict[int, tuple[Any, Any]] = {}
+    elsewhere: set[int] = set()
+    for spot in found:
+        component = spot.component
+        if (
+            not spot.active
+            or component.ctype not in (Constraint, Objective, Expression, *PAIRS)
+            or id(component) in own
+        ):
+            continue
+        unconditional = not _is_within_a_disjunct(component)
+        for data in component.values():
+            if component.ctype is not Expression and not data.active:
+                continue
+            expression = data.expr if component.ctype not in PAIRS else None
+            if unconditional and isinstance(expression, EqualityExpression):
+                left, right = expression.args
+                if id(left) not in candidates:
+                    left, right = right, left
+                if id(left) in candidates and id(left) not in explicit:
+                    explicit[id(left)] = (data, right)
+                    elsewhere.update(id(variable) for variable in variables_in(right) if id(variable) in candidates)
+                    continue
+            elsewhere.update(id(variable) for variable in variables_of(data) if id(variable) in candidates)
+    return {key: value for key, value in explicit.items() if key not in elsewhere}
+
+
+def _is_within_a_disjunct(component: Any) -> bool:
+    block = component.parent_block()
+    while block is not None:
+        if block.ctype is Disjunct:
+            return True
+        block = block.parent_block()
+    return False
+
+
+def _substitute(
+    discretisation: Discretisation, state: Any, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
+) -> None:
+    sides = {data.index(): explicit[id(data)][1] for data in needed}
+    home = rewrite_rows(discretisation, state, derivative, sides)
+    rows, values = [explicit[id(data)][0] for data in needed], [(data, data.value) for data in needed]
+    for row in rows:
+        row.deactivate()
+    for data in needed:
+        data.fix(None, skip_validation=True)
+        data.stale = True
+    parent, name = derivative.parent_block(), derivative.local_name
+    parent.del_component(derivative)
+    home.add_component(unique_component_name(home, f"{name}_variable"), derivative)
+    expression = Expression(derivative.index_set(), initialize=sides)
+    parent.add_component(name, expression)
+    discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))

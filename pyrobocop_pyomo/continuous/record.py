@@ -1,4 +1,4 @@
-"""What a model remembers of the discretisation of its continuous sets."""
+"""Records of how the continuous sets of a model were discretised."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Any
 from pyomo.common.autoslots import AutoSlots
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.numerics import Grid
 
 
 @dataclass(eq=False)
 class Substitution:
-    """A derivative that an expression stands in for, where it belongs, its rows and its values."""
+    """A derivative that an expression replaces, where it belongs, its rows and its values."""
 
     parent: Any
     name: str
@@ -27,7 +28,7 @@ class Substitution:
 
 @dataclass(eq=False)
 class Discretisation:
-    """What was done for one continuous set, and what is needed to do it afresh.
+    """The discretisation of one continuous set, with all that is needed to undo it.
 
     Attributes
     ----------
@@ -39,12 +40,12 @@ class Discretisation:
         Whether right-hand sides take the place of derivatives.
     generated : list of Block
         Blocks with the collocation rows, one beside each group of derivatives.
-    silenced : list of component data
+    deactivated : list of component data
         Rows and pairs of the user's that were deactivated because they stand at no collocation point.
-    voided : list of (variable, value)
-        Variables of the user's that were taken out because they stand at no collocation point.
-    guessed : list of Var
-        Derivatives that had no value and were given one to start from.
+    cleared : list of (variable, value)
+        Variables of the user's that were fixed to None because they stand at no collocation point.
+    initialised : list of Var
+        Derivatives that had no value and were given an initial one.
     formulas : list of (integral, expression)
         What integrals were before.
     substitutions : list of Substitution
@@ -61,17 +62,26 @@ class Discretisation:
     points: tuple[float, ...]
     substitutes: bool = True
     generated: list[Any] = field(default_factory=list)
-    silenced: list[Any] = field(default_factory=list)
-    voided: list[tuple[Any, float | None]] = field(default_factory=list)
-    guessed: list[Any] = field(default_factory=list)
+    deactivated: list[Any] = field(default_factory=list)
+    cleared: list[tuple[Any, float | None]] = field(default_factory=list)
+    initialised: list[Any] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: list[Substitution] = field(default_factory=list)
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)
 
+    def state_ids(self) -> set[int]:
+        """The ids of all variables that have a value at every time of the set."""
+        return {id(data) for state in self.states for data in state.values()}
 
-class Record(AutoSlots.Mixin):
+    def generated_constraints(self) -> Iterator[Any]:
+        """The generated constraints of the set."""
+        for block in self.generated:
+            yield from block.component_map(Constraint).values()
+
+
+class DiscretisationRecord(AutoSlots.Mixin):
     """Private data of the block on which continuous sets live; follows clones and pickles.
 
     Attributes
@@ -89,22 +99,22 @@ class Record(AutoSlots.Mixin):
         self.integrands = ComponentMap()
 
 
-Block.register_private_data_initializer(Record)
+Block.register_private_data_initializer(DiscretisationRecord)
 
 
-def record_of(domain: Any) -> Record:
+def record_of(domain: Any) -> DiscretisationRecord:
     """The record of the block on which a continuous set lives."""
     return domain.parent_block().private_data()
 
 
 def discretisation_of(domain: Any) -> Discretisation | None:
-    """What was done for a continuous set; None if nothing was."""
+    """The discretisation of a continuous set; None if there is none."""
     return record_of(domain).discretisations.get(domain)
 
 
 def discretisations_of(domains: Any) -> Iterator[Discretisation]:
-    """What was done for those of the sets that are discretised by this package."""
+    """The discretisations of those sets that this package has discretised."""
     for domain in domains:
-        done = discretisation_of(domain)
-        if done is not None:
-            yield done
+        discretisation = discretisation_of(domain)
+        if discretisation is not None:
+            yield discretisation

@@ -1,17 +1,21 @@
-"""Where the components of a model sit with respect to its continuous sets."""
+"""The components of a model with respect to its continuous sets, and the variables of their expressions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any, NamedTuple
 
 from pyomo.core.base.block import Block
+from pyomo.core.expr.numvalue import native_types
 from pyomo.dae import ContinuousSet
 from pyomo.gdp import Disjunct
+from pyomo.mpec import Complementarity as MpecComplementarity
 
+from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 
 BLOCK_TYPES = (Block, Disjunct)
+PAIRS = (Complementarity, MpecComplementarity)
 
 
 class Axis(NamedTuple):
@@ -25,7 +29,7 @@ class Axis(NamedTuple):
         return index[self.position] if index.__class__ is tuple else index
 
     def others(self, index: Any) -> Any:
-        """What is left of an index without the point; None if nothing is."""
+        """The rest of an index without the point; None if nothing is left."""
         if index.__class__ is not tuple:
             return None
         return index[: self.position] + index[self.position + 1 :]
@@ -36,7 +40,7 @@ class Axis(NamedTuple):
 
 
 class Spot(NamedTuple):
-    """A component, and what the blocks around it say.
+    """A component, with the blocks around it and their points.
 
     Attributes
     ----------
@@ -55,9 +59,9 @@ class Spot(NamedTuple):
     active: bool
 
     def family(self, index: Any, axes: tuple[Axis, ...], domain: Any = None) -> tuple[Any, ...]:
-        """What identifies all that differs only in points of one continuous set, or of any."""
+        """The key of all data that differ only in points of one continuous set, or of any."""
         parts = (*self.path, (self.component.local_name, index, axes))
-        return tuple((name, _without(each, along, domain)) for name, each, along in parts)
+        return tuple((name, _without(part_index, along, domain)) for name, part_index, along in parts)
 
     def points(self, index: Any, axes: tuple[Axis, ...]) -> list[tuple[Any, Any]]:
         """Each continuous set with the point at which one index stands."""
@@ -95,24 +99,24 @@ def axes_of(component: Any) -> tuple[Axis, ...]:
 
 
 def axis_on(component: Any, domain: Any) -> Axis | None:
-    """Where one continuous set is among the index sets of a component; None if it is not."""
+    """The axis of a component along one continuous set; None if it has none."""
     return next((axis for axis in axes_of(component) if axis.domain is domain), None)
 
 
 def spots(
     block: Any, path: tuple[Any, ...] = (), outer: tuple[tuple[Any, Any], ...] = (), active: bool = True
 ) -> Iterator[Spot]:
-    """Every component below a block, in the order of declaration; blocks come before what is in them."""
+    """Every component below a block, in the order of declaration; blocks come before their contents."""
     for component in list(block.component_map().values()):
-        awake = active and getattr(component, "active", True)
-        yield Spot(component, path, outer, awake)
+        is_active = active and getattr(component, "active", True)
+        yield Spot(component, path, outer, is_active)
         if component.ctype not in BLOCK_TYPES or component.is_reference():
             continue
         axes = axes_of(component)
         for index, data in list(component.items()):
             inner = ((component.local_name, index, axes),)
             points = tuple((axis.domain, axis.time(index)) for axis in axes)
-            yield from spots(data, path + inner, outer + points, awake and data.active)
+            yield from spots(data, path + inner, outer + points, is_active and data.active)
 
 
 def continuous_sets(found: list[Spot]) -> list[Any]:
@@ -127,6 +131,39 @@ def label(family: tuple[Any, ...]) -> str:
         indices = others if isinstance(others, tuple) else () if others is None else (others,)
         parts.append(f"{name}[{','.join(map(str, indices))}]" if indices else name)
     return ".".join(parts)
+
+
+def variables_in(expression: Any, leaves: Collection[int] = ()) -> Iterator[Any]:
+    """Every variable of an expression, some perhaps more than once; a leaf, given by its id, stands for itself."""
+    # Several times faster than Pyomo's general walker, and called for every row of a model.
+    stack, entered = [expression], set()
+    while stack:
+        part = stack.pop()
+        if part.__class__ in native_types or part is None:
+            continue
+        if part.is_expression_type():
+            if part.is_named_expression_type():
+                if id(part) in entered:
+                    continue
+                entered.add(id(part))
+                if id(part) in leaves:
+                    yield part
+                    continue
+            stack.extend(part.args)
+        elif part.is_variable_type():
+            yield part
+
+
+def variables_of(data: Any) -> Iterable[Any]:
+    """Every variable of a row, an objective, an expression or a pair."""
+    if data.ctype is MpecComplementarity:
+        sides = data._args or ()
+    elif data.ctype is Complementarity:
+        sides = data.args
+    else:
+        sides = (data.expr,)
+    for side in sides:
+        yield from variables_in(side)
 
 
 def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:

@@ -1,8 +1,11 @@
-"""The transformation `pyrobocop.collocation`: models of pyomo.dae become finite, by the schemes of this package."""
+"""The transformation `pyrobocop.collocation`: discretises models of pyomo.dae by the schemes of this package."""
 
 from __future__ import annotations
 
+import heapq
 import logging
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
@@ -10,19 +13,20 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base import Transformation, TransformationFactory
 from pyomo.dae import ContinuousSet
 
-from pyrobocop_pyomo.errors import TranscriptionError
-from pyrobocop_pyomo.numerics import Scheme, find_scheme
+from pyrobocop_pyomo.errors import MeshError, TranscriptionError
+from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
 
-from .meshing import make_grid
+from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
 from .record import discretisation_of
-from .remeshing import Guess, refuse_newcomers
 from .structure import axes_of, continuous_sets, spots
-from .transcribing import discretisations_on, finish, settle, take_back, transcribe
+from .values import PreviousValues, refuse_later_components
 
 logger = logging.getLogger(__name__)
 
 # As users of pyomo.dae write them.
 DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss"}
+# Relative width below which two boundaries are taken for one number, computed in two ways.
+LEAST_WIDTH = 1e-9
 
 
 def _scheme(name: Any) -> str | Scheme:
@@ -45,8 +49,7 @@ class Collocation(Transformation):
 
     Equations hold at the collocation points. At other points only states have a value: what else was indexed there is
     fixed to None, and rows that hold it are deactivated. Applied to a set that it has discretised before, the
-    transformation does so afresh, and interpolates the present values as the guess. A refusal leaves the model as it
-    was.
+    transformation does so afresh, and interpolates the present values. A refusal leaves the model as it was.
     """
 
     CONFIG = ConfigDict("pyrobocop.collocation")
@@ -79,73 +82,76 @@ class Collocation(Transformation):
             before = [(domain, discretisation_of(domain)) for domain in domains]
             finished: list[Any] = []
             try:
-                for domain, done in before:
-                    points = tuple(domain) if done is None else done.points
+                for domain, discretisation in before:
+                    points = tuple(domain) if discretisation is None else discretisation.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
-                    finished.append((domain, done))
-                    _discretise(domain, done, points, grid, config.derivatives == "substitute")
+                    finished.append((domain, discretisation))
+                    _discretise(domain, discretisation, points, grid, config.derivatives == "substitute")
             except BaseException:
                 # Those before the one that failed, which is as it was already.
-                for domain, done in reversed(finished[:-1]):
-                    _undo(domain, done)
+                for domain, discretisation in reversed(finished[:-1]):
+                    _undo(domain, discretisation)
                 raise
-            for done in discretisations_on(model.model()):
-                finish(done)
+            for discretisation in discretisations_on(model.model()):
+                finalise(discretisation)
         for domain in domains:
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
 
 
-def _discretise(domain: Any, done: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
-    if done is None:
-        transcribe(domain, points, grid, substitutes)
+def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:
+    if discretisation is None:
+        discretise(domain, points, grid, substitutes)
         return
-    refuse_newcomers(done)
-    guess = Guess(list(spots(domain.model())), done)
-    take_back(done)
+    refuse_later_components(discretisation)
+    previous = PreviousValues(list(spots(domain.model())), discretisation)
+    undo_discretisation(discretisation)
     try:
-        transcribe(domain, points, grid, substitutes, guess)
+        discretise(domain, points, grid, substitutes, previous)
     except BaseException:
-        finish(transcribe(domain, points, done.grid, done.substitutes, guess))
+        finalise(discretise(domain, points, discretisation.grid, discretisation.substitutes, previous))
         raise
 
 
-def _undo(domain: Any, done: Any) -> None:
+def _undo(domain: Any, discretisation: Any) -> None:
     current = discretisation_of(domain)
     if current is not None:
-        guess = Guess(list(spots(domain.model())), current)
-        take_back(current)
+        previous = PreviousValues(list(spots(domain.model())), current)
+        undo_discretisation(current)
         others = discretisations_on(domain.model())
-        settle(others, [each for each in others if each.substitutions])
-        if done is not None:
-            finish(transcribe(domain, done.points, done.grid, done.substitutes, guess))
+        rebuild_rows(others, [other for other in others if other.substitutions])
+        if discretisation is not None:
+            finalise(
+                discretise(domain, discretisation.points, discretisation.grid, discretisation.substitutes, previous)
+            )
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
-    """The sets that are meant, all of them within the model."""
+    """The sets to discretise, all of them within the model."""
     found = list(spots(model))
     own = continuous_sets(found)
     used = [axis.domain for spot in found for axis in axes_of(spot.component)]
     if wrt is None:
-        elsewhere = next((each for each in used if not any(each is domain for domain in own)), None)
+        elsewhere = next((domain for domain in used if not any(domain is inner for inner in own)), None)
         if elsewhere is not None:
             raise _lives_elsewhere(model, elsewhere)
-        chosen = [each for each in own if each.active and discretisation_of(each) is None] or own
+        chosen = [domain for domain in own if domain.active and discretisation_of(domain) is None] or own
         if not chosen:
             raise TranscriptionError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
     else:
         chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
-        for each in chosen:
-            if getattr(each, "ctype", None) is not ContinuousSet:
-                raise TranscriptionError(f"wrt: '{getattr(each, 'name', each)}' is no ContinuousSet.")
-            if not any(each is domain for domain in own):
-                raise _lives_elsewhere(model, each)
-    for each in chosen:
-        if discretisation_of(each) is None and "scheme" in each.get_discretization_info():
+        for chosen_set in chosen:
+            if getattr(chosen_set, "ctype", None) is not ContinuousSet:
+                raise TranscriptionError(f"wrt: '{getattr(chosen_set, 'name', chosen_set)}' is no ContinuousSet.")
+            if not any(chosen_set is domain for domain in own):
+                raise _lives_elsewhere(model, chosen_set)
+    for chosen_set in chosen:
+        if discretisation_of(chosen_set) is None and "scheme" in chosen_set.get_discretization_info():
+            by = chosen_set.get_discretization_info()["scheme"]
             raise TranscriptionError(
-                f"'{each.name}': was discretised by pyomo.dae ({each.get_discretization_info()['scheme']}) already. "
-                "Start from the model before that transformation."
+                f"'{chosen_set.name}': was discretised by pyomo.dae ({by}) already. Start from the model before that "
+                "transformation."
             )
-        _refuse_outsiders(model, each)
+        _refuse_outsiders(model, chosen_set)
     return chosen
 
 
@@ -173,3 +179,60 @@ def _refuse_outsiders(model: Any, domain: Any) -> None:
                 f"'{spot.component.name}': is indexed by '{domain.name}' but is no part of '{model.name}'. Apply the "
                 f"transformation to '{domain.model().name}'."
             )
+
+
+def make_grid(domain: Any, points: Sequence[float], scheme: Scheme, elements: int, mesh: Any = None) -> Grid:
+    """The grid of a scheme on a continuous set.
+
+    Parameters
+    ----------
+    domain : ContinuousSet
+        Named in messages.
+    points : sequence of float
+        The points that the user gave the set; all of them become element boundaries.
+    scheme : Scheme
+    elements : int
+        Number of elements; more where the points ask for more.
+    mesh : sequence of float, optional
+        Boundaries to use instead of ``elements``.
+
+    Raises
+    ------
+    MeshError
+        When the mesh does not fit the set.
+    """
+    points = [float(point) for point in points]
+    if mesh is None:
+        return Grid(scheme, Mesh(tuple(_refined(domain, points, elements))))
+    boundaries = sorted({*(float(value) for value in Mesh.given(mesh).boundaries), *points})
+    what = f"'{domain.name}'"
+    for given, own in ((mesh[0], points[0]), (mesh[-1], points[-1])):
+        if float(given) != own:
+            raise MeshError(f"{what}: the mesh ends at {given:g}, but the set ends at {own:g}. Make them equal.")
+    for left, right in pairwise(boundaries):
+        if right - left < LEAST_WIDTH * (boundaries[-1] - boundaries[0]):
+            raise MeshError(
+                f"{what}: the boundaries {left!r} and {right!r} are closer than anything that can be meant; one is a "
+                "point of the set, the other of the mesh. Use the same number in both."
+            )
+    return Grid(scheme, Mesh(tuple(boundaries)))
+
+
+def _refined(domain: Any, points: Sequence[float], elements: int) -> list[float]:
+    """The points, and further ones between them: the widest gap is divided first, into equal parts."""
+    given = len(points) - 1
+    if given > elements:
+        logger.warning(
+            "'%s': has %d points of its own, hence %d elements instead of %d", domain.name, given + 1, given, elements
+        )
+    gaps = [(-(right - left), i, 1) for i, (left, right) in enumerate(pairwise(points))]
+    heapq.heapify(gaps)
+    parts = [1] * given
+    for _ in range(elements - given):
+        _, i, count = heapq.heappop(gaps)
+        parts[i] = count + 1
+        heapq.heappush(gaps, (-(points[i + 1] - points[i]) / (count + 1), i, count + 1))
+    boundaries = [float(points[0])]
+    for i, count in enumerate(parts):
+        boundaries += Mesh.uniform(points[i], points[i + 1], count).boundaries[1:]
+    return boundaries

@@ -13,9 +13,9 @@ from pyomo.core.expr.visitor import identify_variables
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.phases import Parameter
-from pyrobocop_pyomo.phases.answers import labelled_rows
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.point_model import PointModel
+from pyrobocop_pyomo.phases.rule_results import labelled_rows
 
 from .findings import Finding, Severity, Subject
 from .linearisation import residual_of
@@ -42,7 +42,7 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
             if statement.kind not in ("residual", "constraint"):
                 continue
             try:
-                answer = point.ask(statement, time)
+                answer = point.result_of(statement, time)
             except Exception as error:  # a rule was written for its points only: anything may come out elsewhere
                 remarks.append(f"'{statement.name}' of phase '{phase.name}' at t = {time:g} ({error})")
                 continue

@@ -1,15 +1,14 @@
-"""What a rule for a pose is asked with between the nodes: the model, with signals in place of indexed variables.
+"""Proxies of a model that a rule is evaluated with: signals stand in place of indexed variables.
 
-A rule was written for nodes: ``rule(block, t)`` reads ``block.x[t]``. Given a `StandIn` for the block, what it reads at
-``t`` is whatever a `Reader` answers: the interpolated expression at a point between nodes, or a placeholder.
-An indexed `Expression` is followed
-through its own rule. Everything else of the model is itself.
+A rule was written for nodes: ``rule(block, t)`` reads ``block.x[t]``. Given a `BlockProxy` for the block, what it reads
+at ``t`` is what `Signals` have for it: an interpolated expression, a placeholder, a variable that holds a value. An
+indexed `Expression` is followed through its own rule. Everything else of the model is itself.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.expression import Expression
@@ -30,7 +29,7 @@ INDEX = _Index()
 
 
 @dataclass(frozen=True)
-class Series:
+class Signal:
     """What ``component[..., t, ...]`` means for all ``t``.
 
     Attributes
@@ -45,13 +44,18 @@ class Series:
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """Equal for two series that are the same variables."""
+        """Equal for two signal that are the same variables."""
         return (id(self.component), *self.keys)
 
     @property
     def name(self) -> str:
         """As the user writes it: ``push.x[t]``."""
         return f"{self.component.name}[{', '.join(map(str, self.keys))}]"
+
+    def key_at(self, time: Any) -> Any:
+        """The index of the component at a time."""
+        keys = tuple(time if key is INDEX else key for key in self.keys)
+        return keys if len(keys) > 1 else keys[0]
 
     def at(self, time: Any) -> Any:
         """The variable at a node.
@@ -61,9 +65,8 @@ class Series:
         ObstacleError
             When there is none.
         """
-        keys = tuple(time if key is INDEX else key for key in self.keys)
         try:
-            return self.component[keys if len(keys) > 1 else keys[0]]
+            return self.component[self.key_at(time)]
         except KeyError:
             raise ObstacleError(
                 f"'{self.name}': has no value at t = {time!r}, where a pose needs it. Poses may read what has a value "
@@ -71,58 +74,79 @@ class Series:
             ) from None
 
 
-class Reader(Protocol):
-    """What a rule gets as ``t``, and what it then reads."""
+class Signals:
+    """What a rule gets as ``t``, and what it then reads.
 
-    @property
-    def index(self) -> Any:
-        """Passed to the rule as ``t``."""
+    Attributes
+    ----------
+    index : object
+        Passed to the rule as ``t``.
+    """
+
+    index: Any
 
     def is_index(self, key: Any) -> bool:
         """Whether an index that the rule uses is that ``t``."""
+        # By identity: another label, such as the number of a joint, may be the same number.
+        return key is self.index
 
-    def read(self, series: Series) -> Any:
-        """What the rule gets for an indexed component at ``t``."""
+    def value_of(self, signal: Signal) -> Any:
+        """What the rule reads of an indexed component at ``t``."""
+        raise NotImplementedError
 
-    def clock(self, block: Any) -> Any:
+    def time_at(self, block: Any) -> Any:
         """The time that ``t`` stands for on a phase."""
+        raise NotImplementedError
+
+    def scalar(self, component: Any) -> Any:
+        """What the rule reads of a component without index."""
+        return component
+
+    def proxy_of(self, block: Any) -> BlockProxy:
+        """The proxy of a block."""
+        return BlockProxy(block, self)
 
 
-class StandIn:
-    """Stands for a block; see the module."""
+class BlockProxy:
+    """Proxy of a block; see the module."""
 
-    def __init__(self, block: Any, reader: Reader) -> None:
+    def __init__(self, block: Any, signals: Signals) -> None:
         self._block = block
-        self._reader = reader
+        self._signals = signals
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        return _stand_in_for(getattr(self._block, name), self._reader)
+        # Kept, because rules use what they read as keys: ``rates[b.x]``.
+        found = self.__dict__[name] = _proxy_of(getattr(self._block, name), self._signals)
+        return found
 
-    def clock(self, t: Any) -> Any:
-        """Real time of an index, as `PhaseBlock.clock` gives it."""
-        return self._reader.clock(self._block) if self._reader.is_index(t) else self._block.clock(t)
+    def time_at(self, t: Any) -> Any:
+        """Real time of an index, as `PhaseBlock.time_at` gives it."""
+        return self._signals.time_at(self._block) if self._signals.is_index(t) else self._block.time_at(t)
 
     def component(self, name: str) -> Any:
         """Component by name, as every block gives it."""
-        return _stand_in_for(self._block.component(name), self._reader)
+        return None if self._block.component(name) is None else getattr(self, name)
 
     def parent_block(self) -> Any:
         """The block above."""
-        return _stand_in_for(self._block.parent_block(), self._reader)
+        return _proxy_of(self._block.parent_block(), self._signals)
 
     def model(self) -> Any:
         """The block at the top."""
-        return _stand_in_for(self._block.model(), self._reader)
+        return _proxy_of(self._block.model(), self._signals)
 
 
-class IndexedStandIn:
-    """Stands for an indexed component."""
+class ComponentProxy:
+    """Proxy of an indexed component."""
 
-    def __init__(self, component: Any, reader: Reader) -> None:
+    def __init__(self, component: Any, signals: Signals) -> None:
         self._component = component
-        self._reader = reader
+        self._signals = signals
+        # Pyomo has no public question for the rule that an Expression was made by.
+        rule = component._rule if component.ctype is Expression else None
+        self._rule = rule if isinstance(rule, IndexedCallInitializer) else None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -131,24 +155,18 @@ class IndexedStandIn:
 
     def __getitem__(self, key: Any) -> Any:
         keys = key if isinstance(key, tuple) else (key,)
-        marked = tuple(INDEX if self._reader.is_index(each) else each for each in keys)
-        if any(each is INDEX for each in marked):
-            return self._formula(key) if self._has_formula else self._reader.read(Series(self._component, marked))
-        if any(getattr(each, "is_potentially_variable", bool)() for each in keys):
+        marked = tuple([INDEX if self._signals.is_index(index) else index for index in keys])
+        if any(index is INDEX for index in marked):
+            if self._rule is None:
+                return self._signals.value_of(Signal(self._component, marked))
+            # A named expression at t: its own rule, evaluated with proxies too.
+            return self._rule(self._signals.proxy_of(self._component.parent_block()), key)
+        if any(getattr(index, "is_potentially_variable", bool)() for index in keys):
             raise ObstacleError(
                 f"'{self._component.name}' is read at an index that is computed from t ({', '.join(map(str, keys))}). "
                 "A pose may read variables at t itself only."
             )
-        return _stand_in_for(self._component[key], self._reader)
-
-    @property
-    def _has_formula(self) -> bool:
-        # Pyomo has no public question for the rule that an Expression was made by.
-        return self._component.ctype is Expression and isinstance(self._component._rule, IndexedCallInitializer)
-
-    def _formula(self, key: Any) -> Any:
-        """A named expression at ``t``: its own rule, asked as the rule of the pose is."""
-        return self._component._rule(StandIn(self._component.parent_block(), self._reader), key)
+        return _proxy_of(self._component[key], self._signals)
 
     def __len__(self) -> int:
         return len(self._component)
@@ -157,24 +175,24 @@ class IndexedStandIn:
         return iter(self._component)
 
 
-def _stand_in_for(found: Any, reader: Reader) -> Any:
+def _proxy_of(found: Any, signals: Signals) -> Any:
     if isinstance(found, BlockData):
-        return StandIn(found, reader)
-    if isinstance(found, IndexedComponent) and found.is_indexed():
-        return IndexedStandIn(found, reader)
+        return signals.proxy_of(found)
+    if isinstance(found, IndexedComponent):
+        return ComponentProxy(found, signals) if found.is_indexed() else signals.scalar(found)
     return found
 
 
-def ask(rule: Any, block: Any, reader: Reader, name: str) -> Any:
-    """The answer of a rule for a pose, asked with stand-ins.
+def rule_result(rule: Any, block: Any, signals: Signals, name: str) -> Any:
+    """The result of a rule for a pose, evaluated with proxies.
 
     Raises
     ------
     ObstacleError
-        Naming the body, when the rule cannot be asked so.
+        Naming the body, when the rule cannot be evaluated so.
     """
     try:
-        return rule(StandIn(block, reader), reader.index)
+        return rule(signals.proxy_of(block), signals.index)
     except ModelError as error:
         raise type(error)(f"the pose of '{name}': {error}") from error
     except Exception as error:

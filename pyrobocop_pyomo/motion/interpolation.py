@@ -20,7 +20,7 @@ from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.continuous.record import Discretisation
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.rule_proxies import Series
+from pyrobocop_pyomo.modeling.rule_proxies import Signal
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.phases.horizon import element_widths
@@ -30,7 +30,7 @@ Nodes = tuple[tuple[float, ...], ...]
 
 STATES_ONLY = (
     "Between the nodes only states move continuously. Let the pose read states, numbers and functions of t and "
-    "clock(t) only. Make anything else that it needs a state, with an ode."
+    "time_at(t) only. Make anything else that it needs a state, with an ode."
 )
 
 
@@ -41,17 +41,17 @@ class Interpolation(Protocol):
     def intervals(self) -> Nodes:
         """Nodes of each interval, both ends included."""
 
-    def check(self, series: Series) -> None:
+    def check(self, signal: Signal) -> None:
         """Raise `ObstacleError` for a signal that is not continuous."""
 
-    def leaves(self, series: Series, interval: int) -> list[Any]:
+    def leaves(self, signal: Signal, interval: int) -> list[Any]:
         """Variables and expressions that define the polynomial of one interval."""
 
-    def weights(self, series: Series, interval: int, fractions: ArrayLike) -> Array:
+    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
 
-    def is_clock_of(self, block: Any) -> bool:
-        """Whether ``block.clock`` maps the indices to time."""
+    def is_time_of(self, block: Any) -> bool:
+        """Whether ``block.time_at`` maps the indices to time."""
 
     def time_at(self, index: float) -> Any:
         """Time at an index: a number or an expression."""
@@ -67,10 +67,10 @@ class CollocatedStates(Protocol):
     def grid(self) -> Grid:
         """Scheme and mesh, in indices."""
 
-    def check(self, series: Series) -> None:
+    def check(self, signal: Signal) -> None:
         """Raise `ObstacleError` for what is not a state."""
 
-    def rates(self, series: Series) -> Any:
+    def rates(self, signal: Signal) -> Any:
         """Derivative of a state by collocation point; None where it has none."""
 
     def width(self, interval: int) -> Any:
@@ -93,33 +93,33 @@ class CollocationInterpolation:
             for nodes, start, end in zip(grid.node_times, starts, ends, strict=True)
         )
 
-    def check(self, series: Series) -> None:
+    def check(self, signal: Signal) -> None:
         """Only states are continuous."""
-        self.states.check(series)
+        self.states.check(signal)
 
-    def _rates(self, series: Series) -> Any:
+    def _rates(self, signal: Signal) -> Any:
         scheme = self.states.grid.scheme
         # The values at the nodes alone leave the polynomial of such a scheme one degree short.
-        return self.states.rates(series) if scheme.starts_on_a_stage and scheme.is_collocation else None
+        return self.states.rates(signal) if scheme.starts_on_a_stage and scheme.is_collocation else None
 
-    def leaves(self, series: Series, interval: int) -> list[Any]:
+    def leaves(self, signal: Signal, interval: int) -> list[Any]:
         """Values at the nodes, or the start value and the increments."""
-        grid, rates = self.states.grid, self._rates(series)
+        grid, rates = self.states.grid, self._rates(signal)
         nodes = grid.node_times[interval]
         if rates is None:
-            return [series.at(node) for node in nodes]
+            return [signal.at(node) for node in nodes]
         width = self.states.width(interval)
-        return [series.at(nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
+        return [signal.at(nodes[0]), *(width * rates[stage] for stage in grid.stage_times[interval])]
 
-    def weights(self, series: Series, interval: int, fractions: ArrayLike) -> Array:
+    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Weights that the scheme defines."""
         scheme = self.states.grid.scheme
-        if self._rates(series) is None:
+        if self._rates(signal) is None:
             return scheme.state_at(fractions)
         increments = scheme.increments_at(fractions)
         return np.column_stack([np.ones(len(increments)), increments])
 
-    def is_clock_of(self, block: Any) -> bool:
+    def is_time_of(self, block: Any) -> bool:
         """True for the phase of the states only."""
         return block is getattr(self.states, "phase", None)
 
@@ -139,20 +139,20 @@ class PhaseStates:
         """Grid of the phase."""
         return self.phase.grid
 
-    def _name_of(self, series: Series) -> str | None:
+    def _name_of(self, signal: Signal) -> str | None:
         # States, algebraics and controls alike have a value at a collocation point.
-        component = parent_of(series.at(self.grid.points[0]))
+        component = parent_of(signal.at(self.grid.points[0]))
         name = getattr(component, "local_name", None)
         return name if name in self.phase.record.names_of_states and self.phase.component(name) is component else None
 
-    def check(self, series: Series) -> None:
+    def check(self, signal: Signal) -> None:
         """Refuse what is no state of the phase."""
-        if self._name_of(series) is None:
-            raise ObstacleError(f"'{series.name}' is no state of phase '{self.phase.name}'. {STATES_ONLY}")
+        if self._name_of(signal) is None:
+            raise ObstacleError(f"'{signal.name}' is no state of phase '{self.phase.name}'. {STATES_ONLY}")
 
-    def rates(self, series: Series) -> Any:
+    def rates(self, signal: Signal) -> Any:
         """Derivative of a state, where it has an equation."""
-        name = self._name_of(series)
+        name = self._name_of(signal)
         known = name in self.phase.record.equation_of or self.phase.component(f"{name}_derivative") is not None
         return self.phase.derivative(name) if known else None
 
@@ -166,7 +166,7 @@ class PhaseStates:
 
     def time_at(self, index: float) -> Any:
         """Time of the phase."""
-        return self.phase.clock(index)
+        return self.phase.time_at(index)
 
 
 class ContinuousSetStates:
@@ -180,17 +180,17 @@ class ContinuousSetStates:
         """Grid of the transformation."""
         return self.discretisation.grid
 
-    def check(self, series: Series) -> None:
+    def check(self, signal: Signal) -> None:
         """Refuse what has no derivative along the set."""
-        component = parent_of(series.at(self.grid.points[0]))
+        component = parent_of(signal.at(self.grid.points[0]))
         if not any(state is component for state in self.discretisation.states):
             raise ObstacleError(
-                f"'{series.name}' has no derivative along '{self.discretisation.domain.name}'. {STATES_ONLY}"
+                f"'{signal.name}' has no derivative along '{self.discretisation.domain.name}'. {STATES_ONLY}"
             )
 
-    def rates(self, series: Series) -> Any:
+    def rates(self, signal: Signal) -> Any:
         """Derivative of a state: a variable, or the right-hand side that was substituted for it."""
-        data = {time: series.at(time) for time in self.grid.points}
+        data = {time: signal.at(time) for time in self.grid.points}
         component = parent_of(data[self.grid.points[0]])
         derivative = next(derivative for state, derivative in self.discretisation.derivatives if state is component)
         substituted = (
@@ -224,28 +224,28 @@ class NodalInterpolation:
     support : tuple of tuples
         The nodes among them that the polynomial goes through.
     refuse : callable
-        ``refuse(series)`` raises `ObstacleError` for a signal that is not continuous.
+        ``refuse(signal)`` raises `ObstacleError` for a signal that is not continuous.
     """
 
     intervals: Nodes
     support: Nodes
-    refuse: Callable[[Series], None]
+    refuse: Callable[[Signal], None]
 
-    def check(self, series: Series) -> None:
+    def check(self, signal: Signal) -> None:
         """Raise what `refuse` raises."""
-        self.refuse(series)
+        self.refuse(signal)
 
-    def leaves(self, series: Series, interval: int) -> list[Any]:
+    def leaves(self, signal: Signal, interval: int) -> list[Any]:
         """Values at the nodes."""
-        return [series.at(node) for node in self.support[interval]]
+        return [signal.at(node) for node in self.support[interval]]
 
-    def weights(self, series: Series, interval: int, fractions: ArrayLike) -> Array:
+    def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Lagrange polynomials on the nodes."""
         start, end = self.intervals[interval][0], self.intervals[interval][-1]
         local = [(node - start) / (end - start) for node in self.support[interval]]
         return evaluation_matrix(local, fractions)
 
-    def is_clock_of(self, block: Any) -> bool:
+    def is_time_of(self, block: Any) -> bool:
         """False: the indices are the time."""
         return False
 
@@ -273,10 +273,10 @@ def dae_interpolation(domain: Any) -> NodalInterpolation:
         )
     points = tuple(domain)
 
-    def refuse(series: Series) -> None:
-        component = parent_of(series.at(points[0]))
+    def refuse(signal: Signal) -> None:
+        component = parent_of(signal.at(points[0]))
         if component is None or not _has_derivative(component, domain):
-            raise ObstacleError(f"'{series.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
+            raise ObstacleError(f"'{signal.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
 
     if "tau_points" not in facts:
         intervals = tuple(itertools.pairwise(points))

@@ -15,7 +15,7 @@ from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.modeling.rule_proxies import Series, ask
+from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .interpolation import (
@@ -115,10 +115,10 @@ class Motion:
         index = self.index_at(interval, fraction)
         if index in self.intervals[interval]:
             return self.pose_at_node(rule, index, name=name)
-        return ask(rule, self.block, _PointReader(self.interpolation, interval, fraction, index), name)
+        return rule_result(rule, self.block, _SignalsAtPoint(self.interpolation, interval, fraction, index), name)
 
 
-class _PointReader:
+class _SignalsAtPoint(Signals):
     """Replaces signals by their interpolation at one point between nodes."""
 
     def __init__(self, interpolation: Interpolation, interval: int, fraction: float, index: float) -> None:
@@ -127,20 +127,16 @@ class _PointReader:
         self._fraction = fraction
         self.index = index
 
-    def is_index(self, key: Any) -> bool:
-        # By identity: another label, such as the number of a joint, may be the same number.
-        return key is self.index
-
-    def read(self, series: Series) -> Any:
-        self._interpolation.check(series)
-        weights = self._interpolation.weights(series, self._interval, self._fraction)[0].tolist()
-        leaves = self._interpolation.leaves(series, self._interval)
+    def value_of(self, signal: Signal) -> Any:
+        self._interpolation.check(signal)
+        weights = self._interpolation.weights(signal, self._interval, self._fraction)[0].tolist()
+        leaves = self._interpolation.leaves(signal, self._interval)
         if all(_is_plain_variable(leaf) for leaf in leaves):
             return LinearExpression(linear_vars=leaves, linear_coefs=weights)
         return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
 
-    def clock(self, block: Any) -> Any:
-        return block.clock(self.index)
+    def time_at(self, block: Any) -> Any:
+        return block.time_at(self.index)
 
 
 def _is_plain_variable(leaf: Any) -> bool:
@@ -199,13 +195,13 @@ def _is_number(point: Any) -> bool:
     return isinstance(point, Real) and not isinstance(point, bool)
 
 
-def _refuse_states_of_phases(point: float) -> Callable[[Series], None]:
-    def refuse(series: Series) -> None:
-        owner = parent_of(series.at(point))
+def _refuse_states_of_phases(point: float) -> Callable[[Signal], None]:
+    def refuse(signal: Signal) -> None:
+        owner = parent_of(signal.at(point))
         home = owner.parent_block() if owner is not None else None
         if isinstance(home, PhaseBlockData):
             raise ObstacleError(
-                f"'{series.name}' belongs to phase '{home.name}', whose states do not change linearly between points. "
+                f"'{signal.name}' belongs to phase '{home.name}', whose states do not change linearly between points. "
                 f"Give '{home.name}.time' as the set of points."
             )
 

@@ -15,7 +15,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
-from pyrobocop_pyomo.modeling.rule_proxies import Series, ask
+from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
 from pyrobocop_pyomo.numerics.bernstein import (
     bernstein_from_samples,
     bernstein_matrix,
@@ -173,14 +173,14 @@ def template_of(
         does not return a pose of the body's dimension.
     """
     assert motion.interpolation is not None
-    reader = _TemplateReader(motion, motion.interpolation, times)
-    pose = ask(rule, motion.block, reader, name)
+    placeholders = _SignalPlaceholders(motion, motion.interpolation, times)
+    pose = rule_result(rule, motion.block, placeholders, name)
     if not isinstance(pose, Pose) or pose.dimension != dimension:
         raise ObstacleError(
             f"the pose of '{name}': its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
             f"{'planar_pose' if dimension == 2 else 'spatial_pose'}."
         )
-    template = PoseTemplate(name, pose, tuple(reader.signals.values()), reader.owner)
+    template = PoseTemplate(name, pose, tuple(placeholders.signals.values()), placeholders.owner)
     try:
         with np.errstate(all="ignore"):  # values that are not finite fail the check
             template.check(motion, rule)
@@ -189,7 +189,7 @@ def template_of(
     return template
 
 
-class _TemplateReader:
+class _SignalPlaceholders(Signals):
     """Replaces signals by placeholders, and remembers the signal of each placeholder."""
 
     def __init__(self, motion: Motion, interpolation: Interpolation, times: Mapping[float, float] | None) -> None:
@@ -210,23 +210,20 @@ class _TemplateReader:
         derivatives = (coefficients, slope, derivative_coefficients(slope))
         self.signals[key] = PiecewisePolynomial(placeholder, at_node, derivatives)
 
-    def is_index(self, key: Any) -> bool:
-        return key is self.index
+    def value_of(self, signal: Signal) -> Any:
+        if signal.identity not in self.signals:
+            self._interpolation.check(signal)
+            coefficients = _coefficients(self._interpolation, signal)
+            self._add(signal.identity, signal.name, lambda node: _number(signal.at(node), signal), coefficients)
+        return self.signals[signal.identity].placeholder
 
-    def read(self, series: Series) -> Any:
-        if series.identity not in self.signals:
-            self._interpolation.check(series)
-            coefficients = _coefficients(self._interpolation, series)
-            self._add(series.identity, series.name, lambda node: _number(series.at(node), series), coefficients)
-        return self.signals[series.identity].placeholder
-
-    def clock(self, block: Any) -> Any:
-        if not self._interpolation.is_clock_of(block):
-            raise ObstacleError(f"clock(t) is asked of '{block.name}', whose time is not that of the set of points.")
+    def time_at(self, block: Any) -> Any:
+        if not self._interpolation.is_time_of(block):
+            raise ObstacleError(f"time_at(t) is asked of '{block.name}', whose time is not that of the set of points.")
         if "time" not in self.signals:
             times = node_times(self._motion) if self._times is None else self._times
             ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in self._motion.intervals])
-            self._add("time", "clock(t)", times.__getitem__, ends)
+            self._add("time", "time_at(t)", times.__getitem__, ends)
         return self.signals["time"].placeholder
 
 
@@ -241,21 +238,21 @@ def node_times(motion: Motion) -> dict[float, float]:
     return times
 
 
-def _coefficients(interpolation: Interpolation, series: Series) -> Array:
+def _coefficients(interpolation: Interpolation, signal: Signal) -> Array:
     """Bernstein coefficients of a signal on all intervals, shape ``(intervals, degree + 1)``."""
     rows = []
     for interval in range(len(interpolation.intervals)):
-        leaves = [_number(leaf, series) for leaf in interpolation.leaves(series, interval)]
+        leaves = [_number(leaf, signal) for leaf in interpolation.leaves(signal, interval)]
         points, to_coefficients = bernstein_from_samples(len(leaves) - 1)
-        rows.append(to_coefficients @ (interpolation.weights(series, interval, points) @ leaves))
+        rows.append(to_coefficients @ (interpolation.weights(signal, interval, points) @ leaves))
     return np.array(rows)
 
 
-def _number(leaf: Any, series: Series) -> float:
+def _number(leaf: Any, signal: Signal) -> float:
     number = value(leaf, exception=False)
     if number is None:
         raise ObstacleError(
-            f"'{series.name}' has no value everywhere. Solve the model first, or give it an initial guess."
+            f"'{signal.name}' has no value everywhere. Solve the model first, or give it an initial guess."
         )
     return float(number)
 

@@ -1,9 +1,7 @@
 """Obstacles: bodies that keep clear of them or inside a region, as rows of an ordinary Pyomo block."""
 
-from .avoidance_block import ObstacleAvoidanceBlock
-from .avoidance_data import ObstacleAvoidanceBlockData
-from .containment import Containment
-from .containment_data import ContainmentData
+from .avoidance_block import ObstacleAvoidanceBlock, ObstacleAvoidanceBlockData
+from .containment import Containment, ContainmentData
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .pictures import animate_avoidance, draw_avoidance
 from .waypoint_guess import waypoint_guess

@@ -2,15 +2,304 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
+import numpy as np
+from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.param import Param
+from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.base.set import Set
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
+from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
+from pyrobocop_pyomo.motion.motion import Motion, motion_of
+from pyrobocop_pyomo.motion.safety_report import SafetyReport
 
-from .avoidance_data import ObstacleAvoidanceBlockData
-from .building import sort_arguments
+from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
+from .building import set_of_points, sort_arguments
+from .formulations import SeparationIndex
+from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
+from .initial_separations import apply_broad_phase, is_far, start_all, start_one
+from .scene import BodyPair
+from .separation_rows import add_poses, add_separation, harden, remove_separation, soften, update_softness
+from .snapshot import Snapshot, proven_gap
+
+
+class ObstacleAvoidanceBlockData(BuiltBlockData):
+    """One avoidance block; see `ObstacleAvoidanceBlock` for how to make one.
+
+    Attributes
+    ----------
+    separations : Set
+        Indices ``(first, second, start)``: names of two convex parts, and where their segment of motion starts.
+    normal : Var or Expression
+        ``normal[first, second, start, axis]``, which points from the second to the first.
+    required : Expression
+        Gap that each separation has to prove: clearance, radii and margin, less the slack.
+    clearance : Param
+        By body pair; mutable.
+    clearance_scale : Param
+        Factor of all clearances, 1 at first; mutable.
+    margin : Param
+        Added to the clearance, by separation; mutable.
+    slack : Var
+        By separation, while the block is softened.
+    softness : Expression
+        Cost of the slack, for the objective; 0 unless softened.
+    """
+
+    _kind = "obstacle avoidance"
+    _error = ObstacleError
+
+    @property
+    def record(self) -> AvoidanceRecord:
+        """Scene, segments of motion and poses behind this block."""
+        return self._record_if_built()
+
+    @property
+    def motion(self) -> Motion:
+        """The motion over the set of points."""
+        return motion_of(self.record.points, self.parent_block())
+
+    @property
+    def axes(self) -> range:
+        """0, 1 in the plane and 0, 1, 2 in space."""
+        return range(self.record.dimension)
+
+    def build(self, points: Any, **options: Any) -> None:
+        """Build the block; for rules of indexed blocks, with the arguments of the class.
+
+        Raises
+        ------
+        ObstacleError
+            When the arguments contradict themselves; nothing is then left on the block.
+        """
+        self._build_once(points, **options)
+
+    def _build(self, points: Any, **options: Any) -> None:
+        points = set_of_points(self, points)
+        self._record = record = AvoidanceOptions(**options).record(self._what, points)
+        scene = record.scene
+        self.clearance_scale = Param(initialize=1.0, mutable=True, doc="factor of all clearances")
+        self.clearance = Param(
+            scene.body_pairs, initialize=scene.clearances, mutable=True, doc="clearance of each body pair"
+        )
+        self.separations = Set(dimen=3, doc="first, second, start of a segment of motion")
+        self.margin = Param(self.separations, mutable=True, default=0.0, doc="added to the clearance")
+        self.required = Expression(AnyIndex, doc="gap that a separation has to prove")
+        self.slack = Var(self.separations, bounds=(0, None), dense=False, doc="gap that is missing, while softened")
+        self.softness_weight = Param(initialize=1.0, mutable=True, doc="cost of a unit of slack")
+        self.softness = Expression(expr=0.0, doc="cost of the slack")
+        record.formulation.declare(self, self.axes)
+        motion = self.motion
+        part_pairs = [(first.name, second.name) for first, second in scene.part_pairs()]
+        segments = segments_of_motion(self._what, part_pairs, motion, record.per_interval)
+        add_poses(record, motion, segments)
+        snapshot = Snapshot(record, self._what)
+        # Without an initial guess no shapes are known to be far apart; initialize() applies the broad phase again.
+        if record.broad_phase is not None and has_values(record):
+            record.pruned = {segment.index: segment for segment in segments if is_far(snapshot, segment)}
+        for segment in segments:
+            if segment.index not in record.pruned:
+                add_separation(self, record, segment)
+
+    # ---------------------------------------------------------------- start values
+
+    def initialize(self, directions: Mapping[BodyPair, Any] | None = None, seed: int = 0) -> None:
+        """Set start values of the separations from exact distances at the current poses.
+
+        Parameters
+        ----------
+        directions : mapping of body pair to direction, optional
+            Where to pass wherever the initial guess overlaps: ``{("car", "wall"): (0, 1)}`` has the car above the wall.
+            By default the directions that were given last, which `solve` uses too; ``{}`` forgets them.
+        seed : int
+            Of the random numbers that break ties where opposite directions are equally good.
+
+        Raises
+        ------
+        ObstacleError
+            When a pose has no value or is no rotation, when fixed poses are closer than the clearance (with the
+            clearance that is available), or when `directions` names what is no body pair.
+        """
+        record, snapshot = self.record, Snapshot(self.record, self._what)
+        given = dict(record.directions if directions is None else directions)
+        units = record.scene.unit_directions(self._what, given)
+        check_poses(snapshot)
+        check_fixed_poses(snapshot, self.clearance)
+        warn_about_quaternions(snapshot, self.model())
+        record.directions = given
+        with PauseGC():
+            apply_broad_phase(self, snapshot)
+            update_softness(self, record)
+            overlapping = start_all(self, snapshot, units, seed)
+            if record.formulation.norms:
+                chosen = ("ball" if overlapping else "sphere") if record.norm == "auto" else record.norm
+                self.set_norm("sphere" if record.soft else chosen)
+
+    # ---------------------------------------------------------------- checks
+
+    def separation_gaps(self) -> dict[SeparationIndex, float]:
+        """Gap that each separation proves at the current values, recomputed from its normal alone.
+
+        Returns
+        -------
+        dict of index to float
+            Never more than the signed distance of the shapes at any of the times covered, whatever a solver returned;
+            ``-inf`` where the normal is zero.
+        """
+        snapshot = Snapshot(self.record, self._what)
+        segments = self.record.segments
+        return {
+            index: proven_gap(*snapshot.placed_pair(segment), self._normal(index))
+            for index, segment in segments.items()
+        }
+
+    def verify(self, tolerance: float | None = None) -> SafetyReport:
+        """Check the motion that the current values describe: all body pairs, at all times between the points.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            How much of a clearance may be missing; 1 % by default.
+        """
+        clearances = {pair: value(self.clearance[pair]) for pair in self.record.scene.body_pairs}
+        return verify_clearance(self.motion, self.record.scene.bodies, clearances, tolerance=tolerance)
+
+    # ---------------------------------------------------------------- changes between solves
+
+    def split(self, first: str, second: str, start: Hashable) -> tuple[SeparationIndex, SeparationIndex]:
+        """Replace a separation by two, for the halves of its segment of motion, and set their start values.
+
+        Returns
+        -------
+        tuple of indices
+            Of the two new separations. They inherit the margin.
+
+        Raises
+        ------
+        ObstacleError
+            When there is no such separation, or it is for one time only.
+        """
+        segment = self._segment(first, second, start)
+        if segment.interval is None:
+            raise ObstacleError(
+                f"{self._what}: the separation {segment.index} is for one time only; there is nothing to split. "
+                'Use between="plane".'
+            )
+        record, motion = self.record, self.motion
+        left, right = segment.halves(motion)
+        with PauseGC():
+            add_poses(record, motion, (left, right))
+            margin, normal = value(self.margin[segment.index]), self._normal(segment.index)
+            remove_separation(self, record, segment)
+            for half in (left, right):
+                add_separation(self, record, half)
+                record.pinned.add(half.index)
+                self.margin[half.index] = margin
+                start_one(self, Snapshot(record, self._what), half, normal)
+            update_softness(self, record)
+        return left.index, right.index
+
+    def restore(self, first: str, second: str, interval: Hashable) -> list[SeparationIndex]:
+        """Add the separations that the broad phase left out, and never leave them out again.
+
+        Parameters
+        ----------
+        first, second : str
+            Names of bodies, in either order.
+        interval : int or float
+            Position of the interval; with ``between=None`` the time.
+
+        Returns
+        -------
+        list of indices
+            Of the separations added; empty where none were left out.
+        """
+        record, snapshot = self.record, Snapshot(self.record, self._what)
+        pair = record.scene.body_pair(self._what, first, second)
+        concerned = [segment for segment in record.pruned.values() if record.concerns(segment, pair, interval)]
+        with PauseGC():
+            for segment in concerned:
+                del record.pruned[segment.index]
+                record.pinned.add(segment.index)
+                add_separation(self, record, segment)
+                start_one(self, snapshot, segment)
+            update_softness(self, record)
+        return [segment.index for segment in concerned]
+
+    def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
+        """Add a margin to the clearance of one separation, for the motion between its poses."""
+        if not (np.isfinite(margin) and margin >= 0):
+            raise ObstacleError(f"{self._what}: the margin of {(first, second, start)} is {margin!r}; it must be >= 0.")
+        self.margin[self._segment(first, second, start).index] = float(margin)
+
+    def set_norm(self, norm: str) -> None:
+        """Bound the lengths of all normals by 1 ("ball"), or fix them at 1 ("sphere")."""
+        record = self.record
+        if norm == "ball" and record.soft:
+            raise ObstacleError(f"{self._what}: softened separations need normals of length 1. Harden it first.")
+        if norm not in record.formulation.norms:
+            raise ObstacleError(
+                f"{self._what}: norm is {norm!r}; the formulation '{record.formulation.name}' has "
+                f"{' and '.join(map(repr, record.formulation.norms)) or 'a norm of its own'}."
+            )
+        if norm != record.norm_now:
+            for index in record.segments:
+                record.formulation.set_norm(self, index, norm)
+        record.norm_now = norm
+
+    def scale_clearance(self, factor: float) -> None:
+        """Require a fraction of the clearances only, to approach the full ones in steps."""
+        if not (np.isfinite(factor) and factor > 0):
+            raise ObstacleError(f"{self._what}: the clearances are scaled by {factor!r}; the factor must be > 0.")
+        self.clearance_scale.set_value(float(factor))
+
+    def soften(self, weight: float = 1.0) -> None:
+        """Let every separation miss its gap by a slack; add ``softness`` to the objective.
+
+        The lengths of normals are fixed at 1 meanwhile: shorter normals would make the cost of any overlap small.
+
+        Parameters
+        ----------
+        weight : float
+            Cost of a unit of slack.
+        """
+        if not (np.isfinite(weight) and weight > 0):
+            raise ObstacleError(f"{self._what}: the weight of the slack is {weight!r}; it must be > 0.")
+        if not self.record.formulation.signed:
+            raise ObstacleError(
+                f"{self._what}: the formulation '{self.record.formulation.name}' does not measure how deep shapes "
+                'overlap, so that a slack has no meaning. Use formulation="plane".'
+            )
+        self.softness_weight.set_value(float(weight))
+        if not self.record.soft:
+            soften(self, self.record)
+            if self.record.formulation.norms:
+                self.set_norm("sphere")
+
+    def harden(self) -> None:
+        """Remove the slack again; `initialize` chooses the norm anew."""
+        if self.record.soft:
+            harden(self, self.record)
+
+    def _normal(self, index: SeparationIndex) -> np.ndarray:
+        entries = [value(self.normal[(*index, axis)], exception=False) for axis in self.axes]
+        return np.array([np.nan if entry is None else entry for entry in entries], dtype=float)
+
+    def _segment(self, first: str, second: str, start: Hashable) -> MotionSegment:
+        index = (first, second, start)
+        if index not in self.record.segments:
+            raise ObstacleError(
+                f"{self._what}: there is no separation {index}. Its separations are in '{self.name}.separations'."
+            )
+        return self.record.segments[index]
 
 
 @ModelComponentFactory.register("Bodies that keep clear of obstacles and of each other.")
@@ -23,27 +312,28 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         When: ``phase.time`` or ``phase.points`` of a `PhaseBlock`, a discretised ContinuousSet, ordered numbers; any
         other set with ``between=None``. With `rule`, index sets take its place.
     bodies : mapping of name to Body
-        What moves by the plan.
+        Bodies that the plan moves.
     obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such
-        What does not. A list of polytopes is one obstacle, their union; a `Body` moves by itself.
-    clearance : float or mapping of pair to float
+        Bodies that it does not move. A list of polytopes is one obstacle, their union; a `Body` moves by itself.
+    clearance : float or mapping of body pair to float
         Distance to be kept, > 0.
     body, pose : Polytope and callable, optional
         Short for ``bodies={"body": Body(body, pose=pose)}``.
-    pairs : networkx.Graph or iterable of (str, str), optional
-        Who keeps clear of whom; by default every body of every obstacle and of every other body.
+    body_pairs : networkx.Graph or iterable of (str, str), optional
+        Which bodies keep clear of which; by default every body of every obstacle and of every other body.
     exclude : iterable of (str, str)
-        Pairs to leave out, such as adjacent links of an arm.
+        Body pairs to leave out, such as adjacent links of an arm.
     formulation : str or Formulation
         ``"plane"`` (default), ``"dual"``, ``"mixed"``, ``"offset"`` or ``"optimality"``.
     norm : str
-        Length of the normals: ``"sphere"`` fixes it, ``"ball"`` bounds it; ``"auto"`` takes the sphere where the guess
-        is clear of obstacles, the ball where it is not.
+        Length of the normals: ``"sphere"`` fixes it, ``"ball"`` bounds it; ``"auto"`` takes the sphere where the
+        initial guess is clear of obstacles, the ball where it is not.
     between : str or None
-        ``"plane"`` asks for one plane per interval, which separates the shapes at all poses of it; None looks at each
-        point by itself. By default ``"plane"`` where the formulation can.
+        ``"plane"`` asks for one plane per interval, which separates the shapes at all poses of it; None separates them
+        at each point on its own. By default ``"plane"`` where the formulation can.
     broad_phase : float, optional
-        Pairs that are farther apart than this at the guess are left out, interval by interval. `verify` looks at all.
+        Body pairs that are farther apart than this at the initial guess are left out, interval by interval. `verify`
+        checks all.
     rule : callable, optional
         ``rule(block, *index)`` calls ``block.build(points, bodies=..., ...)``; for indexed blocks.
 
@@ -54,9 +344,9 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
 
     Notes
     -----
-    For each pair and piece of motion the rows hold a proof that the shapes are apart: a direction ``n`` and a number
-    ``c`` with ``n.q <= c`` for all points q of the second shape and ``n.p >= c + clearance`` for all p of the first,
-    ``|n| <= 1``. Whatever a solver returns, such a proof errs on the safe side only.
+    For each body pair and segment of motion the rows hold a *separation*: a direction ``n`` and a number ``c`` with
+    ``n.q <= c`` for all points q of the second shape, ``n.p >= c + clearance`` for all p of the first, and
+    ``|n| <= 1``. Whatever a solver returns, the gap of a separation never exceeds the true distance.
 
     References
     ----------
@@ -76,9 +366,9 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
     ...     obstacles={"wall": rcp.Polytope.box(1, 2, center=(2, 0))},
     ...     clearance=0.05,
     ... )
-    >>> m.move.guess_straight_lines()  # through the wall: a guess may
+    >>> m.move.guess_straight_lines()  # through the wall: an initial guess may overlap
     >>> m.move.avoid.initialize()
-    >>> len(m.move.avoid.planes)  # one per interval
+    >>> len(m.move.avoid.separations)  # one per interval
     10
     """
 
@@ -90,7 +380,7 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         clearance: Any = None,
         body: Any = None,
         pose: Rule | None = None,
-        pairs: Any = None,
+        body_pairs: Any = None,
         exclude: Any = (),
         formulation: Any = "plane",
         norm: str = "auto",
@@ -105,7 +395,7 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
             "clearance": clearance,
             "body": body,
             "pose": pose,
-            "pairs": pairs,
+            "body_pairs": body_pairs,
             "exclude": exclude,
             "formulation": formulation,
             "norm": norm,

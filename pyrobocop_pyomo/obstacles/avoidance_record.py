@@ -1,16 +1,92 @@
-"""What an avoidance block remembers beside its Pyomo components: its scene, its pieces of motion, its poses."""
+"""The facts behind an avoidance block that are no Pyomo components: segments of motion, record, checked options."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import math
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
+from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.motion import Motion
 
-from .formulations import Formulation
-from .pieces import Piece, PlaneIndex
-from .scene import Pair, Scene
+from .formulations import FORMULATIONS, Formulation, SeparationIndex
+from .scene import BodyPair, Scene, make_scene
+
+
+@dataclass(frozen=True)
+class MotionSegment:
+    """The part of the motion that one separation covers: an interval, a part of an interval, or a single time.
+
+    Attributes
+    ----------
+    first, second : str
+        Names of the convex parts that are kept apart.
+    interval : int or None
+        Position of the interval; None where the separation is for one time.
+    times : tuple
+        Time indices at which the poses are evaluated, start and end included.
+    fractions : tuple of float
+        Their positions within the interval, from 0 to 1; empty where the separation is for one time.
+    """
+
+    first: str
+    second: str
+    interval: int | None
+    times: tuple[Any, ...]
+    fractions: tuple[float, ...] = ()
+
+    @property
+    def index(self) -> SeparationIndex:
+        """Index of the separation in all components."""
+        return (self.first, self.second, self.times[0])
+
+    def pose_at(self, motion: Motion, rule: Callable[..., Any], position: int, body: str) -> Pose:
+        """Expressions of the pose at one of the times."""
+        if self.interval is None:
+            return motion.pose_at_node(rule, self.times[position], name=body)
+        return motion.pose_at(rule, self.interval, self.fractions[position], name=body)
+
+    def halves(self, motion: Motion) -> tuple[MotionSegment, MotionSegment]:
+        """The two halves; they share the time in the middle, which is added where it is not one of the times."""
+        assert self.interval is not None
+        middle = (self.fractions[0] + self.fractions[-1]) / 2
+        at = dict(zip(self.fractions, self.times, strict=True))
+        at.setdefault(middle, motion.index_at(self.interval, middle))
+        fractions = sorted(at)
+        cuts = [f for f in fractions if f <= middle], [f for f in fractions if f >= middle]
+        left, right = (
+            MotionSegment(self.first, self.second, self.interval, tuple(at[f] for f in cut), tuple(cut)) for cut in cuts
+        )
+        return left, right
+
+
+def segments_of_motion(
+    what: str, part_pairs: list[tuple[str, str]], motion: Motion, per_interval: bool
+) -> list[MotionSegment]:
+    """The segments before any refinement: one per interval, or one per point.
+
+    Raises
+    ------
+    ObstacleError
+        When there are no intervals, or the points are neither numbers nor names.
+    """
+    if not per_interval:
+        for time in motion.points:
+            if isinstance(time, tuple):
+                raise ObstacleError(f"{what}: the points are tuples such as {time}; give a set of single indices.")
+        return [MotionSegment(*pair, None, (time,)) for pair in part_pairs for time in motion.points]
+    if not motion.intervals:
+        raise ObstacleError(
+            f"{what}: one plane per interval was asked for, but nothing is known about the motion between the points "
+            "given. Give the times of a phase, a discretised ContinuousSet or ordered numbers; or between=None, which "
+            "separates the shapes at the points only."
+        )
+    intervals = [(k, times, motion.local_fractions(k)) for k, times in enumerate(motion.intervals)]
+    return [MotionSegment(*pair, k, times, fractions) for pair in part_pairs for k, times, fractions in intervals]
 
 
 @dataclass
@@ -26,21 +102,22 @@ class AvoidanceRecord:
     norm : str
         ``"auto"``, ``"ball"`` or ``"sphere"``, as given.
     per_interval : bool
-        True where one certificate covers an interval.
+        True where one separation covers an interval.
     broad_phase : float or None
-    pieces : dict of index to Piece
-    pruned : dict of index to Piece
-        What the broad phase left out.
+    segments : dict of index to MotionSegment
+        Those that have a separation.
+    pruned : dict of index to MotionSegment
+        Those that the broad phase left out.
     pinned : set of index
-        What was brought back or refined, and is not left out again.
-    sides : dict of pair to direction
+        Those that were brought back or split, and are not left out again.
+    directions : dict of body pair to direction
         Where to pass, as the user said last.
     poses : dict of (body, time) to Pose
-        Expressions of the poses, made once for all pairs; with the time None for what stands still.
+        Expressions of the poses, shared by all body pairs; the time is None for a body that rests.
     norm_now : str
-        The norm that rows have.
+        The norm that the rows have.
     soft : bool
-        True while slack may be used.
+        True while the rows have slack.
     """
 
     scene: Scene
@@ -49,10 +126,10 @@ class AvoidanceRecord:
     norm: str
     per_interval: bool
     broad_phase: float | None
-    pieces: dict[PlaneIndex, Piece] = field(default_factory=dict)
-    pruned: dict[PlaneIndex, Piece] = field(default_factory=dict)
-    pinned: set[PlaneIndex] = field(default_factory=set)
-    sides: dict[Pair, Any] = field(default_factory=dict)
+    segments: dict[SeparationIndex, MotionSegment] = field(default_factory=dict)
+    pruned: dict[SeparationIndex, MotionSegment] = field(default_factory=dict)
+    pinned: set[SeparationIndex] = field(default_factory=set)
+    directions: dict[BodyPair, Any] = field(default_factory=dict)
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
     soft: bool = False
@@ -62,12 +139,131 @@ class AvoidanceRecord:
         """2 in the plane, 3 in space."""
         return next(iter(self.scene.parts.values())).shape.dimension
 
-    def pieces_of(self, first: str, second: str) -> list[Piece]:
-        """Pieces of a pair of parts, along time."""
-        found = [piece for piece in self.pieces.values() if (piece.first, piece.second) == (first, second)]
-        return sorted(found, key=lambda piece: (piece.interval, piece.fractions[0])) if self.per_interval else found
+    def segments_of(self, first: str, second: str) -> list[MotionSegment]:
+        """Segments of a pair of convex parts, along time."""
+        found = [segment for segment in self.segments.values() if (segment.first, segment.second) == (first, second)]
+        return (
+            sorted(found, key=lambda segment: (segment.interval, segment.fractions[0])) if self.per_interval else found
+        )
 
-    def concerns(self, piece: Piece, pair: Pair, interval: Hashable) -> bool:
-        """True when a piece is one of a pair of bodies, in an interval (or at a time, for a certificate of one)."""
-        bodies = (self.scene.parts[piece.first].body, self.scene.parts[piece.second].body)
-        return bodies == pair and interval == (piece.interval if self.per_interval else piece.times[0])
+    def concerns(self, segment: MotionSegment, pair: BodyPair, interval: Hashable) -> bool:
+        """True when a segment is one of a body pair, in an interval (or at a time, for a separation of one time)."""
+        bodies = (self.scene.parts[segment.first].body, self.scene.parts[segment.second].body)
+        return bodies == pair and interval == (segment.interval if self.per_interval else segment.times[0])
+
+
+# ------------------------------------------------------------------------------------------------------------- options
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvoidanceOptions:
+    """The arguments of `ObstacleAvoidanceBlock`, except its points."""
+
+    bodies: Any = None
+    obstacles: Any = None
+    clearance: Any = None
+    body: Any = None
+    pose: Callable[..., Any] | None = None
+    body_pairs: Any = None
+    exclude: Any = ()
+    formulation: str | Formulation = "plane"
+    norm: str = "auto"
+    between: str | None = "auto"
+    broad_phase: float | None = None
+
+    def record(self, what: str, points: Any) -> AvoidanceRecord:
+        """The record of a new block.
+
+        Raises
+        ------
+        ObstacleError
+            When the scene or the options contradict themselves.
+        """
+        if self.clearance is None:
+            raise ObstacleError(f"{what}: clearance= is missing: the distance to be kept, a length > 0.")
+        scene = make_scene(
+            what,
+            bodies=self._bodies(what),
+            obstacles=self.obstacles,
+            clearance=self.clearance,
+            body_pairs=self.body_pairs,
+            exclude=self.exclude,
+        )
+        formulation = self._formulation(what)
+        _check_shapes(what, scene, formulation)
+        self._check_norm(what, formulation)
+        per_interval = self._per_interval(what, formulation)
+        self._check_broad_phase(what, scene)
+        return AvoidanceRecord(scene, points, formulation, self.norm, per_interval, self.broad_phase)
+
+    def _bodies(self, what: str) -> Any:
+        if self.body is None:
+            if self.pose is not None:
+                raise ObstacleError(f"{what}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
+            return self.bodies
+        if self.bodies is not None:
+            raise ObstacleError(f"{what}: give bodies= or body=, not both.")
+        if self.pose is None:
+            raise ObstacleError(f"{what}: body= needs pose=rule, which says where the body is: rule(block, t) -> Pose.")
+        return {"body": Body(self.body, pose=self.pose)}
+
+    def _formulation(self, what: str) -> Formulation:
+        if not isinstance(self.formulation, str):
+            return self.formulation
+        if self.formulation not in FORMULATIONS:
+            raise ObstacleError(
+                f"{what}: formulation is {self.formulation!r}; there are {', '.join(map(repr, FORMULATIONS))}."
+            )
+        return FORMULATIONS[self.formulation]
+
+    def _check_norm(self, what: str, formulation: Formulation) -> None:
+        if self.norm != "auto" and self.norm not in formulation.norms:
+            raise ObstacleError(
+                f"{what}: norm is {self.norm!r}; the formulation '{formulation.name}' takes "
+                f"{', '.join(map(repr, ('auto', *formulation.norms)))}."
+            )
+
+    def _per_interval(self, what: str, formulation: Formulation) -> bool:
+        if self.between not in ("auto", "plane", None):
+            raise ObstacleError(f'{what}: between is {self.between!r}; it is "plane" or None.')
+        if self.between == "plane" and not formulation.covers_intervals:
+            raise ObstacleError(
+                f"{what}: the formulation '{formulation.name}' separates shapes at one pose at a time and cannot cover "
+                'an interval. Use formulation="plane", or between=None.'
+            )
+        return self.between is not None and formulation.covers_intervals
+
+    def _check_broad_phase(self, what: str, scene: Scene) -> None:
+        length = self.broad_phase
+        if length is None:
+            return
+        if not isinstance(length, Real) or not math.isfinite(length):
+            raise ObstacleError(f"{what}: broad_phase is {length!r}; it is a length, or None.")
+        largest = max(scene.clearances.values())
+        if length <= largest:
+            raise ObstacleError(
+                f"{what}: broad_phase {length:g} leaves out body pairs that are nearer than the clearance {largest:g}. "
+                "Take several times the clearance."
+            )
+
+
+def _check_shapes(what: str, scene: Scene, formulation: Formulation) -> None:
+    """Check that shapes have half-spaces, or are bounded, where the formulation needs it.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body.
+    """
+    for pair in scene.part_pairs():
+        for part, halfspaces, rays in zip(pair, formulation.halfspaces, formulation.rays, strict=True):
+            if halfspaces and part.shape.is_flat:
+                raise ObstacleError(
+                    f"{what}: '{part.name}' is flat, and the formulation '{formulation.name}' needs its half-spaces, "
+                    'which a flat shape does not have. Use formulation="plane", or give the shape a thickness.'
+                )
+            if not rays and not part.shape.is_bounded:
+                raise ObstacleError(
+                    f"{what}: '{part.name}' is unbounded, which the formulation '{formulation.name}' cannot take. "
+                    'Use formulation="plane", or cut the shape to the region that can be reached.'
+                )

@@ -1,4 +1,4 @@
-"""Arguments of the blocks of this folder: a set of points and a scene, or index sets and a rule that says them."""
+"""Arguments of the blocks of this folder: a set of points and options, or index sets and a rule."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pyrobocop_pyomo.modeling.blocks import Rule
 def sort_arguments(
     what: str, positional: tuple[Any, ...], options: dict[str, Any], rule: Rule | None
 ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    """Index sets of a block, and what it hands to `BuiltBlock`: points and options, or a rule.
+    """Index sets of a block, and the arguments of `BuiltBlock`: points and options, or a rule.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def sort_arguments(
         given = [name for name in ("bodies", "body", "pose", "obstacles", "region") if options.get(name) is not None]
         if given:
             raise ObstacleError(
-                f"{what} with rule= takes index sets only, and was given {', '.join(given)}. The rule says the rest: "
+                f"{what} with rule= takes index sets only, and was given {', '.join(given)}. The rule gives the rest: "
                 "block.build(points, ...)."
             )
         return positional, {"rule": rule}
@@ -48,7 +48,7 @@ def sort_arguments(
 
 
 def set_of_points(block: Any, points: Any) -> Any:
-    """The set of times, which is added to the block where the user gave plain numbers.
+    """The set of points; where the user gave plain numbers, a new set on the block.
 
     Raises
     ------

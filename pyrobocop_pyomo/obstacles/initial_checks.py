@@ -1,9 +1,9 @@
-"""What can be seen to be wrong before a solver is asked."""
+"""Checks before a solve: poses, fixed poses, clearances, motions that can be followed."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,12 @@ from .snapshot import Snapshot, variables_of
 LOGGER = logging.getLogger(__name__)
 
 NEARLY = 1e-9
-# A clearance has to be this many times what a row may be violated by, or nothing tells clear from touching.
+# Smallest ratio of a clearance and the tolerance of rows that still tells clear from touching.
 TOLERANCES_PER_CLEARANCE = 100.0
 
 
 def check_poses(snapshot: Snapshot) -> None:
-    """Every pose is a rotation and a translation at the current values.
+    """Check that every pose is a rotation and a translation at the current values.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def check_poses(snapshot: Snapshot) -> None:
             continue
         snapshot.pose(body, time)
         try:
-            # Angles are told of once per body, and not at each time again.
+            # One warning about angles per body is enough.
             check_pose(Pose(pose.rotation, pose.translation) if body in in_degrees else pose, body)
             if any(abs(value(angle)) > LARGEST_USUAL_ANGLE for angle in pose.angles):
                 in_degrees.add(body)
@@ -50,7 +50,7 @@ def check_poses(snapshot: Snapshot) -> None:
 
 
 def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]) -> None:
-    """No pair is closer than its clearance where both poses are fixed: no plan could change that.
+    """Check that no body pair is closer than its clearance where both poses are fixed, which no plan could change.
 
     Raises
     ------
@@ -60,9 +60,9 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
     scene = snapshot.record.scene
     fixed: dict[str, list[Hashable]] = {}
     for (body, time), pose in snapshot.record.poses.items():
-        if time is not None and all(each.fixed for each in variables_of(pose)):
+        if time is not None and all(variable.fixed for variable in variables_of(pose)):
             fixed.setdefault(body, []).append(time)
-    for first, second in scene.pairs_of_parts():
+    for first, second in scene.part_pairs():
         moving = [part.body for part in (first, second) if not scene.is_static(part.body)]
         times = [time for time in fixed.get(moving[0], ()) if all(time in fixed.get(body, ()) for body in moving)]
         asked = value(clearances[first.body, second.body])
@@ -83,12 +83,12 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
 
 
 def check_clearances(block: Any, tolerance: float) -> None:
-    """The clearances of a block are well above what a solver may violate a row by.
+    """Check that the clearances of a block are well above the tolerance of rows.
 
     Raises
     ------
     ObstacleError
-        Naming the block and the pair.
+        Naming the block and the body pair.
     """
     for (first, second), clearance in block.clearance.items():
         if value(clearance) < TOLERANCES_PER_CLEARANCE * tolerance:
@@ -101,7 +101,7 @@ def check_clearances(block: Any, tolerance: float) -> None:
 
 
 def check_motion(block: Any) -> None:
-    """What `verify` follows between the nodes can be followed: better said before a solve than after it.
+    """Check before a solve that `verify` can follow all poses between the nodes.
 
     Raises
     ------
@@ -113,11 +113,11 @@ def check_motion(block: Any) -> None:
     for body, time in block.record.poses:
         snapshot.pose(body, time)
     if motion.intervals:
-        moving_shapes(motion, {name: scene.bodies[name] for pair in scene.pairs for name in pair})
+        moving_shapes(motion, {name: scene.bodies[name] for pair in scene.body_pairs for name in pair})
 
 
 def check_contained_motion(region: Any) -> None:
-    """The same for a `Containment`, as far as its poses have values already.
+    """Check the same for a `Containment`, where its poses have values already.
 
     Raises
     ------
@@ -125,13 +125,12 @@ def check_contained_motion(region: Any) -> None:
         When the pose cannot be followed.
     """
     motion, record = region.motion, region.record
-    read = [each for pose in record.poses.values() for each in variables_of(pose)]
-    if motion.intervals and all(each.value is not None for each in read):
+    if motion.intervals and _have_values(record.poses.values()):
         moving_shapes(motion, {"body": record.body})
 
 
 def check_fixed_inside(region: Any, tolerance: float) -> None:
-    """A body is inside its region, but for a tolerance, where its pose is fixed: no plan could change that.
+    """Check that a body is inside its region, up to a tolerance, where its pose is fixed.
 
     Raises
     ------
@@ -139,7 +138,7 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
         Naming the containment, the side, the time and by how much the body is beyond it.
     """
     poses = region.record.poses
-    fixed = {time for time, pose in poses.items() if all(each.fixed for each in variables_of(pose))}
+    fixed = {time for time, pose in poses.items() if all(variable.fixed for variable in variables_of(pose))}
     beyond = {(time, side): -row.uslack() for (time, _, side), row in region.inside.items() if time in fixed}
     worst = max(beyond, key=lambda place: beyond[place], default=None)
     if worst is not None and beyond[worst] > tolerance:
@@ -153,45 +152,50 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
 
 def has_values(record: AvoidanceRecord) -> bool:
     """True when every variable that a pose reads has a value."""
-    return all(each.value is not None for pose in record.poses.values() for each in variables_of(pose))
+    return _have_values(record.poses.values())
+
+
+def _have_values(poses: Iterable[Pose]) -> bool:
+    return all(variable.value is not None for pose in poses for variable in variables_of(pose))
 
 
 def warn_about_quaternions(snapshot: Snapshot, model: Any) -> None:
-    """Warn where a rotation stays one only as long as its variables do, and no equation says so.
+    """Warn where variables make a rotation at some values only, and no equation keeps them at such values.
 
-    Sines and cosines make rotations whatever the angles; a quaternion does at length one only. To tell them apart,
-    the variables are moved a little.
+    Sines and cosines make a rotation at any angle, a quaternion only at length one. To tell them apart, the variables
+    are moved a little.
     """
-    held: set[frozenset[int]] | None = None
+    constrained: set[frozenset[int]] | None = None
     for body, rotations in _free_rotations(snapshot.record).items():
         if _is_always_a_rotation(*rotations[0]):
             continue
-        if held is None:
+        if constrained is None:
             rows = model.component_data_objects(Constraint, active=True, descend_into=True)
-            held = {
+            constrained = {
                 frozenset(map(id, identify_variables(row.body, include_fixed=False))) for row in rows if row.equality
             }
-        # Some scheme has no equations at the ends of its elements: one instant with an equation is enough.
-        if any(frozenset(id(each) for each in read if not each.fixed) in held for _, read in rotations):
+        # Some schemes have no equations at the ends of elements: one instant with an equation is enough.
+        free = (frozenset(id(variable) for variable in read if not variable.fixed) for _, read in rotations)
+        if any(variables in constrained for variables in free):
             continue
         LOGGER.warning(
             "%s: the rotation of '%s' is one only while %s have length one, and no equation keeps them so: its shape "
-            "would grow or shrink. Add the equation, and where differential equations turn the quaternion, a control "
-            "that stretches it and leaves the equation something to determine; or normalise what the pose reads.",
+            "would grow or shrink. Add the equation, or normalise the quaternion in the pose rule. Where differential "
+            "equations turn the quaternion, add a control that stretches it as well, which the equation determines.",
             snapshot.what,
             body,
-            ", ".join(each.name for each in rotations[0][1]),
+            ", ".join(variable.name for variable in rotations[0][1]),
         )
 
 
 def _free_rotations(record: AvoidanceRecord) -> dict[str, list[tuple[Pose, list[Any]]]]:
-    """By body, the poses whose rotation reads a variable that is not fixed, each with what it reads."""
-    found: dict[str, list[tuple[Pose, list[Any]]]] = {}
+    """Poses whose rotation reads a variable that is not fixed, with the variables, by body."""
+    rotations: dict[str, list[tuple[Pose, list[Any]]]] = {}
     for (body, time), pose in record.poses.items():
         read = [] if time is None else variables_of(Pose(pose.rotation, (0.0,) * pose.dimension))
-        if not all(each.fixed for each in read):
-            found.setdefault(body, []).append((pose, read))
-    return found
+        if not all(variable.fixed for variable in read):
+            rotations.setdefault(body, []).append((pose, read))
+    return rotations
 
 
 def _is_always_a_rotation(pose: Pose, variables: list[Any]) -> bool:

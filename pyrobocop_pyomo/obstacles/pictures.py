@@ -1,4 +1,4 @@
-"""Pictures of an avoidance block: its bodies on the way that its variables describe now, also between the points."""
+"""Pictures of an avoidance block: its bodies along the motion that its variables describe now."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
 
 Array = NDArray[np.float64]
 
-# So many poses are asked at least: the path looks smooth, and frames of an animation find one near their time.
-_ENOUGH = 240
+# Least number of poses: the path looks smooth, and every frame of an animation has a pose near its time.
+_FEWEST_POSES = 240
 
 
 def draw_avoidance(
@@ -36,7 +36,7 @@ def draw_avoidance(
     Parameters
     ----------
     avoid : ObstacleAvoidanceBlock
-        Its variables need values: those of a solution, or of a guess.
+        Its variables need values: those of a solution, or of an initial guess.
     snapshots : int
         How many times are drawn, with about equal motion between them.
     view : (lower, upper), optional
@@ -87,19 +87,19 @@ def animate_avoidance(avoid: Any, path: str | Path, *, title: str | None = None,
 
 
 def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
-    """Times, what moves, and what stands still."""
+    """Times, the paths of moving bodies, and the resting shapes."""
     motion, scene = avoid.motion, avoid.record.scene
     moving = {name: body for name, body in scene.bodies.items() if body.pose is not None}
     between = bool(motion.intervals) and all(_moves_between(motion, body, name) for name, body in moving.items())
     time = _times_between(motion) if between else _times_of_points(motion)
-    ask = _poses_between if between else _poses_at_points
-    bodies = [BodyPath(body.parts, *_numbers(ask(motion, body, name)), name) for name, body in moving.items()]
-    still = [part for name, body in scene.bodies.items() if body.pose is None for _, part in body.named_parts(name)]
-    return time, bodies, still
+    poses_of = _poses_between if between else _poses_at_points
+    bodies = [BodyPath(body.parts, *_numbers(poses_of(motion, body, name)), name) for name, body in moving.items()]
+    resting = [part for name, body in scene.bodies.items() if body.pose is None for _, part in body.named_parts(name)]
+    return time, bodies, resting
 
 
 def _moves_between(motion: Motion, body: Body, name: str) -> bool:
-    """False for a pose that reads a control or an algebraic: such a body is drawn at the points only."""
+    """False for a pose that reads a control or an algebraic variable: such a body is drawn at the points only."""
     try:
         motion.pose_at(body.pose, 0, 0.5, name=name)  # type: ignore[arg-type]
     except ObstacleError:
@@ -110,7 +110,7 @@ def _moves_between(motion: Motion, body: Body, name: str) -> bool:
 def _places(motion: Motion) -> list[tuple[int, float]]:
     """Intervals and fractions, the last end included."""
     last = len(motion.intervals) - 1
-    share = max(2, -(-_ENOUGH // (last + 1)))
+    share = max(2, -(-_FEWEST_POSES // (last + 1)))
     return [(interval, i / share) for interval in range(last + 1) for i in range(share)] + [(last, 1.0)]
 
 
@@ -121,7 +121,7 @@ def _times_between(motion: Motion) -> Array:
 def _times_of_points(motion: Motion) -> Array:
     times = [pyo.value(motion.time_at(point)) for point in motion.points]
     # Points that are no times are drawn in their order.
-    return np.array(times if all(isinstance(each, Real) for each in times) else range(len(times)), dtype=float)
+    return np.array(times if all(isinstance(time, Real) for time in times) else range(len(times)), dtype=float)
 
 
 def _poses_between(motion: Motion, body: Body, name: str) -> list[Pose]:

@@ -182,7 +182,7 @@ def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entri
     balls = _balls(scene, name)
     walls = [
         part.shape
-        for pair in scene.pairs
+        for pair in scene.body_pairs
         if name in pair
         for part in scene.parts_of(pair[0] if pair[1] == name else pair[1])
         if scene.is_static(part.body)

@@ -1,22 +1,31 @@
-"""Who keeps clear of whom: bodies and obstacles by name, their parts, the pairs that are watched, the clearances."""
+"""Bodies and obstacles by name, their convex parts, the body pairs that keep clear of each other, the clearances."""
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import combinations
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.geometry import Polytope, distance_of_points
 from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.optional_imports import networkx
 
-Pair = tuple[str, str]
+LOGGER = logging.getLogger(__name__)
+
+LARGEST_RATIO_OF_SIZES = 1e3
+
+BodyPair = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Part:
+class ConvexPart:
     """One convex part of a body; a body of a single polytope is its own part.
 
     Attributes
@@ -34,22 +43,22 @@ class Part:
 
 @dataclass(frozen=True)
 class Scene:
-    """Bodies, obstacles and the pairs among them.
+    """Bodies, obstacles and the watched body pairs; made by `make_scene`.
 
     Attributes
     ----------
     bodies : dict of name to Body
         Bodies first, then obstacles.
     obstacles : frozenset of str
-        Names of those that the plan cannot move.
-    parts : dict of name of a part to Part
+        Names of the bodies that the plan cannot move.
+    parts : dict of name of a part to ConvexPart
     graph : networkx.Graph
-        Names of bodies, an edge for each pair that is watched, with its ``clearance``.
+        Names of bodies, an edge for each body pair that is watched, with its ``clearance``.
     """
 
     bodies: Mapping[str, Body]
     obstacles: frozenset[str]
-    parts: Mapping[str, Part]
+    parts: Mapping[str, ConvexPart]
     graph: Any
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
@@ -59,23 +68,24 @@ class Scene:
         """True where a body has no pose rule."""
         return not self.bodies[name].moves
 
-    def parts_of(self, body: str) -> list[Part]:
+    def parts_of(self, body: str) -> list[ConvexPart]:
         """The convex parts of a body."""
         return [part for part in self.parts.values() if part.body == body]
 
     @property
-    def pairs(self) -> list[Pair]:
-        """Watched pairs; bodies before obstacles, otherwise in the order given."""
+    def body_pairs(self) -> list[BodyPair]:
+        """Watched body pairs; bodies before obstacles, otherwise in the order given."""
         order = {name: position for position, name in enumerate(self.bodies)}
-        return sorted((_ordered(edge, order) for edge in self.graph.edges), key=lambda p: (order[p[0]], order[p[1]]))
+        edges = [edge if order[edge[0]] < order[edge[1]] else (edge[1], edge[0]) for edge in self.graph.edges]
+        return sorted(edges, key=lambda edge: (order[edge[0]], order[edge[1]]))
 
     @property
-    def clearances(self) -> dict[Pair, float]:
-        """Clearance asked of each pair."""
-        return {pair: self.graph.edges[pair]["clearance"] for pair in self.pairs}
+    def clearances(self) -> dict[BodyPair, float]:
+        """Clearance asked of each body pair."""
+        return {pair: self.graph.edges[pair]["clearance"] for pair in self.body_pairs}
 
-    def pair(self, what: str, first: str, second: str) -> Pair:
-        """The watched pair of two bodies given in either order.
+    def body_pair(self, what: str, first: str, second: str) -> BodyPair:
+        """The watched body pair of two bodies given in either order.
 
         Raises
         ------
@@ -84,56 +94,238 @@ class Scene:
         """
         if not self.graph.has_edge(first, second):
             raise ObstacleError(
-                f"{what}: '{first}' and '{second}' are no pair of it. Its pairs: {', '.join(map(str, self.pairs))}."
+                f"{what}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
+                f"{', '.join(map(str, self.body_pairs))}."
             )
-        return (first, second) if (first, second) in self.pairs else (second, first)
+        return (first, second) if (first, second) in self.body_pairs else (second, first)
 
-    def directions(self, what: str, sides: Mapping[Pair, Any]) -> dict[Pair, np.ndarray]:
-        """Unit vectors from ``{pair: direction}``, each from the second body of its pair to the first.
+    def unit_directions(self, what: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
+        """Unit vectors from ``{body pair: direction}``, each from the second body of its pair to the first.
 
         Raises
         ------
         ObstacleError
-            When a pair is not watched, or a direction is none.
+            When a body pair is not watched, or a direction is no vector.
         """
         dimension = next(iter(self.parts.values())).shape.dimension
-        found = {}
-        for given, direction in sides.items():
-            pair = self.pair(what, *checked_pair(what, "sides", given, self.bodies))
+        units = {}
+        for given, direction in directions.items():
+            pair = self.body_pair(what, *_checked_pair(what, "directions", given, self.bodies))
             vector = np.asarray(direction, dtype=float)
             if vector.shape != (dimension,) or not np.isfinite(vector).all() or not vector.any():
                 raise ObstacleError(
-                    f"{what}: sides= gives {given} the direction {direction!r}; expected {dimension} numbers, not all "
-                    f"zero, that point from '{given[1]}' to where '{given[0]}' is to pass."
+                    f"{what}: directions= gives {given} the direction {direction!r}; expected {dimension} numbers, not "
+                    f"all zero, that point from '{given[1]}' to where '{given[0]}' is to pass."
                 )
-            found[pair] = (vector if pair == given else -vector) / np.linalg.norm(vector)
-        return found
+            units[pair] = (vector if pair == given else -vector) / np.linalg.norm(vector)
+        return units
 
-    def pairs_of_parts(self) -> list[tuple[Part, Part]]:
+    def part_pairs(self) -> list[tuple[ConvexPart, ConvexPart]]:
         """All pairs of convex parts to be separated."""
-        return [(a, b) for first, second in self.pairs for a in self.parts_of(first) for b in self.parts_of(second)]
+        return [
+            (a, b) for first, second in self.body_pairs for a in self.parts_of(first) for b in self.parts_of(second)
+        ]
 
 
-def checked_pair(what: str, where: str, given: Any, bodies: Mapping[str, Body]) -> Pair:
+# -------------------------------------------------------------------------------- scenes from arguments of the block
+
+
+def make_scene(
+    what: str,
+    *,
+    bodies: Any,
+    obstacles: Any,
+    clearance: Any,
+    body_pairs: Any,
+    exclude: Iterable[BodyPair],
+) -> Scene:
+    """Make a scene from arguments of `ObstacleAvoidanceBlock`, and check them.
+
+    Parameters
+    ----------
+    what : str
+        Name of the block in messages.
+    bodies : mapping of name to Body or Polytope
+    obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such
+    clearance : float or mapping of body pair to float
+    body_pairs : None, networkx.Graph or iterable of body pairs
+    exclude : iterable of body pairs
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body or the body pair.
+    """
+    moving = {name: _body(what, name, given) for name, given in _named(what, "bodies", "body", bodies).items()}
+    fixed = {name: _body(what, name, given) for name, given in _named(what, "obstacles", "obstacle", obstacles).items()}
+    if not moving:
+        raise ObstacleError(f"{what}: there is no body. Give bodies={{name: Body(shape, pose)}}, or body= and pose=.")
+    twice = sorted(set(moving) & set(fixed))
+    if twice:
+        raise ObstacleError(f"{what}: {_listed(twice)} is the name of a body and of an obstacle. Rename one of them.")
+    everybody = {**moving, **fixed}
+    parts: dict[str, ConvexPart] = {}
+    for name, body in everybody.items():
+        for part in (ConvexPart(label, name, shape) for label, shape in body.named_parts(name)):
+            if part.name in parts or (part.name != name and part.name in everybody):
+                raise ObstacleError(
+                    f"{what}: '{part.name}' is the name of a body and of a part of '{name}'. Rename one."
+                )
+            parts[part.name] = part
+    _check_dimensions(what, parts)
+    graph = _graph(what, everybody, frozenset(fixed), body_pairs, exclude)
+    _set_clearances(what, graph, everybody, clearance)
+    scene = Scene(everybody, frozenset(fixed), parts, graph)
+    _log_oddities(what, scene)
+    return scene
+
+
+def _named(what: str, plural: str, singular: str, given: Any) -> dict[str, Any]:
+    if given is None:
+        return {}
+    if isinstance(given, (Polytope, Body)):
+        raise ObstacleError(f"{what}: {plural}= takes a dict of names; write {plural}={{'{singular}': ...}}.")
+    if not isinstance(given, Mapping):
+        return {f"{singular} {number}": shape for number, shape in enumerate(given, start=1)}
+    for name in given:
+        if not isinstance(name, str) or not name:
+            raise ObstacleError(f"{what}: {plural}= has the name {name!r}; names are non-empty strings.")
+    return dict(given)
+
+
+def _body(what: str, name: str, given: Any) -> Body:
+    if isinstance(given, Body):
+        return given
+    if isinstance(given, Polytope) or (
+        isinstance(given, (list, tuple)) and given and all(isinstance(shape, Polytope) for shape in given)
+    ):
+        return Body(given)
+    raise ObstacleError(
+        f"{what}: '{name}' is {given!r}; expected a Polytope, a list of Polytopes, or Body(shape, pose=rule)."
+    )
+
+
+def _check_dimensions(what: str, parts: Mapping[str, ConvexPart]) -> None:
+    first = next(iter(parts.values()))
+    for part in parts.values():
+        if part.shape.dimension != first.shape.dimension:
+            raise ObstacleError(
+                f"{what}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
+                f"{part.shape.dimension}. All shapes of a scene must be in the plane, or all in space."
+            )
+
+
+def _checked_pair(what: str, where: str, given: Any, bodies: Mapping[str, Body]) -> BodyPair:
     """A pair of names that the user gave.
 
     Raises
     ------
     ObstacleError
-        When it is none, or names what is not there.
+        When it is not a pair of two different names, or a body does not exist.
     """
     if not (isinstance(given, tuple) and len(given) == 2 and given[0] != given[1]):
         raise ObstacleError(f"{what}: {where}= holds {given!r}; expected a pair of two different names.")
     for name in given:
         if name not in bodies:
-            raise ObstacleError(f"{what}: {where}= names {name!r}, which is not among {listed(bodies)}.")
+            raise ObstacleError(f"{what}: {where}= names {name!r}, which is not among {_listed(bodies)}.")
     return given
 
 
-def _ordered(edge: Pair, order: Mapping[str, int]) -> Pair:
-    return edge if order[edge[0]] < order[edge[1]] else (edge[1], edge[0])
+def _graph(
+    what: str, bodies: Mapping[str, Body], obstacles: frozenset[str], body_pairs: Any, exclude: Iterable[BodyPair]
+) -> Any:
+    graph = networkx.Graph()
+    graph.add_nodes_from(bodies)
+    if not any(body.moves for body in bodies.values()):
+        raise ObstacleError(
+            f"{what}: nothing moves: none of {_listed(bodies)} has a pose rule. Give Body(shape, pose=rule), with "
+            "rule(block, t) -> Pose."
+        )
+    excluded = {frozenset(_checked_pair(what, "exclude", pair, bodies)) for pair in exclude}
+    if body_pairs is None:
+        candidates = [pair for pair in combinations(bodies, 2) if not obstacles.issuperset(pair)]
+        candidates = [pair for pair in candidates if any(bodies[name].moves for name in pair)]
+    else:
+        given = body_pairs.edges if isinstance(body_pairs, networkx.Graph) else body_pairs
+        candidates = [_checked_pair(what, "body_pairs", pair, bodies) for pair in given]
+        for first, second in candidates:
+            if obstacles.issuperset((first, second)):
+                raise ObstacleError(
+                    f"{what}: body_pairs= names '{first}' and '{second}', two obstacles, which no plan can move. "
+                    "Name at least one body in each pair."
+                )
+            if not (bodies[first].moves or bodies[second].moves):
+                raise ObstacleError(
+                    f"{what}: body_pairs= names '{first}' and '{second}', which both stand still, without pose rule."
+                )
+    graph.add_edges_from(pair for pair in candidates if frozenset(pair) not in excluded)
+    if not graph.edges:
+        raise ObstacleError(
+            f"{what}: no body pair is left to keep apart among {_listed(bodies)}. Give obstacles, a second body, or "
+            "fewer exclusions."
+        )
+    return graph
 
 
-def listed(names: Iterable[str]) -> str:
-    """Names for a message."""
+def _set_clearances(what: str, graph: Any, bodies: Mapping[str, Body], clearance: Any) -> None:
+    if isinstance(clearance, Mapping):
+        asked = {
+            frozenset(_checked_pair(what, "clearance", pair, bodies)): number for pair, number in clearance.items()
+        }
+        missing = [edge for edge in graph.edges if frozenset(edge) not in asked]
+        if missing:
+            raise ObstacleError(
+                f"{what}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
+                "pairs out by exclude=."
+            )
+        unwatched = [tuple(sorted(pair)) for pair in asked if not graph.has_edge(*pair)]
+        if unwatched:
+            raise ObstacleError(
+                f"{what}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
+                "Add the pair to body_pairs=, or leave it out of clearance=."
+            )
+    else:
+        asked = {frozenset(edge): clearance for edge in graph.edges}
+    for first, second in graph.edges:
+        number = asked[frozenset((first, second))]
+        if not isinstance(number, Real) or isinstance(number, bool) or not math.isfinite(number) or number <= 0:
+            raise ObstacleError(
+                f"{what}: the clearance between '{first}' and '{second}' is {number!r}; it must be a length > 0. "
+                "Without clearance nothing tells touching from overlapping; choose well above the solver's tolerance."
+            )
+        graph.edges[first, second]["clearance"] = float(number)
+
+
+def _log_oddities(what: str, scene: Scene) -> None:
+    """Log what is no error but seldom intended."""
+    static = [part for part in scene.parts.values() if scene.is_static(part.body)]
+    for first, second in combinations(static, 2):
+        if first.body != second.body and _overlap(first.shape, second.shape):
+            LOGGER.info(
+                "%s: '%s' and '%s' stand still and overlap; no row holds them apart.", what, first.name, second.name
+            )
+    for first, second in scene.part_pairs():
+        extents = [_extent(first.shape), _extent(second.shape)]
+        if min(extents) > 0 and max(extents) > LARGEST_RATIO_OF_SIZES * min(extents):
+            larger, smaller = (first, second) if extents[0] > extents[1] else (second, first)
+            LOGGER.warning(
+                "%s: '%s' is %.3g times as large as '%s', which costs digits. Cut it to what can be reached.",
+                what,
+                larger.name,
+                max(extents) / min(extents),
+                smaller.name,
+            )
+
+
+def _overlap(first: Polytope, second: Polytope) -> bool:
+    # Two unbounded walls that meet have the distance minus infinity, which `signed_distance` refuses.
+    core = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
+    return core.distance < first.radius + second.radius
+
+
+def _extent(shape: Polytope) -> float:
+    return float((shape.vertices.max(axis=0) - shape.vertices.min(axis=0)).max()) + 2 * shape.radius
+
+
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)

@@ -1,4 +1,4 @@
-"""Where everything is at the current values of the variables, in numbers."""
+"""`Snapshot`: poses and corners at the current values of the variables, and the gaps that normals prove there."""
 
 from __future__ import annotations
 
@@ -9,23 +9,26 @@ import numpy as np
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.optional_imports import scipy
 
-from .avoidance_record import AvoidanceRecord, Piece
-from .formulations import PlacedSide
+from .avoidance_record import AvoidanceRecord, MotionSegment
+from .formulations import PlacedShape
 from .formulations.rows import is_number
-from .scene import Part
+from .scene import ConvexPart
 
 Numbers = tuple[np.ndarray, np.ndarray]
 
+SHORTEST_NORMAL = 1e-9
+
 
 class Snapshot:
-    """Poses and vertices at the current values; each pose is evaluated once.
+    """Poses and corners at the current values; each pose is evaluated once.
 
     Parameters
     ----------
     record : AvoidanceRecord
     what : str
-        How messages call the block.
+        Name of the block in messages.
     """
 
     def __init__(self, record: AvoidanceRecord, what: str) -> None:
@@ -48,52 +51,76 @@ class Snapshot:
         return self._poses[key]
 
     def _evaluated(self, body: str, time: Hashable, pose: Any) -> Numbers:
-        empty = [each.name for each in variables_of(pose) if each.value is None]
+        empty = [variable.name for variable in variables_of(pose) if variable.value is None]
         if empty:
             raise ObstacleError(
                 f"{self.what}: the pose of '{body}' at {time} reads '{empty[0]}', which has no value. Give the motion "
-                "a guess first."
+                "an initial guess first."
             )
         rotation, translation = pose.numbers()
         if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
             raise ObstacleError(f"{self.what}: the pose of '{body}' at {time} is not finite at the current values.")
         return rotation, translation
 
-    def vertices(self, part: Part, times: Iterable[Hashable]) -> np.ndarray:
+    def vertices(self, part: ConvexPart, times: Iterable[Hashable]) -> np.ndarray:
         """Vertices (k, d) in the world at all the times."""
         if self.record.scene.is_static(part.body):
             return part.shape.vertices
         return np.vstack([self._vertices_at(part, time) for time in times])
 
-    def _vertices_at(self, part: Part, time: Hashable) -> np.ndarray:
+    def _vertices_at(self, part: ConvexPart, time: Hashable) -> np.ndarray:
         key = (part.name, time)
         if key not in self._vertices:
             rotation, translation = self.pose(part.body, time)
             self._vertices[key] = part.shape.vertices @ rotation.T + translation
         return self._vertices[key]
 
-    def rays(self, part: Part, times: Iterable[Hashable]) -> np.ndarray:
+    def rays(self, part: ConvexPart, times: Iterable[Hashable]) -> np.ndarray:
         """Rays (k, d) in the world at all the times."""
         if not len(part.shape.rays) or self.record.scene.is_static(part.body):
             return part.shape.rays
         return np.vstack([part.shape.rays @ self.pose(part.body, time)[0].T for time in times])
 
-    def sides(self, piece: Piece) -> tuple[PlacedSide, PlacedSide]:
-        """Both sides of a piece of motion."""
-        first, second = (self._placed(self.record.scene.parts[name], piece) for name in (piece.first, piece.second))
+    def placed_pair(self, segment: MotionSegment) -> tuple[PlacedShape, PlacedShape]:
+        """Both shapes of a segment of motion."""
+        first, second = (
+            self._placed(self.record.scene.parts[name], segment) for name in (segment.first, segment.second)
+        )
         return first, second
 
-    def _placed(self, part: Part, piece: Piece) -> PlacedSide:
-        rotation, translation = self.pose(part.body, piece.times[0])
-        vertices, rays = self.vertices(part, piece.times), self.rays(part, piece.times)
-        return PlacedSide(part.shape, vertices, rays, rotation, translation)
+    def _placed(self, part: ConvexPart, segment: MotionSegment) -> PlacedShape:
+        rotation, translation = self.pose(part.body, segment.times[0])
+        vertices, rays = self.vertices(part, segment.times), self.rays(part, segment.times)
+        return PlacedShape(part.shape, vertices, rays, rotation, translation)
 
 
 def variables_of(pose: Any) -> list[Any]:
     """Variables that a pose reads, the fixed ones included."""
     entries = [*(entry for row in pose.rotation for entry in row), *pose.translation]
-    found: dict[int, Any] = {}
+    variables: dict[int, Any] = {}
     for entry in entries:
         if not is_number(entry):
-            found.update({id(each): each for each in identify_variables(entry, include_fixed=True)})
-    return list(found.values())
+            variables.update({id(variable): variable for variable in identify_variables(entry, include_fixed=True)})
+    return list(variables.values())
+
+
+def gap_along(normals: np.ndarray, first: PlacedShape, second: PlacedShape) -> np.ndarray:
+    """Gaps (k,) between two shapes along each of the unit normals (k, d), radii included."""
+    reach = (first.vertices @ normals.T).min(axis=0) - (second.vertices @ normals.T).max(axis=0)
+    return reach - first.shape.radius - second.shape.radius
+
+
+def proven_gap(first: PlacedShape, second: PlacedShape, normal: np.ndarray) -> float:
+    """Distance that a normal of any length proves; never more than the signed distance of the swept shapes.
+
+    A normal of zero proves nothing, which is ``-inf``. Where shapes are unbounded, the normal is first projected onto
+    the directions along which both are bounded.
+    """
+    rays = np.vstack([second.rays, -first.rays])
+    if len(rays):
+        # The residual of the projection onto the cone of the rays makes no acute angle with any of them.
+        normal = normal - rays.T @ scipy.optimize.nnls(rays.T, normal)[0]
+    length = float(np.linalg.norm(normal))
+    if not length > SHORTEST_NORMAL:
+        return -float("inf")
+    return float(gap_along((normal / length)[None, :], first, second)[0])

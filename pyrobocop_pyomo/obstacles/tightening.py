@@ -1,7 +1,8 @@
-"""What an avoidance block asks for next, after a motion that its planes did not keep clear all along.
+"""Margins, splits and restored separations for the next solve, where a motion is not proven to keep its clearances.
 
-A plane that holds at the nodes of its piece is crossed in between by as much as the vertices' paths bulge beyond their
-chords: the *sag*. It is measured on the last motion and becomes the margin of the next; the proof is left to `verify`.
+A plane that separates the poses of its segment may be crossed between them, because the paths of the vertices deviate
+from their chords. This *chord deviation* is measured on the last motion and becomes the margin of the next solve.
+Samples are enough for it, since `verify` proves the result.
 """
 
 from __future__ import annotations
@@ -17,21 +18,22 @@ from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .pieces import Piece, PlaneIndex
+from .avoidance_record import MotionSegment
+from .formulations import SeparationIndex
 
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-# The next motion is another one: a sag counts this many times.
-SAG_FACTOR = 1.25
-SAMPLES_PER_PIECE = 33
-# A plane whose piece is this small a part of its interval is not split any more.
+# The next motion will differ from the last: a margin is this many times the chord deviation.
+DEVIATION_FACTOR = 1.25
+SAMPLES_PER_SEGMENT = 33
+# Separations whose segment is at most this part of its interval are not split.
 SMALLEST_PART = 1.0 / 32.0
 
 
 def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
-    """Ask for more where a motion is not proven to be clear.
+    """Tighten an avoidance block where a motion is not proven to be clear.
 
     Parameters
     ----------
@@ -40,34 +42,34 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     report : SafetyReport
         Of that motion, by this block.
     split : bool
-        Whether planes are split where margins alone have not helped.
+        Whether separations are split where margins alone have not been enough.
 
     Returns
     -------
     list of str
-        What was done, in words; empty where nothing is left to be done.
+        What was done; empty where nothing could be done.
     """
     record = block.record
     if not record.per_interval:
-        return _brought_back(block, report)
+        return _restore_at_points(block, report)
     done: dict[str, int] = {}
     paths = _Paths(record, block.motion)
-    sags = {index: paths.sag(piece, _normal(block, index)) for index, piece in record.pieces.items()}
-    unsafe: dict[PlaneIndex, float] = {}
+    deviations = {index: paths.deviation(segment, _normal(block, index)) for index, segment in record.segments.items()}
+    unsafe: dict[SeparationIndex, float] = {}
     for pair in report.body_pairs:
         for interval in pair.unproven:
             bodies = (record.scene.parts[name].body for name in (pair.first, pair.second))
-            back = block.restore(*bodies, interval)
-            if back:
-                done["left-out planes brought back"] = done.get("left-out planes brought back", 0) + len(back)
+            restored = block.restore(*bodies, interval)
+            if restored:
+                done["separations restored"] = done.get("separations restored", 0) + len(restored)
                 continue
             missing = pair.clearance - float(np.nan_to_num(pair.interval_distance[interval], nan=pair.clearance))
-            unsafe |= {piece.index: missing for piece in _pieces(record, pair, interval)}
-    for index, sag in sags.items():
+            unsafe |= {segment.index: missing for segment in _segments(record, pair, interval)}
+    for index, deviation in deviations.items():
         before = value(block.margin[index])
-        wanted = SAG_FACTOR * sag
+        wanted = DEVIATION_FACTOR * deviation
         if index in unsafe:
-            # The sag alone was not enough last time, or its plane is not the one that the distance is measured to.
+            # The deviation alone was not enough last time, or the closest instant has another normal.
             wanted = max(wanted, before + unsafe[index])
         if wanted > before:
             block.set_margin(*index, wanted)
@@ -75,14 +77,12 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
     if split:
         count = sum(_split(block, index, paths) for index in unsafe)
         if count:
-            done["planes split"] = count
-    words = [f"{count} {what}" for what, count in done.items()]
-    logger.info("'%s': %s", block.name, ", ".join(words) or "nothing left to tighten")
-    return words
+            done["separations split"] = count
+    return _logged(block, [f"{count} {what}" for what, count in done.items()])
 
 
 def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
-    """Ask for more where a motion leaves a region between the times at which corners are looked at.
+    """Raise margins where a motion leaves a region between the times at which corners have rows.
 
     Parameters
     ----------
@@ -93,40 +93,24 @@ def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
     Returns
     -------
     list of str
-        What was done, in words; empty where nothing is left to be done.
+        What was done; empty where nothing could be done.
     """
     intervals = region.motion.intervals
     missing = np.zeros(len(intervals))
     for pair in report.body_pairs if intervals else ():
-        # Where nothing was found, only the proof is missing: what it misses will do.
+        # Where no instant is too close, only the proof is missing, by at most the tolerance.
         found = np.fmin(np.nan_to_num(pair.interval_distance, nan=np.inf), pair.clearance - pair.tolerance)
-        open_ones = pair.interval_proven < pair.clearance - pair.tolerance
-        missing = np.maximum(missing, np.where(open_ones, pair.clearance - found, 0.0))
+        unproven = pair.interval_proven < pair.clearance - pair.tolerance
+        missing = np.maximum(missing, np.where(unproven, pair.clearance - found, 0.0))
     for interval in np.flatnonzero(missing).tolist():
         before = max(value(region.margin[time]) for time in intervals[interval])
-        region.set_margin(interval, before + SAG_FACTOR * float(missing[interval]))
+        region.set_margin(interval, before + DEVIATION_FACTOR * float(missing[interval]))
     count = int(np.count_nonzero(missing))
-    words = [f"{count} margins to a region raised"] if count else []
-    logger.info("'%s': %s", region.name, ", ".join(words) or "nothing left to tighten")
-    return words
-
-
-def _brought_back(block: Any, report: SafetyReport) -> list[str]:
-    """Certificates of single times say nothing about what is between: only those that were left out can be added."""
-    record, motion = block.record, block.motion
-    parts, count = record.scene.parts, 0
-    for pair in report.body_pairs:
-        bodies = (parts[pair.first].body, parts[pair.second].body)
-        for place in pair.unproven:
-            times = motion.intervals[place] if motion.intervals else (motion.points[place],)
-            count += sum(len(block.restore(*bodies, time)) for time in times)
-    words = [f"{count} left-out certificates brought back"] if count else []
-    logger.info("'%s': %s", block.name, ", ".join(words) or "nothing left to tighten")
-    return words
+    return _logged(region, [f"{count} margins to a region raised"] if count else [])
 
 
 def split_violated(block: Any, tolerance: float = 1e-6) -> int:
-    """Split the planes that do not hold at the current values: a plane may have to see too long a step.
+    """Split the separations that are violated at the current values: their segments may be too long for one plane.
 
     Returns
     -------
@@ -135,55 +119,73 @@ def split_violated(block: Any, tolerance: float = 1e-6) -> int:
     """
     if not block.record.per_interval:
         return 0
-    gaps = block.certificate_gaps()
+    gaps = block.separation_gaps()
     violated = [index for index, gap in gaps.items() if gap < value(block.required[index]) - tolerance]
     paths = _Paths(block.record, block.motion)
     return sum(_split(block, index, paths) for index in violated)
+
+
+def _restore_at_points(block: Any, report: SafetyReport) -> list[str]:
+    """Restore separations that were left out: those of single times cannot be tightened for the motion in between."""
+    record, motion = block.record, block.motion
+    parts, count = record.scene.parts, 0
+    for pair in report.body_pairs:
+        bodies = (parts[pair.first].body, parts[pair.second].body)
+        for place in pair.unproven:
+            times = motion.intervals[place] if motion.intervals else (motion.points[place],)
+            count += sum(len(block.restore(*bodies, time)) for time in times)
+    return _logged(block, [f"{count} separations restored"] if count else [])
+
+
+def _logged(block: Any, done: list[str]) -> list[str]:
+    logger.info("'%s': %s", block.name, ", ".join(done) or "nothing left to tighten")
+    return done
 
 
 class _Paths:
     """Paths of the corners of all parts."""
 
     def __init__(self, record: Any, motion: Motion) -> None:
-        bodies = {name: record.scene.bodies[name] for pair in record.scene.pairs for name in pair}
+        bodies = {name: record.scene.bodies[name] for pair in record.scene.body_pairs for name in pair}
         shapes = moving_shapes(motion, bodies)
         self._shapes = {shape.name: shape for parts in shapes.values() for shape in parts}
 
-    def sag(self, piece: Piece, normal: Array) -> float:
-        """By how much the motion bulges beyond what the poses of a plane show, along its normal."""
+    def deviation(self, segment: MotionSegment, normal: Array) -> float:
+        """How much farther the shapes reach along a normal during a segment than at its poses."""
         length = np.linalg.norm(normal)
-        if not 0.0 < length < np.inf:  # a plane without normal shows nothing
+        if not 0.0 < length < np.inf:
             return 0.0
         direction = normal / length
-        first, second = (self._shapes[name] for name in (piece.first, piece.second))
-        return self._bulge(first, piece, -direction) + self._bulge(second, piece, direction)
+        first, second = (self._shapes[name] for name in (segment.first, segment.second))
+        return self._reach_beyond(first, segment, -direction) + self._reach_beyond(second, segment, direction)
 
-    def _bulge(self, shape: MovingShape, piece: Piece, direction: Array) -> float:
-        """How much farther a shape reaches along a direction than at the poses of the piece."""
+    def _reach_beyond(self, shape: MovingShape, segment: MotionSegment, direction: Array) -> float:
+        """How much farther one shape reaches along a direction than at the poses of the segment."""
         if shape.template is None:
             return 0.0
-        dense = np.linspace(piece.fractions[0], piece.fractions[-1], SAMPLES_PER_PIECE)
+        dense = np.linspace(segment.fractions[0], segment.fractions[-1], SAMPLES_PER_SEGMENT)
         farthest = []
-        for fractions in (dense, np.array(piece.fractions)):
-            corners, _ = shape.corners(np.full(len(fractions), piece.interval), fractions)
+        for fractions in (dense, np.array(segment.fractions)):
+            corners, _ = shape.corners(np.full(len(fractions), segment.interval), fractions)
             farthest.append(float((corners @ direction).max()))
         return max(farthest[0] - farthest[1], 0.0)
 
 
-def _pieces(record: Any, pair: BodyPairSafety, interval: int) -> list[Piece]:
-    pieces: list[Piece] = record.pieces_of(pair.first, pair.second)
-    return [piece for piece in pieces if piece.interval == interval]
+def _segments(record: Any, pair: BodyPairSafety, interval: int) -> list[MotionSegment]:
+    segments: list[MotionSegment] = record.segments_of(pair.first, pair.second)
+    return [segment for segment in segments if segment.interval == interval]
 
 
-def _split(block: Any, index: PlaneIndex, paths: _Paths) -> bool:
-    piece = block.record.pieces[index]
-    if piece.fractions[-1] - piece.fractions[0] <= SMALLEST_PART:
+def _split(block: Any, index: SeparationIndex, paths: _Paths) -> bool:
+    segment = block.record.segments[index]
+    if segment.fractions[-1] - segment.fractions[0] <= SMALLEST_PART:
         return False
     for half in block.split(*index):
-        # Its motion bulges less than that of the whole.
-        block.set_margin(*half, SAG_FACTOR * paths.sag(block.record.pieces[half], _normal(block, half)))
+        # The chord deviation of a half is smaller than that of the whole segment.
+        deviation = paths.deviation(block.record.segments[half], _normal(block, half))
+        block.set_margin(*half, DEVIATION_FACTOR * deviation)
     return True
 
 
-def _normal(block: Any, index: PlaneIndex) -> Array:
+def _normal(block: Any, index: SeparationIndex) -> Array:
     return np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)

@@ -1,4 +1,4 @@
-"""Guesses through waypoints: straight lines from one to the next, at an even speed."""
+"""`waypoint_guess`: an initial guess on straight lines through waypoints, at constant speed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from pyrobocop_pyomo.phases.horizon import horizon_fraction
 def waypoint_guess(
     phase: Any, waypoints: Mapping[Any, Sequence[float]], *, even_in: Iterable[Any] | None = None
 ) -> dict[str, Callable[[float], float]]:
-    """A guess that leads states through waypoints on straight lines, for ``phase.set_guess``.
+    """Initial guess of states on straight lines through waypoints, for ``phase.set_guess``.
 
     Parameters
     ----------
     phase : PhaseBlock
     waypoints : dict of str or Var to list of float
-        Values of each state at all waypoints, the first at the start of the phase and the last at its end; two or
-        more, as many for every state.
+        Values of each state at all waypoints, the first at the start of the phase and the last at its end. Two or more
+        values, the same number for every state.
     even_in : list of str or Var, optional
-        States that share one unit, along whose straight lines the speed is even: positions, say, but not angles. All
-        of them by default.
+        States in whose space the speed is constant. They need the same unit: positions, for example, but not angles.
+        All states by default.
 
     Returns
     -------
@@ -44,20 +44,20 @@ def waypoint_guess(
         phase.set_guess(rcp.initial_guesses.waypoint_guess(phase, waypoints, even_in="xy"))
     """
     fraction = horizon_fraction(phase)
-    values = {_name(phase, key): np.array(each, dtype=float) for key, each in waypoints.items()}
+    values = {_name(phase, key): np.array(numbers, dtype=float) for key, numbers in waypoints.items()}
     if not values:
         raise GuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")
-    counts = {name: each.shape for name, each in values.items()}
+    counts = {name: numbers.shape for name, numbers in values.items()}
     if len(set(counts.values())) > 1 or any(len(shape) != 1 or shape[0] < 2 for shape in counts.values()):
         given = ", ".join(f"'{name}' {shape}" for name, shape in counts.items())
         raise GuessError(
             f"phase '{phase.name}': waypoints of shapes {given}; expected one list per state, all of one length, two "
             "values or more."
         )
-    for name, each in values.items():
-        if not np.isfinite(each).all():
+    for name, numbers in values.items():
+        if not np.isfinite(numbers).all():
             raise GuessError(
-                f"phase '{phase.name}': the waypoints of '{name}' are {each.tolist()}; not all are finite."
+                f"phase '{phase.name}': the waypoints of '{name}' are {numbers.tolist()}; not all are finite."
             )
     counted = list(values) if even_in is None else [_name(phase, key) for key in even_in]
     if not counted or set(counted) - set(values):
@@ -67,9 +67,9 @@ def waypoint_guess(
         )
     lengths = np.sqrt(sum(np.diff(values[name]) ** 2 for name in counted))
     if lengths.sum() == 0.0:
-        lengths = np.ones_like(lengths)  # only states that do not count change: as much time for each line
+        lengths = np.ones_like(lengths)  # only other states change: equal time for every line
     reached = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
-    return {name: _along(reached, each, fraction) for name, each in values.items()}
+    return {name: _along(reached, numbers, fraction) for name, numbers in values.items()}
 
 
 def _along(reached: np.ndarray, values: np.ndarray, fraction: Callable[[float], float]) -> Callable[[float], float]:

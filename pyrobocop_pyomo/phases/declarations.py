@@ -187,7 +187,7 @@ class Duration(Declaration):
     """A duration that the optimiser chooses; its bounds must be positive.
 
     The phase is then stated in normalised time: its time indices run from 0 to 1, and
-    ``phase.clock(t)`` is the time they stand for.
+    ``phase.time_at(t)`` is the time they stand for.
     """
 
 

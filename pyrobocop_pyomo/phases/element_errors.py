@@ -13,7 +13,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic
 from .implicit_steps import step_element
-from .point_equations import PointEquations
+from .point_model import PointEquations
 from .record import PhaseRecord
 from .simulation_inputs import Unknowns, find_unknowns
 from .verification import element_errors as reintegrated_errors
@@ -51,7 +51,7 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
     errors = np.empty(len(widths))
     for i, width in enumerate(widths):
         times = boundaries[i] + width * fine.c
-        asked = tuple(equations.index(time) for time in times.tolist())
+        asked = tuple(equations.index_at(time) for time in times.tolist())
         start = {name: float(states[name][i, 0]) for name in names}
         nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
         nearby |= {f"d {name}": float(states[name][i, -1] - states[name][i, 0]) / width for name in unknowns.implicit}

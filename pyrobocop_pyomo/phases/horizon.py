@@ -1,7 +1,7 @@
 """When a phase happens: start, duration and element boundaries, each a number or a variable.
 
 Time indices are real times as long as all three are numbers. As soon as one of them is to be found, the phase is
-stated in normalised time: indices run from 0 to 1, and `PhaseBlock.clock` gives the time that an index stands for.
+stated in normalised time: indices run from 0 to 1, and `PhaseBlock.time_at` gives the time that an index stands for.
 """
 
 from __future__ import annotations
@@ -144,10 +144,10 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
     GuessError
         When it is no `PhaseBlock`.
     """
-    if not hasattr(phase, "clock") or not hasattr(phase, "time"):
+    if not hasattr(phase, "time_at") or not hasattr(phase, "time"):
         raise GuessError(f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; a guess along a path needs one.")
-    start, end = (float(value(phase.clock(t))) for t in (phase.time.first(), phase.time.last()))
-    return lambda t: (float(value(phase.clock(t))) - start) / (end - start)
+    start, end = (float(value(phase.time_at(t))) for t in (phase.time.first(), phase.time.last()))
+    return lambda t: (float(value(phase.time_at(t))) - start) / (end - start)
 
 
 def check_horizon(what: str, start: Any, duration: Any) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.numerics import Scheme
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .point_equations import PointEquations
+from .point_model import PointEquations
 from .simulation_inputs import Unknowns
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import LinkError
 
-from .answers import labelled_rows
 from .phase_end import PhaseEnd
+from .rule_results import labelled_rows
 
 
 @dataclass

@@ -191,7 +191,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             plain = isinstance(scale, float) and scale == 1.0
             return total if plain else scale * total
 
-    def clock(self, t: float) -> Any:
+    def time_at(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
         return real_time(self, self.record, t)
 
@@ -308,7 +308,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     ) -> None:
         """Set up grid, index sets and horizon; every argument is checked before anything is added."""
         if isinstance(start, PhaseBlockData):
-            start = start.clock(start.final_time)
+            start = start.time_at(start.final_time)
         check_horizon(self._what, start, duration)
         normalised = isinstance(duration, Duration) or not isinstance(start, Real) or moving is not None
         first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))

@@ -37,7 +37,7 @@ class PhaseEnd:
     @property
     def time(self) -> Any:
         """Real time of this end: a number, or an expression in free durations."""
-        return self._phase.clock(self._index)
+        return self._phase.time_at(self._index)
 
     @property
     def _index(self) -> float:

@@ -1,8 +1,8 @@
-"""A stand-in for a phase at one instant, so that the user's rules can be asked anywhere.
+"""A phase at one instant, so that the user's rules can be evaluated anywhere and with any values.
 
-The rules were written for a phase: ``rule(phase, t)`` reads ``phase.x[t]``. Given a `PointModel` instead,
-they read scratch variables that hold the values of one instant, whatever ``t`` is; their answers are then
-evaluated. This judges a trajectory by the equations as stated, not by the rows that were built from them.
+The rules were written for a phase: ``rule(phase, t)`` reads ``phase.x[t]``. Here they get a proxy of the phase
+(`modeling.rule_proxies`), and read variables that hold the values of one instant; their results are then evaluated.
+This checks a trajectory by the equations as stated, not by the rows that were built from them.
 """
 
 from __future__ import annotations
@@ -13,109 +13,104 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.relational_expr import EqualityExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Parameter
 from .record import PhaseRecord, Statement
+from .rule_results import labelled_rows
 
 
-class _Signal:
-    """What stands for an indexed variable: one scratch variable at every index."""
-
-    def __init__(self, name: str, variable: Any) -> None:
-        self.local_name = name
-        self._variable = variable
-
-    def __getitem__(self, t: float) -> Any:
-        return self._variable
-
-
-class PointModel:
-    """See the module; what is not a declared variable is read from the phase itself.
+class PointModel(Signals):
+    """Values of everything declared at one instant; what is not declared is read from the phase itself.
 
     Parameters
     ----------
     block : PhaseBlock
     record : PhaseRecord
     indices, grid : Grid
-        The same grid in the phase's time indices and in real time, for rules that read the clock, the start or the
+        The same grid in the phase's time indices and in real time, for rules that read the time, the start or the
         duration.
     """
 
     def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid) -> None:
-        scratch = ConcreteModel()
         self._block = block
         self._record = record
-        self._scratch = scratch  # Pyomo holds parents by weak references: keep the owner alive
-        self._variables: dict[str, Any] = {}
-        self._derivatives: dict[str, Any] = {}
-        self._signals: dict[str, Any] = {}
+        self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
+        scratch.declared = Var(list(record.declarations))
+        scratch.derivatives = Var(record.names_of_states)
+        self._values = dict(scratch.declared.items())
+        self._derivatives = dict(scratch.derivatives.items())
+        self._of_component = {id(block.component(name)): variable for name, variable in self._values.items()}
         self._forgotten: set[str] = set()
-        for i, (name, declaration) in enumerate(record.declarations.items()):
-            variable = Var()
-            scratch.add_component(f"v{i}", variable)
-            self._variables[name] = variable
-            self._signals[name] = variable if isinstance(declaration, Parameter) else _Signal(name, variable)
-        for i, name in enumerate(record.names_of_states):
-            self._derivatives[name] = Var()
-            scratch.add_component(f"d{i}", self._derivatives[name])
         self._indices, self._boundaries = indices.mesh.boundaries, grid.mesh.boundaries
-        self.start = grid.mesh.boundaries[0]
-        self.duration = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0]
+        self.index = np.nan
+        self._proxy = _PhaseProxy(block, self, grid)
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        if name in self._signals:
-            return self._signals[name]
-        return getattr(self._block, name)
+    # ---------------------------------------------------------------- what rules read
 
-    def derivative(self, state: Any) -> _Signal:
-        """The derivative of a state, as `PhaseBlock.derivative` gives it."""
-        name = self.state_name(state)
+    def is_index(self, key: Any) -> bool:
+        """Any equal number is the same instant of the phase."""
+        return key.__class__ in native_numeric_types and key == self.index
+
+    def value_of(self, signal: Signal) -> Any:
+        """The variable that holds a value of the instant."""
+        found = self._of_component.get(id(signal.component))
+        return signal.component[signal.key_at(self.index)] if found is None else found
+
+    def scalar(self, component: Any) -> Any:
+        """A parameter of the phase, by its value here."""
+        return self._of_component.get(id(component), component)
+
+    def proxy_of(self, block: Any) -> BlockProxy:
+        """The proxy of a block."""
+        return self._proxy if block is self._block else BlockProxy(block, self)
+
+    def time_at(self, block: Any) -> Any:
+        """Real time of the instant."""
+        if block is not self._block:
+            return block.time_at(self.index)
+        return float(np.interp(self.index, self._indices, self._boundaries)) if self._record.normalised else self.index
+
+    def derivative(self, name: str) -> Any:
+        """The variable that holds the derivative of a state."""
         if name in self._forgotten:
             raise TrajectoryError(f"the rules read the derivative of '{name}', which is known at the grid only.")
-        return _Signal("derivative", self._derivatives[name])
+        return self._derivatives[name]
 
-    def state_name(self, state: Any) -> str:
-        """Name of a state given by its stand-in or its name."""
-        return state if isinstance(state, str) else state.local_name
+    # ---------------------------------------------------------------- what is evaluated
 
-    def clock(self, t: float) -> float:
-        """Real time of an index, as `PhaseBlock.clock` gives it."""
-        if not self._record.normalised:
-            return t
-        return float(np.interp(t, self._indices, self._boundaries))
-
-    def index(self, time: float) -> float:
-        """The index of a real time: what `clock` undoes."""
+    def index_at(self, time: float) -> float:
+        """The index of a real time: what `time_at` undoes."""
         if not self._record.normalised:
             return time
         return float(np.interp(time, self._boundaries, self._indices))
 
     def set_values(self, values: Mapping[str, float], derivatives: Mapping[str, float] | None = None) -> None:
-        """Hold other values: those of the instant that is asked next."""
-        for name, value in values.items():
-            self._variables[name].set_value(float(value), skip_validation=True)
-        for name, value in (derivatives or {}).items():
-            self._derivatives[name].set_value(float(value), skip_validation=True)
+        """Hold other values: those of the instant that is evaluated next."""
+        for name, number in values.items():
+            self._values[name].set_value(float(number), skip_validation=True)
+        for name, number in (derivatives or {}).items():
+            self._derivatives[name].set_value(float(number), skip_validation=True)
         self._forgotten -= set(derivatives or ())
 
     def forget_derivatives(self) -> None:
-        """Refuse to answer `derivative` until new values are set."""
+        """Refuse to give derivatives until new values are set."""
         self._forgotten = set(self._derivatives)
 
     def set_bounds(self, time: float) -> None:
-        """Give the scratch variables the bounds of a time: pairs may mean a variable's own bound."""
+        """Give the variables the bounds of a time: pairs may mean a variable's own bound."""
         for name, declaration in self._record.declarations.items():
             lower, upper = declaration.bounds_at(time, name)
-            self._variables[name].setlb(lower)
-            self._variables[name].setub(upper)
+            self._values[name].setlb(lower)
+            self._values[name].setub(upper)
 
-    def ask(self, statement: Statement, time: float) -> Any:
-        """The answer of a rule at a time index.
+    def result_of(self, statement: Statement, time: float) -> Any:
+        """The result of a rule at a time index.
 
         Raises
         ------
@@ -127,10 +122,106 @@ class PointModel:
                 f"phase '{self._block.name}': the rule '{statement.name}' did not survive pickling. Define it at "
                 "the top level of a module."
             )
+        self.index = time
         try:
-            return statement.rule(self, time)
+            return statement.rule(self._proxy, time)
         except KeyError as error:
             raise TrajectoryError(
                 f"phase '{self._block.name}': the rule '{statement.name}' cannot be asked at t = {time:g} ({error}). "
                 "Read variables through its first argument, not through the model."
             ) from error
+
+    def rates(self, statements: list[Statement], time: float) -> dict[str, float]:
+        """Derivatives that odes state, at a time index."""
+        return {
+            self._proxy.state_name(state): float(value(rate))
+            for statement in statements
+            for state, rate in self.result_of(statement, time).items()
+        }
+
+
+class _PhaseProxy(BlockProxy):
+    """Proxy of the phase, whose start and duration are those of a trajectory."""
+
+    def __init__(self, block: Any, point: PointModel, grid: Grid) -> None:
+        super().__init__(block, point)
+        self._point = point
+        self.start = grid.mesh.boundaries[0]
+        self.duration = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0]
+
+    def derivative(self, state: Any) -> _Derivative:
+        """The derivative of a state, as `PhaseBlock.derivative` gives it."""
+        return _Derivative(self._point.derivative(self.state_name(state)))
+
+    def state_name(self, state: Any) -> str:
+        """Name of a state given by its proxy or its name."""
+        return state if isinstance(state, str) else state.local_name
+
+
+class _Derivative:
+    """One variable at every index."""
+
+    def __init__(self, variable: Any) -> None:
+        self._variable = variable
+
+    def __getitem__(self, t: float) -> Any:
+        return self._variable
+
+
+class PointEquations:
+    """The stated equations at one instant, as numbers: rates of explicit states and residuals of the rest.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    indices, grid : Grid
+        The same grid in time indices and in real time.
+    parameters : mapping of name to number, optional
+        As the phase holds them by default.
+    """
+
+    def __init__(
+        self,
+        block: Any,
+        record: PhaseRecord,
+        indices: Grid,
+        grid: Grid,
+        parameters: Mapping[str, float] | None = None,
+    ) -> None:
+        self._point = PointModel(block, record, indices, grid)
+        self._odes = record.statements_of("ode")
+        self._residuals = record.statements_of("residual")
+        own = {name: block.component(name).value for name in record.names(Parameter)}
+        self.parameters = {name: float(number) for name, number in {**own, **(parameters or {})}.items()}
+        self._point.set_values(self.parameters)
+
+    def index_at(self, time: float) -> float:
+        """The time index of a real time."""
+        return self._point.index_at(time)
+
+    def rates(
+        self, time: float, values: Mapping[str, float], slopes: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Derivatives that odes state, at a time index; slopes are those of the other states."""
+        self._point.forget_derivatives()  # those of an instant before would be read as if they were of this one
+        self._point.set_values(values, slopes)
+        return self._point.rates(self._odes, time)
+
+    def residuals(self, time: float, slopes: Mapping[str, float]) -> list[float]:
+        """Left minus right side of each residual equation, at the values last set and all the slopes."""
+        self._point.set_values({}, slopes)
+        return [
+            _signed(row)
+            for statement in self._residuals
+            for row in labelled_rows("residual", self._point.result_of(statement, time)).values()
+        ]
+
+
+def _signed(row: Any) -> float:
+    if isinstance(row, EqualityExpression):
+        left, right = row.args
+        return float(value(left)) - float(value(right))
+    if isinstance(row, tuple):
+        return float(value(row[0])) - float(value(row[1]))
+    return float(value(row))

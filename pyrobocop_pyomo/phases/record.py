@@ -85,6 +85,10 @@ class PhaseRecord:
         """Names of all declarations of a kind, in the order of declaration."""
         return [name for name, declaration in self.declarations.items() if isinstance(declaration, kind)]
 
+    def statements_of(self, kind: str) -> list[Statement]:
+        """All rules of a kind, in the order stated."""
+        return [statement for statement in self.statements if statement.kind == kind]
+
     @property
     def names_of_states(self) -> list[str]:
         """Names of all states, in the order of declaration."""

@@ -23,7 +23,7 @@ from pyrobocop_pyomo.transcription import Guess
 from .horizon import real_grid
 from .implicit_steps import step_element, step_start
 from .phase_values import make_trajectory
-from .point_equations import PointEquations
+from .point_model import PointEquations
 from .record import PhaseRecord
 from .simulation_inputs import Unknowns, find_unknowns, given_values, initial_states
 

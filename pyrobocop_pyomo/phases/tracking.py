@@ -22,7 +22,7 @@ def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any
         raise DeclarationError(f"{what}: it is no state, algebraic or control of this phase.")
     wanted = _function(block, record, name, reference, what)
     weigh = weight if callable(weight) else lambda t: weight
-    return block.integral(lambda b, t: weigh(b.clock(t)) * (component[t] - wanted(b.clock(t))) ** 2)
+    return block.integral(lambda b, t: weigh(b.time_at(t)) * (component[t] - wanted(b.time_at(t))) ** 2)
 
 
 def _function(block: Any, record: PhaseRecord, name: str, reference: Any, what: str) -> Callable[[Any], Any]:

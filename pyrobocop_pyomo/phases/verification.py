@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -17,11 +16,11 @@ from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_vi
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .answers import labelled_rows
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .point_model import PointModel
 from .record import PhaseRecord, Statement
 from .reintegration import integrate_elements, integrate_horizon
+from .rule_results import labelled_rows
 
 Array = NDArray[np.float64]
 
@@ -166,17 +165,6 @@ class _Judge:
             )
         return self.trajectory.element_rates(name)
 
-    def _statements(self, kind: str) -> list[Statement]:
-        return [statement for statement in self.record.statements if statement.kind == kind]
-
-    def _rates(self, time: float) -> dict[str, float]:
-        """Stated derivatives at the values that the point model holds."""
-        return {
-            self.point.state_name(state): float(value(rate))
-            for statement in self._statements("ode")
-            for state, rate in self.point.ask(statement, time).items()
-        }
-
     def remark_what_is_not_stated(self, block: Any) -> None:
         known = self.record.generated_rows | {statement.name for statement in self.record.statements}
         own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
@@ -193,13 +181,13 @@ class _Judge:
                 slope = {name: float(each[i, k]) for name, each in self.slopes.items()}
                 self.point.set_values(values, slope)
                 self.point.set_bounds(time)
-                for name, rate in self._rates(time).items():
+                for name, rate in self.point.rates(self.record.statements_of("ode"), time).items():
                     stated[name][i, k] = rate
-                for statement in self._statements("residual") + self._statements("constraint"):
-                    for row in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
+                for statement in self.record.statements_of("residual") + self.record.statements_of("constraint"):
+                    for row in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
                         equations = max(equations, relation_violation(row))
-                for statement in self._statements("complementarity"):
-                    for pair in labelled_rows(statement.kind, self.point.ask(statement, time)).values():
+                for statement in self.record.statements_of("complementarity"):
+                    for pair in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
                         if pair is Complementarity.Skip:
                             continue
                         pair_values, beside = _sides_and_rows(pair, statement)
@@ -211,12 +199,12 @@ class _Judge:
     def _at_boundaries(self) -> float:
         """Violation of the constraints that are stated for element boundaries."""
         worst = 0.0
-        statements = self._statements("constraint at boundaries")
+        statements = self.record.statements_of("constraint at boundaries")
         position = {time: i for i, time in enumerate(self.indices.times)}
         for time in self.indices.mesh.boundaries if statements else ():
             self.point.set_values({name: each[position[time]] for name, each in self.trajectory.states.items()})
             for statement in statements:
-                for row in labelled_rows("constraint", self.point.ask(statement, time)).values():
+                for row in labelled_rows("constraint", self.point.result_of(statement, time)).values():
                     worst = max(worst, relation_violation(row))
         return worst
 
@@ -305,7 +293,7 @@ class _Judge:
             }
             self.point.set_values(values)
             self.point.forget_derivatives()
-            answer = self._rates(self.point.index(time))
+            answer = self.point.rates(self.record.statements_of("ode"), self.point.index_at(time))
             return np.array([answer[name] for name in names])
 
         return rates

@@ -115,16 +115,16 @@ def _way_back(
 ) -> Callable[[], None]:
     """What puts back the point, margins and norms of now; planes that are new by then start at the point."""
     point = VariableValues.of_free(model)
-    margins = [{index: value(block.margin[index]) for index in block.planes} for block in blocks]
+    margins = [{index: value(block.margin[index]) for index in block.separations} for block in blocks]
     norms = [block.record.norm_now for block in blocks]
     room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
 
     def restore() -> None:
         point.restore()
         for block, own_margins, norm in zip(blocks, margins, norms, strict=True):
-            for index in block.planes:
+            for index in block.separations:
                 block.margin[index] = own_margins.get(index, 0.0)
-            if set(block.planes) == set(own_margins):
+            if set(block.separations) == set(own_margins):
                 if block.record.norm_now != norm:
                     block.set_norm(norm)
             else:

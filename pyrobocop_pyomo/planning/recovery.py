@@ -1,7 +1,7 @@
 """What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
 
-A wrong side, sides that contradict each other, a plane that has to see too long a step, or a guess deep inside an
-obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: each ends with the full
+A wrong side, sides that contradict each other, a plane that has to see too long a step, or an initial guess deep inside
+an obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: all end with the full
 clearance and hard planes.
 """
 
@@ -64,13 +64,13 @@ class Recovery:
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
         self._guess = VariableValues.of_free(model)
-        self._sides = {block: dict(block.record.sides) for block in blocks}
+        self._sides = {block: dict(block.record.directions) for block in blocks}
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start; the caller stops asking when a plan is good enough."""
         yield self._from_guess
         # Where no certificate takes part, obstacles are not what makes the rest infeasible.
-        if not any(block.planes for block in self._blocks):
+        if not any(block.separations for block in self._blocks):
             return
         formulations = [block.record.formulation for block in self._blocks]
         if self._has_a_way_around():
@@ -91,7 +91,7 @@ class Recovery:
             region.margin.store_values(dict.fromkeys(region.times, 0.0))
         for block in self._blocks:
             clear_margins(block)
-            block.initialize(sides={**self._sides[block], **(sides or {}).get(block, {})})
+            block.initialize(directions={**self._sides[block], **(sides or {}).get(block, {})})
 
     def _from_guess(self) -> SolveResult:
         self._start()
@@ -161,13 +161,13 @@ class Recovery:
         gaps = {
             (block, index): gap - value(block.required[index])
             for block in self._blocks
-            for index, gap in block.certificate_gaps().items()
+            for index, gap in block.separation_gaps().items()
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
         at_last_point = _normal(block, first, second, start)
         self._start()
         # The broad phase may leave out at the guess what is in the way now.
-        normal = _normal(block, first, second, start) if (first, second, start) in block.planes else at_last_point
+        normal = _normal(block, first, second, start) if (first, second, start) in block.separations else at_last_point
         parts = block.record.scene.parts
         return block, (parts[first].body, parts[second].body), normal
 
@@ -178,7 +178,7 @@ def _normal(block: ObstacleAvoidanceBlockData, first: str, second: str, start: A
 
 def clear_margins(block: ObstacleAvoidanceBlockData) -> None:
     """Forget what another motion asked for."""
-    for index in block.planes:
+    for index in block.separations:
         block.margin[index] = 0.0
 
 
@@ -198,17 +198,17 @@ def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float
     users = list(model.component_data_objects(Objective, active=True))
     home = blocks[0]
     name = unique_component_name(home, "softened_objective")
-    own = sum(each.expr if each.is_minimizing() else -each.expr for each in users)
+    own = sum(objective.expr if objective.is_minimizing() else -objective.expr for objective in users)
     try:
         for block in blocks:
             block.soften(weight)
         home.add_component(name, Objective(expr=own + sum(block.softness for block in blocks)))
-        for each in users:
-            each.deactivate()
+        for objective in users:
+            objective.deactivate()
         yield
     finally:
-        for each in users:
-            each.activate()
+        for objective in users:
+            objective.activate()
         home.del_component(name)
         for block in blocks:
             block.harden()

@@ -1,4 +1,4 @@
-"""What a convex shape looks like: outline in the plane, faces in space; padded, and cut off where it never ends."""
+"""Outlines of convex shapes in the plane and their faces in space; padded, and cut off where they are unbounded."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
     elif np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1]):
         return convex_faces(points)
     whole = convex_faces(points)
-    pieces = [_clipped(face, *frame) for face in whole]
+    polygons = [_clipped(face, *frame) for face in whole]
     if len(whole) > 1:
         # What the cut has opened is closed again by the corners of the frame that lie in the shape.
         sides = scipy.spatial.ConvexHull(points).equations
         corners = np.array(list(product(*frame.T)))
-        pieces.append(corners[(corners @ sides[:, :-1].T + sides[:, -1]).max(axis=1) <= 0])
-    remaining = np.concatenate(pieces)
+        polygons.append(corners[(corners @ sides[:, :-1].T + sides[:, -1]).max(axis=1) <= 0])
+    remaining = np.concatenate(polygons)
     return convex_faces(remaining) if len(remaining) else []
 
 
@@ -153,7 +153,7 @@ def _with_rays(points: Array, rays: Array, frame: Array) -> Array:
     directions = np.asarray(rays, dtype=float)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     # Twice each ray, and both of each two: the hull of the ends of a half-plane's rays would be one triangle else.
-    directions = np.concatenate([directions, *(directions + each for each in directions)])
+    directions = np.concatenate([directions, *(directions + direction for direction in directions)])
     return np.concatenate([points, (points[:, None, :] + length * directions).reshape(-1, points.shape[1])])
 
 

@@ -1,17 +1,19 @@
-"""Bodies among obstacles, drawn as snapshots over time, in the plane and in space."""
+"""Bodies among obstacles: snapshots over time and animations, in the plane and in space."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import GeometryError
-from pyrobocop_pyomo.optional_imports import art3d, matplotlib
+from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
 
-from .body_path import BodyPath
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
 
@@ -86,10 +88,10 @@ def check_scene(time: Array, bodies: Sequence[BodyPath], obstacles: Sequence[Any
     if not bodies:
         raise GeometryError("a scene without a body: nothing would move. Give at least one BodyPath.")
     dimension = bodies[0].dimension
-    for each in (*bodies, *obstacles):
-        if each.dimension != dimension:
+    for item in (*bodies, *obstacles):
+        if item.dimension != dimension:
             raise GeometryError(
-                f"'{each.name}' has dimension {each.dimension} and '{bodies[0].name}' has {dimension}: a scene is "
+                f"'{item.name}' has dimension {item.dimension} and '{bodies[0].name}' has {dimension}: a scene is "
                 "either planar or spatial."
             )
     for body in bodies:
@@ -170,7 +172,7 @@ def draw_path(axis: Any, body: BodyPath, *, named: bool) -> None:
 
 
 def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
-    """What a scene needs to be seen: all motion, with room around it, and obstacles as far as they are near.
+    """The part of a scene to show: all motion, with room around it, and obstacles as far as they are near.
 
     A wall that is much longer than the motion would make a dot of it: the picture ends at half as much again.
     """
@@ -188,3 +190,134 @@ def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
         low = np.minimum(low, np.maximum(before, lower - 0.5 * room))
         high = np.maximum(high, np.minimum(after, upper + 0.5 * room))
     return np.array([low, high])
+
+
+def animate_scene(
+    time: Array,
+    bodies: Sequence[BodyPath],
+    obstacles: Sequence[Any],
+    path: str | Path,
+    *,
+    frames: int = 60,
+    seconds: float | None = None,
+    view: Any = None,
+    title: str = "",
+    unit: str = "m",
+    size: tuple[float, float] = (5.0, 4.6),
+) -> Path:
+    """Write a GIF of bodies that move among obstacles; returns the file written.
+
+    Parameters
+    ----------
+    time : array, shape (T,)
+        Seconds.
+    bodies, obstacles, view, title, unit
+        As in `draw_scene`.
+    path : str or Path
+        Where to write; the suffix is made ``.gif``.
+    frames : int
+        Pictures, at equal distances in time; each shows the poses of the given time nearest to its own.
+    seconds : float, optional
+        How long the animation runs; as long as the motion, but between 2 and 10 s, by default. The last picture stays
+        for another second.
+    size : (width, height)
+        Of the picture, inches; 100 pixels each.
+
+    Raises
+    ------
+    GeometryError
+        As in `draw_scene`, or when there are fewer than two frames, or no time for them.
+    """
+    time = np.asarray(time, dtype=float)
+    check_scene(time, bodies, obstacles)
+    lasts = float(np.clip(time[-1] - time[0], 2.0, 10.0)) if seconds is None else float(seconds)
+    if frames < 2 or not lasts > 0:
+        raise GeometryError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
+    figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
+    axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
+    for body in bodies:
+        draw_path(axis, body, named=len(bodies) > 1)
+    show_window(axis, bodies, obstacles, view)
+    polygons = [local_polygons(body) for body in bodies]
+    write = axis.text2D if bodies[0].dimension == 3 else axis.text
+    label = write(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")
+
+    target = Path(path).with_suffix(".gif")
+    # Driven by hand: `FuncAnimation` redraws a first frame that nobody sees.
+    writer = animation.PillowWriter(fps=frames / lasts)
+    writer.setup(figure, str(target), dpi=100)
+    shown: list[Any] = []
+    wanted = np.linspace(time[0], time[-1], frames)
+    for frame in [*wanted, *[wanted[-1]] * max(1, round(frames / lasts))]:
+        i = int(np.abs(time - frame).argmin())
+        for patch in shown:
+            patch.remove()
+        shown = [
+            add_polygon(axis, corners, (0.13, 0.33, 0.55, 0.45), (0.13, 0.33, 0.55, 1.0), 3)
+            for body, local in zip(bodies, polygons, strict=True)
+            for corners in body.at(i, local)
+        ]
+        label.set_text(f"{frame:.2f} s")
+        if frame == wanted[0]:
+            # The layout is made once; made anew for every frame, the picture would tremble.
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        writer.grab_frame()
+    writer.finish()
+    return target
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPath:
+    """A body of one or several convex parts, and its pose at each time.
+
+    Attributes
+    ----------
+    parts : Polytope, or sequence of Polytope
+        In the frame of the body.
+    rotation : array, shape (T, d, d)
+        At each time.
+    translation : array, shape (T, d)
+        Of the body's reference point, the origin of its frame.
+    name : str
+    """
+
+    parts: Polytope | Sequence[Polytope]
+    rotation: Array
+    translation: Array
+    name: str = "body"
+
+    def __post_init__(self) -> None:
+        parts = (self.parts,) if isinstance(self.parts, Polytope) else tuple(self.parts)
+        rotation, translation = np.asarray(self.rotation, float), np.asarray(self.translation, float)
+        d = translation.shape[-1] if translation.ndim == 2 else 0
+        if rotation.shape != (len(translation), d, d) or any(part.dimension != d for part in parts):
+            raise GeometryError(
+                f"body '{self.name}': parts of dimension {[part.dimension for part in parts]}, rotations of shape "
+                f"{rotation.shape}, translations of shape {translation.shape}; expected are (T, d, d) and (T, d)."
+            )
+        object.__setattr__(self, "parts", parts)
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
+
+    @classmethod
+    def planar(cls, parts: Any, x: Any, y: Any, theta: Any, name: str = "body") -> BodyPath:
+        """From arrays of positions and of rotations in radians, shape (T,) each."""
+        c, s = np.cos(np.asarray(theta, float)), np.sin(np.asarray(theta, float))
+        rotation = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
+        return cls(parts, rotation, np.column_stack([x, y]), name)
+
+    @property
+    def dimension(self) -> int:
+        """Two or three."""
+        return int(self.translation.shape[1])
+
+    def places(self) -> Array:
+        """All vertices over time, shape (T, v, d)."""
+        corners = np.concatenate([part.vertices for part in self.parts])  # type: ignore[union-attr]
+        return corners @ self.rotation.transpose(0, 2, 1) + self.translation[:, None, :]
+
+    def at(self, i: int, polygons: Sequence[Array]) -> Iterator[Array]:
+        """Polygons of the body's frame, moved to where the body is at the i-th time."""
+        for polygon in polygons:
+            yield polygon @ self.rotation[i].T + self.translation[i]

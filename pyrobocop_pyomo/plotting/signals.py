@@ -1,8 +1,9 @@
-"""Signals over time."""
+"""Signals over time, and marks where phases begin and end."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from pyrobocop_pyomo.optional_imports import matplotlib
 Array = NDArray[np.float64]
 
 _MOST_DOTS = 120  # beyond, they merge and hide the line
+_POINTS_PER_LETTER = 4.5  # of the small font, about
 
 
 def plot_signals(
@@ -83,3 +85,54 @@ def show_no_noise(axis: Any, values: Array) -> None:
         middle = (lowest + highest) / 2
         half = max(0.1 * abs(middle), least)
         axis.set_ylim(middle - half, middle + half)
+
+
+def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
+    """Shade every other phase in each panel, and write the names above the topmost panels.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        As `plot_signals` gives it.
+    boundaries : array, shape (len(names) + 1,)
+        Where phases begin and end.
+    names : sequence of str
+    """
+    spans = list(itertools.pairwise(boundaries.tolist()))
+    axes = [axis for axis in figure.axes if axis.get_visible()]
+    for axis in axes:
+        for i, (start, end) in enumerate(spans):
+            if i % 2:
+                axis.axvspan(start, end, color="0.93", zorder=0, linewidth=0)
+        axis.set_xlim(boundaries[0], boundaries[-1])
+    places = [axis.get_subplotspec().get_position(figure) for axis in axes]
+    top = max(place.y1 for place in places)
+    for axis, place in zip(axes, places, strict=True):
+        if top - place.y1 > 1e-9:
+            continue
+        points_per_second = 0.85 * place.width * figure.bbox.width * 72 / figure.dpi / (boundaries[-1] - boundaries[0])
+        room = [points_per_second * (end - start) for start, end in spans]
+        for (start, end), name in zip(spans, _that_fit(names, room), strict=True):
+            axis.annotate(
+                name,
+                ((start + end) / 2, 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(0, 3),
+                textcoords="offset points",
+                ha="center",
+                fontsize="small",
+                color="0.35",
+            )
+
+
+def _that_fit(names: Sequence[str], room: Sequence[float]) -> list[str]:
+    """The names, or their indices alone where some name is wider than its phase; nothing where that is too wide too."""
+
+    def fits(name: str, width: float) -> bool:
+        return len(name) * _POINTS_PER_LETTER <= width
+
+    indices = [name[name.index("[") + 1 : -1] if name.endswith("]") else name for name in names]
+    for chosen in (list(names), indices):
+        if all(fits(name, width) for name, width in zip(chosen, room, strict=True)):
+            return chosen
+    return [name if fits(name, width) else "" for name, width in zip(indices, room, strict=True)]

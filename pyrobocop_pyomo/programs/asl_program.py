@@ -11,7 +11,7 @@ from pyomo.contrib.pynumero.asl import AmplInterface
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
 
-from .nonlinear_program import FloatArray
+from .nonlinear_program import FloatArray, finite
 
 ASL_REMEDY = (
     "Run 'python -m pyrobocop_pyomo build-asl' (Debian, Ubuntu), or install conda-forge's pynumero_libraries, "
@@ -92,8 +92,11 @@ class AslProgram:
         self.jacobian_structure = (jacobian[0] - 1, jacobian[1] - 1)  # the interface counts from one
         # ASL stores the upper triangle by rows; mirrored it is the lower one.
         self.hessian_structure = (hessian.max(axis=0) - 1, hessian.min(axis=0) - 1)
+        # Points of the last evaluations that succeeded.
         self._objective_at: FloatArray | None = None
         self._constraints_at: FloatArray | None = None
+        self._gradient_at: FloatArray | None = None
+        self._jacobian_at: FloatArray | None = None
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
@@ -103,7 +106,7 @@ class AslProgram:
         except ArithmeticError as error:
             raise EvaluationError(f"ASL cannot evaluate the objective: {error}") from None
         self._objective_at = x.copy()
-        return value
+        return float(finite(np.array(value), "ASL", "objective"))
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
@@ -114,7 +117,8 @@ class AslProgram:
             self._asl.eval_deriv_f(x, values)
         except ArithmeticError as error:
             raise EvaluationError(f"ASL cannot evaluate the gradient of the objective: {error}") from None
-        return values
+        self._gradient_at = x.copy()
+        return finite(values, "ASL", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
@@ -125,7 +129,7 @@ class AslProgram:
         except ArithmeticError as error:
             raise EvaluationError(f"ASL cannot evaluate the constraints: {error}") from None
         self._constraints_at = x.copy()
-        return values
+        return finite(values, "ASL", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
@@ -135,45 +139,57 @@ class AslProgram:
             self._asl.eval_jac_g(x, values)
         except ArithmeticError as error:
             raise EvaluationError(f"ASL cannot evaluate the Jacobian of the constraints: {error}") from None
-        return values
+        self._jacobian_at = x.copy()
+        return finite(values, "ASL", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
-        self._evaluate_functions(x)
+        self._prepare_hessian(x)
         values = np.empty(self.hessian_structure[0].size)
         self._asl.eval_hes_lag(x, multipliers, values, objective_factor)
-        return values
+        return finite(values, "ASL", "Hessian of the Lagrangian")
 
-    def _evaluate_functions(self, x: FloatArray) -> None:
-        """Evaluate the functions where the second derivatives are wanted.
+    def _prepare_hessian(self, x: FloatArray) -> None:
+        """Evaluate the functions where the second derivatives are wanted, and make sure that these exist.
 
         ASL takes these at the point where it last evaluated the functions, whatever x it is given. And where one is
         infinite, as that of x**1.5 at 0, it has no error to return: it ends the process. So a point with a variable
         on a bound or at zero, where that happens, is moved off by about rounding, each variable by another number
-        so that differences do not stay zero.
+        so that differences do not stay zero. Elsewhere the first derivatives, which report what is wrong with the
+        second ones as well, are evaluated before.
         """
         on_edge = (x == self.x_lower) | (x == self.x_upper) | (x == 0.0)
         if on_edge.any():
-            step = 1e-10 * (1.0 + np.abs(x)) * (1.0 + self._pattern)
-            away = np.where(x == self.x_upper, -1.0, 1.0)
+            with np.errstate(all="ignore"):
+                step = np.where(x == self.x_upper, -1.0, 1.0) * 1e-10 * (1.0 + np.abs(x)) * (1.0 + self._pattern)
+                moved, back = x + step, x - step
             try:
-                self._evaluate_at(x + away * step)
+                self._evaluate_derivatives(moved)
             except EvaluationError:
-                self._evaluate_at(x - away * step)
+                self._evaluate_derivatives(back)
         else:
-            self._evaluate_at(x)
+            self._evaluate_derivatives(x)
 
-    def _evaluate_at(self, x: FloatArray) -> None:
+    def _evaluate_derivatives(self, x: FloatArray) -> None:
         self._evaluate_objective(x)
         self._evaluate_constraints(x)
+        # Known already where Ipopt has just asked for them.
+        if not _same_point(self._gradient_at, x):
+            self.gradient(x)
+        if not _same_point(self._jacobian_at, x):
+            self.jacobian(x)
 
     def _evaluate_objective(self, x: FloatArray) -> None:
-        if self._objective_at is None or not np.array_equal(self._objective_at, x):
+        if not _same_point(self._objective_at, x):
             self.objective(x)
 
     def _evaluate_constraints(self, x: FloatArray) -> None:
-        if self._constraints_at is None or not np.array_equal(self._constraints_at, x):
+        if not _same_point(self._constraints_at, x):
             self.constraints(x)
+
+
+def _same_point(known: FloatArray | None, x: FloatArray) -> bool:
+    return known is not None and np.array_equal(known, x)
 
 
 def _open(path: str, external_functions: str) -> AmplInterface:

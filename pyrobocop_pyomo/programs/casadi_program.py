@@ -11,7 +11,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.optional_imports import casadi
 
-from .nonlinear_program import FloatArray, IndexArray
+from .nonlinear_program import FloatArray, IndexArray, finite
 
 
 def casadi_available() -> bool:
@@ -79,23 +79,24 @@ class CasadiProgram:
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(self._objective(x)[0])
+        return float(finite(self._objective(x), "CasADi", "objective")[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
-        return self._gradient(x)
+        return finite(self._gradient(x), "CasADi", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        return self._constraints(x)
+        return finite(self._constraints(x), "CasADi", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        return self._jacobian(x)
+        return finite(self._jacobian(x), "CasADi", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
-        return self._hessian(x, np.array([objective_factor]), multipliers)
+        values = self._hessian(x, np.array([objective_factor]), multipliers)
+        return finite(values, "CasADi", "Hessian of the Lagrangian")
 
 
 def _structure(matrix: Any) -> tuple[IndexArray, IndexArray]:
@@ -117,7 +118,7 @@ class _Buffered:
         self._buffer.set_res(0, self._result.data)
 
     def __call__(self, *arguments: FloatArray) -> FloatArray:
-        for held, argument in zip(self._arguments, arguments, strict=True):
-            held[:] = argument
+        for memory, argument in zip(self._arguments, arguments, strict=True):
+            memory[:] = argument
         self._evaluate()
         return self._result.copy()

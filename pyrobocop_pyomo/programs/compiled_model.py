@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import logging
 import os
 import re
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pyomo.repn.util
 from pyomo.common.collections import ComponentMap
+from pyomo.common.errors import InvalidValueError
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.objective import ObjectiveData
@@ -22,11 +25,11 @@ from pyomo.core.staleflag import StaleFlagManager
 from pyomo.repn.plugins.nl_writer import NLWriter
 from pyomo.solvers.amplfunc_merge import amplfunc_merge
 
-from pyrobocop_pyomo.errors import SolverNotFoundError, StructureChanged
+from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, SolverNotFoundError, StructureChanged
 
 from .asl_program import ASL_REMEDY, AslProgram, asl_available
 from .casadi_program import CasadiProgram, casadi_available
-from .model_checks import refuse_discrete, single_objective
+from .model_checks import refuse_discrete, refuse_external_functions, single_objective, undefined_row
 from .model_terms import collect_terms
 from .nonlinear_program import FloatArray, NonlinearProgram
 from .vectorised_program import VectorisedProgram
@@ -79,7 +82,10 @@ class CompiledModel:
     Raises
     ------
     ModelError
-        For several active objectives, no continuous variable, or discrete ones.
+        For several active objectives, no continuous variable, or discrete ones; for an external function that the
+        source of derivatives cannot call.
+    EvaluationError
+        When a number in an expression does not exist, as a division by a Param that is zero.
     SolverNotFoundError
         When there is nothing on this machine that gives the derivatives asked for.
     """
@@ -102,15 +108,15 @@ class CompiledModel:
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
         self.__dict__.pop("row_of", None)
         if self._build is None:
-            self._map()
+            self._compile_terms()
         else:
-            self._write(self._build)
+            self._compile_file(self._build)
         logger.debug(
             "'%s': %d variables, %d rows, derivatives by %s; %.3f s writing, %.3f s building", self.model.name,
             self.nlp.n, self.nlp.m, self.nlp.derivatives, self.seconds_writing, self.seconds_building,
         )  # fmt: skip
 
-    def _map(self) -> None:
+    def _compile_terms(self) -> None:
         started = time.perf_counter()
         terms = collect_terms(self.model)
         self.variables, self.constraints = terms.variables, terms.constraints
@@ -119,10 +125,11 @@ class CompiledModel:
         self.nlp = VectorisedProgram(terms)
         self.seconds_building = time.perf_counter() - started
 
-    def _write(self, build: Callable[[Path, list[str]], NonlinearProgram]) -> None:
+    def _compile_file(self, build: Callable[[Path, list[str]], NonlinearProgram]) -> None:
         started = time.perf_counter()
         text = io.StringIO()
-        info = NLWriter().write(self.model, text, **WRITER_OPTIONS)
+        with checked_writing(self.model):
+            info = NLWriter().write(self.model, text, **WRITER_OPTIONS)
         self.variables, self.constraints = info.variables, info.constraints
         refuse_discrete(self.model, self.variables)
         self.seconds_writing = time.perf_counter() - started
@@ -165,6 +172,38 @@ class CompiledModel:
             # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
             variable.set_value(value, skip_validation=True)
         StaleFlagManager.mark_all_as_stale(delayed=True)
+
+
+@contextlib.contextmanager
+def checked_writing(model: BlockData) -> Iterator[None]:
+    """Context in which a model is written to a ``.nl`` file.
+
+    Pyomo's writer warns of a term whose number does not exist, leaves it out and goes on; here it stops.
+
+    Raises
+    ------
+    ModelError
+        When the model calls external functions that ASL cannot.
+    EvaluationError
+        When a number in an expression does not exist.
+    """
+    refuse_external_functions(model)
+    before = pyomo.repn.util.HALT_ON_EVALUATION_ERROR
+    pyomo.repn.util.HALT_ON_EVALUATION_ERROR = True
+    try:
+        yield
+    except (ArithmeticError, InvalidValueError, ValueError) as error:
+        if isinstance(error, PyRobocopError):
+            raise
+        row = undefined_row(model)
+        if row is None and not isinstance(error, (ArithmeticError, InvalidValueError)):
+            raise  # the writer objects to something else
+        raise EvaluationError(
+            f"{row or repr(model.name)}: a number in an expression does not exist: {error}. Give Params and fixed "
+            "variables values that it is defined for."
+        ) from None
+    finally:
+        pyomo.repn.util.HALT_ON_EVALUATION_ERROR = before
 
 
 def _build_asl(path: Path, external_libraries: list[str]) -> NonlinearProgram:

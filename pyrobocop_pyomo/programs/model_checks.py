@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 from pyomo.core.base.block import BlockData
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.external import AMPLExternalFunction, ExternalFunction, PythonCallbackFunction
 from pyomo.core.base.objective import Objective, ObjectiveData
 from pyomo.core.base.var import VarData
+from pyomo.core.expr.numeric_expr import ExternalFunctionExpression
+from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.visitor import (
+    StreamBasedExpressionVisitor,
+    evaluate_expression,
+    identify_mutable_parameters,
+    identify_variables,
+)
 
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
 
 
 def single_objective(model: BlockData) -> ObjectiveData | None:
@@ -47,3 +60,104 @@ def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
             f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems "
             "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
         )
+
+
+def refuse_external_functions(model: BlockData) -> None:
+    """Check the external functions that active rows and the objective call.
+
+    ASL calls functions of compiled libraries only; where it finds none, it ends the process.
+
+    Raises
+    ------
+    ModelError
+        For a Python function, a library that cannot be loaded, or a function that its library does not have.
+    """
+    if next(model.model().component_objects(ExternalFunction, descend_into=True), None) is None:
+        return
+    checked = set()
+    for row in _active_rows(model):
+        for function in _external_functions(row.expr):
+            if id(function) in checked:
+                continue
+            checked.add(id(function))
+            if isinstance(function, PythonCallbackFunction):
+                raise ModelError(
+                    f"'{row.name}' calls the Python function '{function.name}', and Ipopt's interfaces to .nl files "
+                    "call compiled functions only. State it as a Pyomo expression, or compile it: "
+                    "pyo.ExternalFunction(library='/path/to/library.so', function='name')."
+                )
+            if isinstance(function, AMPLExternalFunction):
+                _require_compiled(function, row.name)
+
+
+def _require_compiled(function: AMPLExternalFunction, row_name: str) -> None:
+    try:
+        function.load_library()
+    except (OSError, AttributeError) as error:
+        raise ModelError(
+            f"'{row_name}' calls '{function.name}', whose library '{function._library}' cannot be loaded: {error}. "
+            "Correct the path; a library for AMPL exports 'funcadd_ASL'."
+        ) from None
+    if function._function not in function._known_functions:
+        present = ", ".join(sorted(map(str, function._known_functions))) or "none"
+        raise ModelError(
+            f"'{row_name}' calls '{function.name}', but '{function._library}' has no function "
+            f"'{function._function}'. It has: {present}."
+        )
+
+
+def _external_functions(expression: Any) -> list[Any]:
+    found = []
+
+    def enter(node: Any) -> None:
+        if isinstance(node, ExternalFunctionExpression):
+            found.append(node._fcn)
+
+    StreamBasedExpressionVisitor(enterNode=enter).walk_expression(expression)
+    return found
+
+
+def undefined_row(model: BlockData) -> str | None:
+    """Name, in quotes, of the first active row or objective whose expression does not exist at the current values."""
+    for row in _active_rows(model):
+        try:
+            number_in(row.expr, row.name)
+        except EvaluationError:
+            return f"'{row.name}'"
+        except ModelError:
+            continue
+    return None
+
+
+def number_in(expression: Any, owner: str) -> float:
+    """Value of an expression, for the component named `owner`.
+
+    Raises
+    ------
+    EvaluationError
+        When it does not exist: a division by zero, a logarithm of a negative number, an overflow.
+    ModelError
+        When a variable or a Param in it has no value.
+    """
+    try:
+        number = evaluate_expression(expression)
+    except (ArithmeticError, ValueError, TypeError) as error:  # a complex number that is compared is a TypeError
+        leaves = [*identify_variables(expression), *identify_mutable_parameters(expression)]
+        missing = next((leaf.name for leaf in leaves if value(leaf, exception=False) is None), None)
+        if missing is not None:
+            raise ModelError(f"'{owner}': '{missing}' has no value. Give it one.") from None
+        raise _undefined(owner, str(error)) from None
+    if isinstance(number, complex):
+        raise _undefined(owner, f"{number} is not real")
+    return float(number)
+
+
+def _undefined(owner: str, reason: str) -> EvaluationError:
+    return EvaluationError(
+        f"'{owner}': an expression has no value: {reason}. Give Params and fixed variables values that it is "
+        "defined for."
+    )
+
+
+def _active_rows(model: BlockData) -> Iterator[Any]:
+    return model.component_data_objects((Constraint, Objective), active=True, descend_into=True)

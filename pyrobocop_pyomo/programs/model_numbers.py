@@ -11,10 +11,10 @@ from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError, StructureChanged
 
+from .model_checks import number_in
 from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray
 
@@ -44,17 +44,19 @@ class ModelNumbers:
     def __init__(self, terms: ModelTerms) -> None:
         self._terms = terms
         self._variables, self._constraints = terms.variables, terms.constraints
-        self._fixed_variables = [each for each in terms.columns.parameters if each.is_variable_type()]
+        self._fixed_variables = [known for known in terms.columns.parameters if known.is_variable_type()]
         self._expressions = list(map(_EXPRESSION, self._constraints))
         self._counts = _counts_of_rows(terms.model)
         self._domains = list(map(_DOMAIN, self._variables))
         self._raw_bounds = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
         self.x_lower, self.x_upper = np.empty(len(self._variables)), np.empty(len(self._variables))
-        self._moving_variables = {i for i in range(len(self._variables)) if self._read_bounds(i)}
+        self._changing_bounds = {i for i in range(len(self._variables)) if self._read_bounds(i)}
         self.g_lower, lower = _row_bounds([lower for lower, _ in terms.bounds], -math.inf)
         self.g_upper, upper = _row_bounds([upper for _, upper in terms.bounds], math.inf)
-        self._moving_rows = [(self.g_lower, i, e, -math.inf) for i, e in lower]
-        self._moving_rows += [(self.g_upper, i, e, math.inf) for i, e in upper]
+        for undefined in np.flatnonzero(np.isnan(self.g_lower) | np.isnan(self.g_upper)):
+            raise ModelError(f"'{self._constraints[undefined].name}': a bound of it is nan; give it a number.")
+        self._changing_rows = [(self.g_lower, i, e, -math.inf) for i, e in lower]
+        self._changing_rows += [(self.g_upper, i, e, math.inf) for i, e in upper]
         self.parameters = np.empty(len(terms.columns.parameters))
         self._read_numbers()
 
@@ -77,10 +79,10 @@ class ModelNumbers:
                 changed = [i for i, (now, before) in enumerate(zip(new, raw, strict=True)) if now is not before]
                 raw[:] = new
                 for i in changed:
-                    self._moving_variables.discard(i)
+                    self._changing_bounds.discard(i)
                     if self._read_bounds(i):
-                        self._moving_variables.add(i)
-        for i in self._moving_variables:
+                        self._changing_bounds.add(i)
+        for i in self._changing_bounds:
             self._read_bounds(i)
         self._read_numbers()
 
@@ -91,20 +93,23 @@ class ModelNumbers:
     def _read_bounds(self, i: int) -> bool:
         """Read the bounds of a variable; true when they are expressions, which may change by themselves."""
         variable = self._variables[i]
+        raw = _LOWER(variable), _UPPER(variable)
+        changing = any(bound is not None and bound.__class__ not in native_numeric_types for bound in raw)
+        if changing:
+            for bound in raw:
+                if bound is not None:
+                    number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
         lower, upper = variable.bounds
         self.x_lower[i] = -math.inf if lower is None else lower
         self.x_upper[i] = math.inf if upper is None else upper
-        return any(
-            bound is not None and bound.__class__ not in native_numeric_types
-            for bound in (_LOWER(variable), _UPPER(variable))
-        )
+        return changing
 
     def _read_numbers(self) -> None:
         known: dict[int, float] = {}  # one parameter often bounds many rows
-        for bounds, i, expression, unbounded in self._moving_rows:
+        for bounds, i, expression, unbounded in self._changing_rows:
             bound = known.get(id(expression))
             if bound is None:
-                bound = known[id(expression)] = float(value(expression))
+                bound = known[id(expression)] = number_in(expression, self._constraints[i].name)
             if math.isnan(bound) or bound == -unbounded:
                 raise ModelError(f"'{self._constraints[i].name}': a bound of it is {bound}; give it a number.")
             bounds[i] = bound
@@ -129,8 +134,8 @@ class ModelNumbers:
             change = "constraints or objectives were added, deleted, activated or deactivated"
         elif any(
             named._args_[0] is not expression
-            for each in (terms.rows, terms.cost)
-            for named, expression in each.named_expressions.values()
+            for collected in (terms.rows, terms.cost)
+            for named, expression in collected.named_expressions.values()
         ):
             change = "named expressions got other contents"
         elif any(map(is_not, map(_DOMAIN, self._variables), self._domains)):
@@ -142,11 +147,11 @@ class ModelNumbers:
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:
     """Bounds as an array, and those that are expressions with their places."""
     known = {*native_numeric_types, type(None)}
-    moving = [(i, each) for i, each in enumerate(bounds) if each.__class__ not in known]
-    numbers = [unbounded if each is None else each for each in bounds]
-    for i, _ in moving:
+    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in known]
+    numbers = [unbounded if bound is None else bound for bound in bounds]
+    for i, _ in changing:
         numbers[i] = 0.0
-    return np.array(numbers, dtype=float), moving
+    return np.array(numbers, dtype=float), changing
 
 
 def _counts_of_rows(model: Any) -> list[tuple[int, int]]:
@@ -157,9 +162,11 @@ def _counts_of_rows(model: Any) -> list[tuple[int, int]]:
 
 
 def _check_constant(constraint: Any) -> None:
-    lower, body, upper = constraint.to_bounded_expression(True)
-    number = value(body)
-    if (lower is not None and lower - number > _TOLERANCE) or (upper is not None and number - upper > _TOLERANCE):
+    lowest, body, highest = constraint.to_bounded_expression()
+    lower = -math.inf if lowest is None else number_in(lowest, constraint.name)
+    upper = math.inf if highest is None else number_in(highest, constraint.name)
+    number = number_in(body, constraint.name)
+    if lower - number > _TOLERANCE or number - upper > _TOLERANCE:
         raise InfeasibleConstraintException(
             f"model contains a trivially infeasible constraint '{constraint.name}' (fixed body value {number} "
             f"outside bounds [{lower}, {upper}])."

@@ -12,6 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pyrobocop_pyomo.errors import EvaluationError
+
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int32]
 
@@ -20,8 +22,9 @@ class NonlinearProgram(Protocol):
     """Minimise f(x) subject to g_lower <= g(x) <= g_upper and x_lower <= x <= x_upper.
 
     Always a minimisation: an evaluator of a maximised objective returns its negative. Every method returns a
-    fresh array (or one that nobody else writes to) and raises `EvaluationError` where a function has no value. The
-    arrays that a method receives may be Ipopt's own memory: copy what is kept beyond the call.
+    fresh array (or one that nobody else writes to) and raises `EvaluationError`, and nothing else, where a value or
+    a derivative does not exist or is not finite. The arrays that a method receives may be Ipopt's own memory: copy
+    what is kept beyond the call.
 
     Attributes
     ----------
@@ -74,6 +77,19 @@ class NonlinearProgram(Protocol):
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of objective_factor * f + multipliers @ g in the order of `hessian_structure`."""
         ...
+
+
+def finite(values: FloatArray, derivatives: str, what: str) -> FloatArray:
+    """Values as they are.
+
+    Raises
+    ------
+    EvaluationError
+        When one of them is not finite.
+    """
+    if not np.isfinite(values).all():
+        raise EvaluationError(f"{derivatives} cannot evaluate the {what} at this point: a value is not finite.")
+    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +184,17 @@ def lagrangian_residual(nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
     Raises
     ------
     EvaluationError
-        Where a derivative has no value.
+        When a derivative does not exist at the point, or the multipliers are not finite.
     """
     multipliers, lower, upper = point.complete(nlp)
-    residual = nlp.gradient(point.x) - lower + upper
+    gradient, jacobian = nlp.gradient(point.x), nlp.jacobian(point.x)
     rows, columns = nlp.jacobian_structure
-    np.add.at(residual, columns, nlp.jacobian(point.x) * multipliers[rows])
     free = nlp.x_lower < nlp.x_upper
-    # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
-    total = np.abs(multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
-    scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
-    return float(np.abs(residual[free]).max(initial=0.0)) / scale
+    with np.errstate(all="ignore"):  # what overflows is noticed in the result
+        residual = gradient - lower + upper
+        np.add.at(residual, columns, jacobian * multipliers[rows])
+        # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
+        total = np.abs(multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
+        scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
+        sizes = finite(np.abs(residual[free]) / scale, nlp.derivatives, "gradient of the Lagrangian")
+    return float(sizes.max(initial=0.0))

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
+from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .casadi_program import casadi_available
 from .expression_terms import Terms
 from .model_numbers import ModelNumbers
 from .model_terms import ModelTerms
-from .nonlinear_program import FloatArray, IndexArray
+from .nonlinear_program import FloatArray, IndexArray, finite
 from .term_functions import TermFunction, term_functions
 
 
@@ -47,7 +47,8 @@ class VectorisedProgram:
         self._cost = _Sums(terms.cost, 1, self.n)
         self._rows = _Sums(terms.rows, self.m, self.n)
         self.jacobian_structure = self._rows.structure
-        pairs = [(each.hessian_rows, each.hessian_columns) for each in (*self._cost.functions, *self._rows.functions)]
+        functions = (*self._cost.functions, *self._rows.functions)
+        pairs = [(function.hessian_rows, function.hessian_columns) for function in functions]
         self.hessian_structure, self._hessian_places = _merged(pairs, self.n)
         self._read_point()
 
@@ -71,29 +72,29 @@ class VectorisedProgram:
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
-        return float(_finite(self._cost.values(x), "objective")[0])
+        return float(finite(self._cost.values(x), "CasADi", "objective")[0])
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         gradient = np.zeros(self.n)
         gradient[self._cost.structure[1]] = self._cost.jacobian(x)
-        return _finite(gradient, "gradient of the objective")
+        return finite(gradient, "CasADi", "gradient of the objective")
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
-        return _finite(self._rows.values(x), "constraints")
+        return finite(self._rows.values(x), "CasADi", "constraints")
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        return _finite(self._rows.jacobian(x), "Jacobian of the constraints")
+        return finite(self._rows.jacobian(x), "CasADi", "Jacobian of the constraints")
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         factor = np.array([objective_factor])
-        blocks = [each.hessian(x, factor) for each in self._cost.functions]
-        blocks += [each.hessian(x, multipliers) for each in self._rows.functions]
-        size = self.hessian_structure[0].size
-        return _finite(_summed(self._hessian_places, blocks, size), "Hessian of the Lagrangian")
+        blocks = [function.hessian(x, factor) for function in self._cost.functions]
+        blocks += [function.hessian(x, multipliers) for function in self._rows.functions]
+        values = _summed(self._hessian_places, blocks, self.hessian_structure[0].size)
+        return finite(values, "CasADi", "Hessian of the Lagrangian")
 
 
 class _Sums:
@@ -111,8 +112,9 @@ class _Sums:
         given = columns < 0
         self._given = linear_rows[given], -1 - columns[given], coefficients[given]
         self._linear = linear_rows[free], columns[free], coefficients[free]
-        self._value_rows = np.concatenate([self._linear[0], *(each.rows for each in self.functions)])
-        pairs = [self._linear[:2], *((each.gradient_rows, each.gradient_columns) for each in self.functions)]
+        self._value_rows = np.concatenate([self._linear[0], *(function.rows for function in self.functions)])
+        nonlinear = [(function.gradient_rows, function.gradient_columns) for function in self.functions]
+        pairs = [self._linear[:2], *nonlinear]
         self.structure, places = _merged(pairs, n)
         count = self._linear[0].size
         self._size = self.structure[0].size
@@ -122,18 +124,22 @@ class _Sums:
 
     def set_parameters(self, values: FloatArray) -> None:
         rows, parameters, coefficients = self._given
-        self._offsets = self._constants + np.bincount(rows, coefficients * values[parameters], self._constants.size)
+        with np.errstate(all="ignore"):  # what is not finite is noticed in the sums
+            given = coefficients * values[parameters]
+        self._offsets = self._constants + np.bincount(rows, given, self._constants.size)
         for function in self.functions:
             function.set_parameters(values)
 
     def values(self, x: FloatArray) -> FloatArray:
         _, columns, coefficients = self._linear
-        summands = [coefficients * x.take(columns), *(each.scales * each.value(x) for each in self.functions)]
-        return self._offsets + _summed(self._value_rows, summands, self._offsets.size)
+        with np.errstate(all="ignore"):
+            summands = [coefficients * x.take(columns), *(part.scales * part.value(x) for part in self.functions)]
+            return self._offsets + _summed(self._value_rows, summands, self._offsets.size)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        blocks = [each.gradient_scales * each.gradient(x) for each in self.functions]
-        return self._constant_jacobian + _summed(self._places, blocks, self._size)
+        with np.errstate(all="ignore"):
+            blocks = [function.gradient_scales * function.gradient(x) for function in self.functions]
+            return self._constant_jacobian + _summed(self._places, blocks, self._size)
 
 
 def _summed(places: np.ndarray, blocks: Sequence[FloatArray], size: int) -> FloatArray:
@@ -150,9 +156,3 @@ def _merged(pairs: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[tup
     columns = np.concatenate([np.empty(0, dtype=np.intp), *(column for _, column in pairs)])
     keys, places = np.unique(rows * n + columns, return_inverse=True)
     return ((keys // n).astype(np.int32), (keys % n).astype(np.int32)), places.ravel()
-
-
-def _finite(values: FloatArray, what: str) -> FloatArray:
-    if not np.isfinite(values).all():
-        raise EvaluationError(f"CasADi cannot evaluate the {what} at this point: a value is not finite.")
-    return values

@@ -129,13 +129,9 @@ class Continuation:
         else:
             iterate = self._log.add(iterate)
         self.last = iterate = replace(iterate, values=self._values.read())
-        if not hasattr(self, "best") or not self._is_better(self.best, iterate):
+        if not hasattr(self, "best") or not self.best.is_better_than(iterate, self._settings.tolerances, self._sign):
             self.best = iterate
         return iterate
-
-    def _is_better(self, first: Iterate, second: Iterate) -> bool:
-        one, other = (each.standing(self._settings.tolerances, self._sign) for each in (first, second))
-        return one.is_better_than(other)
 
 
 def _is_shorter(start: Iterate, delta: float) -> bool:

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.programs.compiled_model import WRITER_OPTIONS, CompiledModel
+from pyrobocop_pyomo.programs.compiled_model import WRITER_OPTIONS, CompiledModel, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, IpoptOptions, warm_start
@@ -133,14 +133,15 @@ class ExecutableSession:
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
         try:
-            results = self._ipopt.solve(
-                self._model,
-                tee=self._output,
-                load_solutions=False,
-                raise_exception_on_nonoptimal_result=False,
-                solver_options={**options, **limit},
-                writer_config=dict(WRITER_OPTIONS),
-            )
+            with checked_writing(self._model):
+                results = self._ipopt.solve(
+                    self._model,
+                    tee=self._output,
+                    load_solutions=False,
+                    raise_exception_on_nonoptimal_result=False,
+                    solver_options={**options, **limit},
+                    writer_config=dict(WRITER_OPTIONS),
+                )
         except KeyboardInterrupt:
             # The process is gone with its iterate; what the last run left is on the model still.
             status, iterations = IpoptStatus.INTERRUPTED, 0

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
 
 
 def numeric_pairs(
-    written: CompiledModel,
+    compiled: CompiledModel,
     pairs: Sequence[LiftedPair],
     left_out: Iterable[Any],
     crossed: Sequence[tuple[int, int]] = (),
@@ -27,7 +27,7 @@ def numeric_pairs(
 
     Parameters
     ----------
-    written : CompiledModel
+    compiled : CompiledModel
         Of the relaxed model.
     pairs : list of LiftedPair
     left_out : iterable of ConstraintData
@@ -40,11 +40,11 @@ def numeric_pairs(
     ComplementarityProgram
         Its pairs are those that were given, then the crossed ones.
     int array
-        Numbers of its rows in the written model.
+        Numbers of its rows in the compiled model.
     """
-    rows = _rows(written, left_out)
-    nlp: NonlinearProgram = WithoutRows(written.nlp, rows) if rows.size else written.nlp
-    positions = {id(variable): position for position, variable in enumerate(written.variables)}
+    rows = _rows(compiled, left_out)
+    nlp: NonlinearProgram = WithoutRows(compiled.nlp, rows) if rows.size else compiled.nlp
+    positions = {id(variable): position for position, variable in enumerate(compiled.variables)}
     a = _sides([*(pair.a for pair in pairs), *(pairs[first].a for first, _ in crossed)], positions)
     b = _sides([*(pair.b for pair in pairs), *(pairs[second].b for _, second in crossed)], positions)
     lower, upper = nlp.x_lower.copy(), nlp.x_upper.copy()
@@ -53,7 +53,7 @@ def numeric_pairs(
         rising, falling = ~sides.constant & (sides.sign > 0), ~sides.constant & (sides.sign < 0)
         np.maximum.at(lower, sides.index[rising], sides.offset[rising])
         np.minimum.at(upper, sides.index[falling], sides.offset[falling])
-    kept = np.setdiff1d(np.arange(written.nlp.m), rows)
+    kept = np.setdiff1d(np.arange(compiled.nlp.m), rows)
     return ComplementarityProgram(WithBounds(nlp, lower, upper), a, b), kept
 
 
@@ -68,9 +68,9 @@ def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]
     return replace(multipliers, nu=nu, xi=xi)
 
 
-def _rows(written: CompiledModel, rows: Iterable[Any]) -> np.ndarray:
+def _rows(compiled: CompiledModel, rows: Iterable[Any]) -> np.ndarray:
     """Numbers of the rows that are in the program; one without free variables is not."""
-    found = [written.row_of[row] for row in rows if row in written.row_of]
+    found = [compiled.row_of[row] for row in rows if row in compiled.row_of]
     return np.array(sorted(found), dtype=np.intp)
 
 

@@ -78,16 +78,16 @@ class PairReport:
 def pair_reports(residuals: Sequence[PairResidual], multipliers: Multipliers | None) -> list[PairReport]:
     """Join residuals with the multipliers of the same pairs."""
     if multipliers is None or multipliers.kind is Stationarity.NONE:
-        return [PairReport(each.name, each.a, each.b) for each in residuals]
+        return [PairReport(residual.name, residual.a, residual.b) for residual in residuals]
     return [
-        PairReport(each.name, each.a, each.b, nu, xi)
-        for each, nu, xi in zip(residuals, multipliers.nu.tolist(), multipliers.xi.tolist(), strict=True)
+        PairReport(residual.name, residual.a, residual.b, nu, xi)
+        for residual, nu, xi in zip(residuals, multipliers.nu.tolist(), multipliers.xi.tolist(), strict=True)
     ]
 
 
 def split_name(name: str) -> tuple[str, str]:
     """Split ``block.pair[1,a] (lower)`` into ``block.pair (lower)`` and ``1,a``; names of blocks keep their indices."""
-    role = next((each for each in (" (lower)", " (upper)") if name.endswith(each)), "")
+    role = next((suffix for suffix in (" (lower)", " (upper)") if name.endswith(suffix)), "")
     stem = name[: len(name) - len(role)]
     if not stem.endswith("]"):
         return name, ""

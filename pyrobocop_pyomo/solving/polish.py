@@ -144,8 +144,7 @@ class Polish:
 
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
         """A polish that failed must not cost the point that it started from."""
-        one, other = (each.standing(self._settings.tolerances, self._sign) for each in (before, after))
-        return before if one.is_better_than(other) else after
+        return before if before.is_better_than(after, self._settings.tolerances, self._sign) else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""

@@ -297,8 +297,7 @@ class _Procedure:
     # ---------------------------------------------------------------- what is enough
 
     def _is_better(self, first: Iterate, second: Iterate) -> bool:
-        one, other = (each.standing(self._settings.tolerances, self._check.sign) for each in (first, second))
-        return one.is_better_than(other)
+        return first.is_better_than(second, self._settings.tolerances, self._check.sign)
 
     def _is_loose(self, iterate: Iterate) -> bool:
         tolerances = self._settings.tolerances
@@ -330,7 +329,8 @@ class _Procedure:
         """Whether the strategies so far have found different solutions."""
         if any(iterate.outdone for iterate in self._found):
             return True
-        feasible = [each.objective for each in self._found if each.excess(self._settings.tolerances) <= 1.0]
+        tolerances = self._settings.tolerances
+        feasible = [iterate.objective for iterate in self._found if iterate.excess(tolerances) <= 1.0]
         return len(feasible) > 1 and max(feasible) - min(feasible) > 1e-4 * max(1.0, *map(abs, feasible))
 
     def _classify(self, best: Iterate) -> None:

@@ -90,9 +90,9 @@ class RelaxedModel:
 
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""
-        for each in self.lifted:
-            (values,) = pair_residuals([each.pair])
-            for side, number in ((each.a, values.a), (each.b, values.b)):
+        for lifted in self.lifted:
+            (values,) = pair_residuals([lifted.pair])
+            for side, number in ((lifted.a, values.a), (lifted.b, values.b)):
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 
@@ -125,7 +125,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
 
 def _described(model: Any, block: Any) -> RelaxedModel:
     lifted = lifted_pairs_of(model)
-    numbers = {id(each.pair): number for number, each in enumerate(lifted)}
+    numbers = {id(pair.pair): number for number, pair in enumerate(lifted)}
     crossed = crossed_pairs_of(model) if lifted else []
     return RelaxedModel(
         model,
@@ -141,7 +141,7 @@ def _described(model: Any, block: Any) -> RelaxedModel:
 def forget_removed(model: Any) -> None:
     """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
     for suffix in model.component_objects(Suffix, active=True):
-        for component in [each for each in suffix if each is not None and not _is_part_of(model, each)]:
+        for component in [key for key in suffix if key is not None and not _is_part_of(model, key)]:
             del suffix[component]
 
 

@@ -21,8 +21,8 @@ def draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) -
     starts = np.concatenate([[0.0], ends[:-1]])
     mu, delta = [], []
     for start, end, step in zip(starts, ends, steps, strict=True):
-        mu.append(_line(start, end, [each[0] for each in step.path], step.mu))
-        delta.append(_line(start, end, [each[1] for each in step.path], step.delta))
+        mu.append(_line(start, end, [mu_now for mu_now, _ in step.path], step.mu))
+        delta.append(_line(start, end, [delta_now for _, delta_now in step.path], step.delta))
     lines = {name: _joined(parts) for name, parts in (("delta", delta), ("mu", mu))}
     has_pairs = any(step.delta is not None for step in steps)
     dots = {
@@ -50,28 +50,28 @@ def _line(start: float, end: float, path: list[float], last: float | None) -> tu
 
 
 def _joined(parts: list[tuple[list[float], list[float]]]) -> tuple[np.ndarray, np.ndarray]:
-    return np.concatenate([each[0] for each in parts]), np.concatenate([each[1] for each in parts])
+    return np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts])
 
 
 def draw_pairs(
     title: str, pairs: Sequence[PairReport], component: str | None, axis_label: str | None, figure: Any
 ) -> Any:
     """Both sides of the pairs of a component, over its index where that is one number."""
-    names = list(dict.fromkeys(each.component for each in pairs))
+    names = list(dict.fromkeys(pair.component for pair in pairs))
     if component is None and len(names) == 1:
         component = names[0]
-    chosen = [each for each in pairs if each.component == component]
+    chosen = [pair for pair in pairs if pair.component == component]
     if not chosen:
         found = ", ".join(f"'{name}'" for name in names) or "none"
         which = "a component has to be chosen" if component is None else f"no pairs of a component '{component}'"
         raise ModelError(f"'{title}': {which}. Components with pairs: {found}.")
-    place, labels = _places([each.index for each in chosen])
+    place, labels = _places([pair.index for pair in chosen])
     order = np.argsort(place, kind="stable")
     return plot_pair_sides(
         f"{title}: {component}",
         place[order],
-        np.array([each.first for each in chosen])[order],
-        np.array([each.second for each in chosen])[order],
+        np.array([pair.first for pair in chosen])[order],
+        np.array([pair.second for pair in chosen])[order],
         zero=ZERO_SIDE,
         labels=labels,
         axis_label="index" if axis_label is None else axis_label,
@@ -82,7 +82,7 @@ def draw_pairs(
 def _places(indices: Sequence[str]) -> tuple[np.ndarray, list[str] | None]:
     """Numbers where every index is one, else counted places with the indices as labels."""
     try:
-        return np.array([float(each) for each in indices]), None
+        return np.array([float(index) for index in indices]), None
     except ValueError:
         return np.arange(1.0, len(indices) + 1), list(indices)
 

@@ -15,15 +15,15 @@ from .pair_report import ActiveSide, PairReport
 def pair_table(pairs: Sequence[PairReport], most: int | None = None) -> str:
     """A line per pair; beyond `most` lines, the number of those left out."""
     shown = list(pairs) if most is None else list(pairs[:most])
-    width = max([len("pair"), *(len(each.name) for each in shown)])
+    width = max([len("pair"), *(len(pair.name) for pair in shown)])
     lines = [
         f"{'pair':<{width}} {'first':>12} {'second':>12} {'product':>9} {'min':>9}  {'zero':<8} "
         f"{'mult. first':>12} {'mult. second':>12}"
     ]
     lines += [
-        f"{each.name:<{width}} {each.first:>12.6g} {each.second:>12.6g} {each.product:>9.1e} {each.natural:>9.1e}  "
-        f"{each.active.value:<8} {_number(each.first_multiplier):>12} {_number(each.second_multiplier):>12}"
-        for each in shown
+        f"{pair.name:<{width}} {pair.first:>12.6g} {pair.second:>12.6g} {pair.product:>9.1e} {pair.natural:>9.1e}  "
+        f"{pair.active.value:<8} {_number(pair.first_multiplier):>12} {_number(pair.second_multiplier):>12}"
+        for pair in shown
     ]
     if len(shown) < len(pairs):
         lines.append(f"... and {len(pairs) - len(shown)} more")
@@ -33,21 +33,21 @@ def pair_table(pairs: Sequence[PairReport], most: int | None = None) -> str:
 def component_table(pairs: Sequence[PairReport]) -> str:
     """A line per component: how many of its pairs have which side at zero, and the largest residual."""
     groups: dict[str, list[PairReport]] = {}
-    for each in pairs:
-        groups.setdefault(each.component, []).append(each)
+    for pair in pairs:
+        groups.setdefault(pair.component, []).append(pair)
     width = max([len("component"), *map(len, groups)])
     words = [side.value for side in ActiveSide]
     lines = [f"{'component':<{width}} {'pairs':>6} {' '.join(f'{word:>8}' for word in words)} {'max |min|':>9}"]
     for name, members in groups.items():
-        counts = Counter(each.active for each in members)
+        counts = Counter(pair.active for pair in members)
         numbers = " ".join(f"{counts[side]:>8}" for side in ActiveSide)
-        lines.append(f"{name:<{width}} {len(members):>6} {numbers} {max(abs(each.natural) for each in members):>9.1e}")
+        lines.append(f"{name:<{width}} {len(members):>6} {numbers} {max(abs(pair.natural) for pair in members):>9.1e}")
     return "\n".join(lines)
 
 
 def pair_sentence(pairs: Sequence[PairReport], multipliers: Multipliers | None, certificate: Certificate) -> str:
     """How many pairs, which sides are zero, and what is certified, in one line."""
-    counts = Counter(each.active for each in pairs)
+    counts = Counter(pair.active for pair in pairs)
     sides = ", ".join(f"{counts[side]} {side.value}" for side in ActiveSide if counts[side])
     kind = "" if multipliers is None else f"; {multipliers.kind.value.partition(':')[0]}"
     return f"{len(pairs)} pairs (zero side: {sides}){kind}; {certificate.value}"
@@ -59,7 +59,7 @@ def advice_on_motion(safety: SafetyReport) -> str:
         return "The motion keeps its clearances, but is not feasible."
     return (
         f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give a guess that is clear of "
-        "obstacles, say on which side to pass by initialize(sides=...), refine the mesh, or ask for less clearance. "
+        "obstacles, say where to pass by initialize(directions=...), refine the mesh, or ask for less clearance. "
         "With between=None nothing is asked between the points. There may be no such motion."
     )
 
@@ -96,11 +96,11 @@ def long_report(
         f"Stationarity: {kind}\nCertificate: {certificate.value}",
         _worst(pairs, worst),
     ]
-    biactive = [each for each in pairs if each.active is ActiveSide.BIACTIVE]
+    biactive = [pair for pair in pairs if pair.active is ActiveSide.BIACTIVE]
     if biactive:
         parts.append("Biactive pairs, both sides zero:\n" + pair_table(biactive, worst))
     if multipliers is not None:
-        cheapest = [each for each in pairs if _least_multiplier(each) < 0.0]
+        cheapest = [pair for pair in pairs if _least_multiplier(pair) < 0.0]
         if cheapest:
             parts.append(
                 "Pairs whose zero side would gain most by leaving zero, by multiplier:\n"
@@ -110,9 +110,9 @@ def long_report(
 
 
 def _worst(pairs: Sequence[PairReport], most: int) -> str:
-    if not any(each.natural for each in pairs):
+    if not any(pair.natural for pair in pairs):
         return "All pairs are met exactly."
-    ordered = sorted(pairs, key=lambda each: -abs(each.natural))[:most]
+    ordered = sorted(pairs, key=lambda pair: -abs(pair.natural))[:most]
     return "Worst pairs, by |min(first, second)|:\n" + pair_table(ordered)
 
 

@@ -113,12 +113,12 @@ class SolveResult:
     @property
     def largest_product(self) -> float:
         """Largest ``|a b|`` over all pairs."""
-        return max((abs(each.product) for each in self.residuals), default=0.0)
+        return max((abs(pair.product) for pair in self.residuals), default=0.0)
 
     @property
     def largest_natural_residual(self) -> float:
         """Largest ``|min(a, b)|`` over all pairs."""
-        return max((abs(each.natural) for each in self.residuals), default=0.0)
+        return max((abs(pair.natural) for pair in self.residuals), default=0.0)
 
     @property
     def iterations(self) -> int:
@@ -138,7 +138,7 @@ class SolveResult:
     @property
     def biactive(self) -> list[PairReport]:
         """The pairs of which both sides are zero."""
-        return [each for each in self.pairs if each.active is ActiveSide.BIACTIVE]
+        return [pair for pair in self.pairs if pair.active is ActiveSide.BIACTIVE]
 
     def table(self) -> str:
         """The pairs as a table in text."""
@@ -148,19 +148,19 @@ class SolveResult:
         """The pairs as a data frame, indexed by name."""
         rows = [
             {
-                "component": each.component,
-                "index": each.index,
-                "first": each.first,
-                "second": each.second,
-                "product": each.product,
-                "natural": each.natural,
-                "active": each.active.value,
-                "first_multiplier": each.first_multiplier,
-                "second_multiplier": each.second_multiplier,
+                "component": pair.component,
+                "index": pair.index,
+                "first": pair.first,
+                "second": pair.second,
+                "product": pair.product,
+                "natural": pair.natural,
+                "active": pair.active.value,
+                "first_multiplier": pair.first_multiplier,
+                "second_multiplier": pair.second_multiplier,
             }
-            for each in self.pairs
+            for pair in self.pairs
         ]
-        index = pandas.Index([each.name for each in self.pairs], name="pair", dtype=object)
+        index = pandas.Index([pair.name for pair in self.pairs], name="pair", dtype=object)
         columns = list(rows[0]) if rows else ["component", "index", "first", "second", "active"]
         return pandas.DataFrame(rows, index=index, columns=columns)
 
@@ -170,7 +170,7 @@ class SolveResult:
 
     def rounds_table(self) -> str:
         """The rounds of planning around obstacles as a table in text."""
-        return "\n".join([*(each.HEADER for each in self.rounds[:1]), *map(str, self.rounds)])
+        return "\n".join([*(first.HEADER for first in self.rounds[:1]), *map(str, self.rounds)])
 
     def steps_to_pandas(self) -> Any:
         """The runs as a data frame, numbered from 1."""
@@ -245,7 +245,7 @@ class SolveResult:
                 f"{advice_on_motion(self.safety)}\n{self.safety}",
                 self,
             )
-        worst = max(self.residuals, key=lambda each: abs(each.product), default=None)
+        worst = max(self.residuals, key=lambda pair: abs(pair.product), default=None)
         pair = "" if worst is None else f", complementarity {abs(worst.product):.1e} at '{worst.name}'"
         motion = "" if self.safety is None or self.safe else f" {advice_on_motion(self.safety)}"
         raise SolveFailed(

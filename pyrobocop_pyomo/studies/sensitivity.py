@@ -19,7 +19,7 @@ from pyomo.core.expr.visitor import identify_mutable_parameters, identify_variab
 from pyrobocop_pyomo.complementarity import (
     CanonicalForm,
     CanonicalPair,
-    Part,
+    SidePart,
     active_sources,
     canonical_form,
     pair_residuals,
@@ -422,8 +422,10 @@ class ParametricBuilder:
                     first_is_zero = True
             # The parts of a free side are zero together: one equation, and only where no bound of the range has one.
             whole = [pair for pair in form.pairs if values[id(pair)].a >= values[id(pair)].b]
-            parts = [pair for pair in whole if pair.b_part is not Part.WHOLE]
-            for pair in [pair for pair in whole if pair.b_part is Part.WHOLE] + ([] if first_is_zero else parts[:1]):
+            parts = [pair for pair in whole if pair.b_part is not SidePart.WHOLE]
+            for pair in [pair for pair in whole if pair.b_part is SidePart.WHOLE] + (
+                [] if first_is_zero else parts[:1]
+            ):
                 self._set_zero(pair, pair.b, "second")
 
     def _set_zero(self, pair: CanonicalPair, side: Any, which: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -10,13 +11,20 @@ from zipfile import ZipFile
 
 import pytest
 
-pytest.importorskip("build")
+import pyrobocop_pyomo
 
 ROOT = Path(__file__).parents[2]
 
 
+def test_the_version_to_cite_is_the_version() -> None:
+    cited = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    assert cited is not None
+    assert cited.group(1) == pyrobocop_pyomo.__version__.partition(".dev")[0]
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
+    pytest.importorskip("build")
     # On a copy, because setuptools leaves its traces beside the sources.
     copy = tmp_path_factory.mktemp("distribution")
     for name in ("pyproject.toml", "setup.cfg", "README.md", "LICENSE"):

@@ -1,56 +1,60 @@
-"""Data flows right, imports point left: the order of the folders, held by a test."""
+"""Data flows right, imports point left: the order of the folders, held by a test. Each test lists all offenders."""
 
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
-import pytest
+import networkx as nx
 
-ROOT = Path(__file__).parents[2] / "pyrobocop_pyomo"
+from .sources import folder_trees, imported_files, nodes, trees
 
 ORDER = [
-    "_version", "errors", "optional_imports", "modeling", "numerics", "geometry", "plotting", "complementarity",
-    "catalogue", "trajectories", "transcription", "continuous", "phases", "motion", "car_paths", "obstacles",
-    "mechanics", "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "distributed",
+    "errors", "optional_imports", "modeling", "numerics", "geometry", "plotting", "complementarity", "catalogue",
+    "trajectories", "transcription", "continuous", "phases", "motion", "car_paths", "obstacles", "mechanics",
+    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "distributed",
 ]  # fmt: skip
-
-PACKAGE_FILES = list(ROOT.glob("*/**/*.py"))
-
-
-def imported_folders(path: Path) -> list[tuple[int, str]]:
-    """(line, folder) for each import of this package; a relative import across folders is an error."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom):
-            assert node.level <= 1, f"{path}, line {node.lineno}: siblings by one dot, other folders by full name"
-            names = [node.module] if node.level == 0 and node.module else []
-        elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        else:
-            continue
-        for name in names:
-            parts = name.split(".")
-            if parts[0] == "pyrobocop_pyomo":
-                assert len(parts) > 1, f"{path}, line {node.lineno}: never import the package root"
-                found.append((node.lineno, parts[1]))
-    return found
+IMPORTS = (ast.Import, ast.ImportFrom)
 
 
-@pytest.mark.parametrize("path", PACKAGE_FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_imports_only_point_left(path: Path) -> None:
-    here = ORDER.index(path.relative_to(ROOT).parts[0])
-    for line, folder in imported_folders(path):
-        assert ORDER.index(folder) <= here, f"{path}, line {line}: must not import '{folder}'"
+def test_imports_only_point_left() -> None:
+    """Siblings by one dot, other folders by full name, never the package root (whose version file is no folder)."""
+    offenders = []
+    for path, tree in folder_trees().items():
+        here = ORDER.index(path.parts[0])
+        for node in nodes(tree, *IMPORTS):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+            where = f"{path}, line {node.lineno}"
+            if isinstance(node, ast.ImportFrom) and node.level > 1:
+                offenders.append(f"{where}: siblings by one dot, other folders by full name")
+            for name in names:
+                package, _, module = name.partition(".")
+                if package == "pyrobocop_pyomo" and not module:
+                    offenders.append(f"{where}: never import the package root")
+                elif package == "pyrobocop_pyomo" and module != "_version":
+                    folder = module.split(".")[0]
+                    if ORDER.index(folder) > here:
+                        offenders.append(f"{where}: must not import '{folder}'")
+    assert not offenders, "\n".join(offenders)
 
 
-@pytest.mark.parametrize("path", PACKAGE_FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_import_hides_inside_a_function(path: Path) -> None:
+def test_no_import_hides_inside_a_function() -> None:
     """An import inside a function would dodge a cycle: a cycle means that a concept lives in the wrong folder."""
-    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            for node in ast.walk(function):
-                ours = isinstance(node, ast.ImportFrom) and (
-                    node.level > 0 or (node.module or "").startswith("pyrobocop_pyomo")
-                )
-                assert not ours, f"{path}, line {node.lineno}: import of this package inside {function.name}()"
+    offenders = [
+        f"{path}, line {node.lineno}: import of this package inside {function.name}()"
+        for path, tree in folder_trees().items()
+        for function in nodes(tree, ast.FunctionDef, ast.AsyncFunctionDef)
+        for node in nodes(function, *IMPORTS)
+        if imported_files(path, node)
+    ]
+    assert not offenders, "\n".join(offenders)
+
+
+def test_no_cycle_of_files() -> None:
+    """What is imported for type checkers only counts as well: a file that needs another's types knows it."""
+    graph = nx.DiGraph()
+    for path, tree in trees().items():
+        for node in nodes(tree, *IMPORTS):
+            graph.add_edges_from((path, target) for target in imported_files(path, node))
+    cycles = [" -> ".join(map(str, cycle)) for cycle in nx.simple_cycles(graph, length_bound=4)]
+    tangles = [sorted(map(str, group)) for group in nx.strongly_connected_components(graph) if len(group) > 1]
+    assert not tangles, "\n".join([*map(str, tangles), *sorted(cycles)])

@@ -43,8 +43,8 @@ PUBLIC = {
         KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
     """,
     "results": """
-        ActiveSide BodyPairSafety Certificate Diagnosis JoinedTrajectory Multipliers PairReport SafetyReport
-        Stationarity Step Verification
+        ActiveSide BodyPairSafety Certificate Diagnosis Iterate JoinedTrajectory Multipliers PairReport SafetyReport
+        Standing Stationarity Verification
     """,
     "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
@@ -99,17 +99,20 @@ def test_namespaces_only_show_what_folders_define() -> None:
     assert modules & set(re.findall(r"^from pyrobocop_pyomo\.(\w+) import", sources, re.MULTILINE)) == set()
 
 
+@pytest.mark.heavy
 def test_import_prints_nothing() -> None:
     ended = in_a_fresh_process("import pyrobocop_pyomo")
     assert ended.stdout == ""
     assert ended.stderr == ""
 
 
+@pytest.mark.heavy
 def test_import_loads_no_extra() -> None:
     ended = in_a_fresh_process("import json, sys, pyrobocop_pyomo; print(json.dumps(list(sys.modules)))")
     assert not set(EXTRAS) & set(json.loads(ended.stdout))
 
 
+@pytest.mark.heavy
 def test_import_registers_transformation_and_solvers() -> None:
     ended = in_a_fresh_process("""
         import pyomo.environ as pyo
@@ -122,6 +125,7 @@ def test_import_registers_transformation_and_solvers() -> None:
     assert ended.stdout.split() == ["True"] * 5
 
 
+@pytest.mark.heavy
 def test_import_leaves_pyomo_as_it_was() -> None:
     """No logger, handler or warning filter is changed, and no path of an executable."""
     ended = in_a_fresh_process("""
@@ -138,6 +142,7 @@ def test_import_leaves_pyomo_as_it_was() -> None:
     assert ended.stdout.split() == ["True"]
 
 
+@pytest.mark.heavy
 def test_import_survives_a_variable_that_names_no_executable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYROBOCOP_IPOPT_EXECUTABLE", "/nowhere/ipopt")
     ended = in_a_fresh_process("import pyrobocop_pyomo")

@@ -148,6 +148,7 @@ def car_phase(duration: Any, final_heading: float = math.pi / 2, elements: int =
 NAMES = {"x": "x", "y": "y", "theta": "theta", "v": "v", "steering": "delta", "acceleration": "a"}
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("duration", [20.0, rcp.Duration(bounds=(1, 100)), rcp.Duration(bounds=(1, 12))], ids=str)
 def test_a_guess_nearly_follows_the_equations(duration: Any) -> None:
     path = park()
@@ -163,6 +164,7 @@ def test_a_guess_nearly_follows_the_equations(duration: Any) -> None:
     np.testing.assert_allclose([b.x[b.time.last()].value, b.y[b.time.last()].value], path.poses[-1, :2], atol=1e-9)
 
 
+@pytest.mark.heavy
 def test_steering_as_a_state_has_a_rate() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=15.0, elements=150)
@@ -173,6 +175,7 @@ def test_steering_as_a_state_has_a_rate() -> None:
     assert max(abs(b.steering[t].value) for t in b.time) <= 0.6 + 1e-9
 
 
+@pytest.mark.heavy
 def test_headings_start_as_the_phase_does_and_whole_turns_at_the_end_are_refused() -> None:
     path = park()
     b = car_phase(20.0, elements=10)
@@ -186,6 +189,7 @@ def test_headings_start_as_the_phase_does_and_whole_turns_at_the_end_are_refused
     assert b.theta[b.time.last()].value == pytest.approx(2.5 * math.pi)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("options", "message"),
     [

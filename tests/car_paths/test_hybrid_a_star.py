@@ -13,6 +13,8 @@ from pyrobocop_pyomo.errors import GuessError
 
 from .car_scenes import CAR, PARALLEL, REVERSE, START, STEERING, WHEELBASE, is_free, least_distance, park, without_end
 
+pytestmark = pytest.mark.heavy
+
 # What the poses between two of the path's may be off, for rounding only: nothing is allowed for coarse checks.
 ROUNDING = 1e-8
 

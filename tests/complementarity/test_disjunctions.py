@@ -102,6 +102,7 @@ def test_the_mixed_integer_optimum_is_that_of_all_branches(choose, highs, seed, 
         assert residual.infeasibility <= 1e-6
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("seed", range(3))
 def test_the_special_ordered_sets_mean_the_same(choose, highs, seed):
     """Whatever solver takes sets may pick one nonzero member of each: all picks are tried."""

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
-from pyrobocop_pyomo.complementarity.formulation import SMALLEST_SHARE
+from pyrobocop_pyomo.complementarity.group_rows import SMALLEST_SHARE
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import relaxation

@@ -137,6 +137,7 @@ def test_where_rows_hold(scheme, inner):
     assert all(m.u[t].fixed and m.u[t].value is None for t in set(m.t) - points)
 
 
+@pytest.mark.ipopt
 def test_fixed_initial_rate_is_a_condition_on_the_state():
     m = pyo.ConcreteModel()
     m.t = ContinuousSet(bounds=(0, 1))

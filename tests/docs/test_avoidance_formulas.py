@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, nnls
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.obstacles.formulations import PlacedSide
+from pyrobocop_pyomo.obstacles.formulations import PlacedShape
 from pyrobocop_pyomo.obstacles.formulations.rows import facet_weights
-from pyrobocop_pyomo.obstacles.side_choice import _cheapest_path
-from pyrobocop_pyomo.obstacles.tightening import SAG_FACTOR, tighten
+from pyrobocop_pyomo.obstacles.initial_separations import _cheapest_path
+from pyrobocop_pyomo.obstacles.tightening import DEVIATION_FACTOR, tighten
 
 from .code_blocks import ROOT
 
@@ -86,7 +86,7 @@ def test_depth_is_the_least_translation_that_separates(seed: int, length: float)
 
 @given(seed=seeds)
 def test_reach_by_weights_of_facets(seed: int) -> None:
-    """eq-support: the linear program, its dual, and the weights that certificates start from."""
+    """eq-support: the linear program, its dual, and the weights that separations start from."""
     random, shape, _, _ = two_shapes(seed)
     normals, offsets = shape.halfspaces
     v = random.normal(size=2)
@@ -136,27 +136,27 @@ def kept_block(formulation: str) -> Any:
 
 @pytest.mark.parametrize("formulation", ["plane", "dual", "mixed"])
 @given(seed=seeds)
-def test_started_certificates_prove_the_distance(formulation: str, seed: int) -> None:
+def test_started_separations_prove_the_distance(formulation: str, seed: int) -> None:
     """eq-plane, eq-dual and eq-mixed: what the started rows leave is the distance less what is required."""
     pose = tuple(np.random.default_rng(seed).normal(size=3) * [2, 2, 1] + [2, 0, 0])
     m, avoid = kept_block(formulation)
     set_poses(m.move, np.tile(pose, (3, 1)))
     avoid.initialize()
     sd = rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, 0.0)).distance
-    index = next(iter(avoid.planes))
+    index = next(iter(avoid.separations))
     spare = sd - pyo.value(avoid.required[index])
     if sd <= 0:
         return  # the start is then a chosen side, not the distance
     if formulation == "plane":
-        first = min(pyo.value(avoid.first_side[(*index, 0.0, i)].body) for i in range(4))
-        second = max(pyo.value(avoid.second_side[(*index, 0.0, j)].body) for j in range(4))
+        first = min(pyo.value(avoid.first_shape[(*index, 0.0, i)].body) for i in range(4))
+        second = max(pyo.value(avoid.second_shape[(*index, 0.0, j)].body) for j in range(4))
         assert first - second == pytest.approx(spare, abs=1e-8)
         assert first == pytest.approx(-second, abs=1e-8)
     elif formulation == "dual":
-        assert pyo.value(avoid.separation[index].body) == pytest.approx(spare, abs=1e-8)
+        assert pyo.value(avoid.gap[index].body) == pytest.approx(spare, abs=1e-8)
         assert [pyo.value(avoid.balance[(*index, axis)].body) for axis in (0, 1)] == pytest.approx([0, 0], abs=1e-9)
     else:
-        assert min(pyo.value(avoid.first_side[(*index, i)].body) for i in range(4)) == pytest.approx(spare, abs=1e-8)
+        assert min(pyo.value(avoid.first_shape[(*index, i)].body) for i in range(4)) == pytest.approx(spare, abs=1e-8)
     assert pyo.value(avoid.unit[index].body) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -164,7 +164,7 @@ def test_what_is_required() -> None:
     """eq-required, with every part of it."""
     padded = {"arrow": rcp.Body(ARROW.padded(0.25), pose=placed)}
     _, avoid = block_at("plane", (0.0, 0.0, 0.0), bodies=padded, obstacles={"wall": WALL.padded(0.125)})
-    index = next(iter(avoid.planes))
+    index = next(iter(avoid.separations))
     avoid.scale_clearance(0.5)
     avoid.set_margin(*index, 0.01)
     assert pyo.value(avoid.required[index]) == pytest.approx(0.5 * 0.05 + 0.375 + 0.01, abs=1e-15)
@@ -218,7 +218,7 @@ def test_pushed_out_facets_of_squares(t: tuple[float, float], share: float) -> N
 
 def test_rows_of_pushed_out_facets_start_with_the_sum_that_is_fixed() -> None:
     _, avoid = block_at("offset", (0.0, 0.0, 0.3))
-    index = next(iter(avoid.planes))
+    index = next(iter(avoid.separations))
     assert pyo.value(avoid.measure[index].body) == pytest.approx(2.0)
     assert [pyo.value(avoid.balance[(*index, axis)].body) for axis in (0, 1)] == pytest.approx([0, 0], abs=1e-9)
 
@@ -254,11 +254,11 @@ def test_the_smoothed_row_asks_for_the_same(length: float, required: float) -> N
     smooth = (length**2 + s**2) ** 0.5 - (required**2 + s**2) ** 0.5
     assert (smooth >= 0) == (length >= required) or abs(length - required) < 1e-9
     _, avoid = kept_block("optimality")
-    index = next(iter(avoid.planes))
+    index = next(iter(avoid.separations))
     avoid.clearance["arrow", "wall"] = required
     for axis, number in enumerate((length, 0.0)):
         avoid.normal[(*index, axis)].set_value(number)
-    assert pyo.value(avoid.separation[index].body) == pytest.approx(smooth, abs=1e-12)
+    assert pyo.value(avoid.gap[index].body) == pytest.approx(smooth, abs=1e-12)
 
 
 def sizes_of_page() -> dict[str, dict[str, tuple[int, int]]]:
@@ -299,31 +299,31 @@ def test_bounded_normals_collapse_in_overlap(seed: int, required: float) -> None
 
 @given(seed=seeds, ends=st.tuples(st.booleans(), st.booleans()))
 def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
-    """eq-sides: no other choice of candidates costs less."""
+    """eq-normals: no other choice of candidates costs less."""
     random = np.random.default_rng(seed)
-    pieces = []
+    segments = []
     for _ in range(3):
         shapes = [rcp.Polytope.hull(random.normal(size=(5, 2))) for _ in range(2)]
-        pieces.append(tuple(PlacedSide(s, s.vertices, s.rays, np.eye(2), np.zeros(2)) for s in shapes))
-    candidates = [np.array([unit(random) for _ in range(4)]) for _ in pieces]
+        segments.append(tuple(PlacedShape(s, s.vertices, s.rays, np.eye(2), np.zeros(2)) for s in shapes))
+    candidates = [np.array([unit(random) for _ in range(4)]) for _ in segments]
     before, after = (unit(random) if there else None for there in ends)
 
     def cost(normals: Any) -> float:
-        sizes = [sum(float(np.ptp(side.vertices, axis=0).max()) for side in piece) for piece in pieces]
+        sizes = [sum(float(np.ptp(side.vertices, axis=0).max()) for side in segment) for segment in segments]
         depth = sum(
-            -gap(n, first.vertices, second.vertices) / (len(pieces) * size)
-            for n, (first, second), size in zip(normals, pieces, sizes, strict=True)
+            -gap(n, first.vertices, second.vertices) / (len(segments) * size)
+            for n, (first, second), size in zip(normals, segments, sizes, strict=True)
         )
         way = [n for n in (before, *normals, after) if n is not None]
         turns = [np.arccos(np.clip(n @ other, -1, 1)) for n, other in itertools.pairwise(way)]
         return depth + sum(angle**2 for angle in turns)
 
-    chosen = _cheapest_path(candidates, pieces, before, after, np.zeros(2))
+    chosen = _cheapest_path(candidates, segments, before, after, np.zeros(2))
     assert cost(chosen) == pytest.approx(min(cost(each) for each in itertools.product(*candidates)), abs=1e-9)
 
 
 def test_margins_are_sags_and_what_was_missing() -> None:
-    """eq-measured-sag and eq-margin, for a body that turns beside the wall while its states are straight in time."""
+    """eq-measured-deviation and eq-margin, for a body that turns beside the wall at constant rates."""
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m)
     set_poses(m.move, np.array([(0.92, -0.5, -0.6), (0.92, -0.5, 0.8), (0.75, -0.5, -0.6)]))
@@ -332,12 +332,12 @@ def test_margins_are_sags_and_what_was_missing() -> None:
     avoid.initialize()
     report = avoid.verify()
     (pair,) = report.body_pairs
-    before = {index: 0.001 * number for number, index in enumerate(avoid.planes, start=1)}
+    before = {index: 0.001 * number for number, index in enumerate(avoid.separations, start=1)}
     for index, margin in before.items():
         avoid.set_margin(*index, margin)
     tighten(avoid, report, split=False)
     unsafe = set()
-    for interval, index in enumerate(avoid.planes):
+    for interval, index in enumerate(avoid.separations):
         times = sorted(m.move.time)[interval : interval + 2]
         n = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
         n /= np.linalg.norm(n)
@@ -347,7 +347,7 @@ def test_margins_are_sags_and_what_was_missing() -> None:
         c, s = np.cos(theta), np.sin(theta)
         corners = ARROW.vertices @ np.array([[c, s], [-s, c]]).transpose(2, 0, 1) + np.stack([x, y], 1)[:, None]
         reach = -(corners @ n).min(axis=1)
-        wanted = [before[index], SAG_FACTOR * (reach.max() - max(reach[0], reach[-1]))]
+        wanted = [before[index], DEVIATION_FACTOR * (reach.max() - max(reach[0], reach[-1]))]
         if pair.interval_proven[interval] < pair.clearance - pair.tolerance:
             unsafe.add(interval)
             wanted.append(before[index] + pair.clearance - pair.interval_distance[interval])
@@ -359,10 +359,10 @@ def test_margins_are_sags_and_what_was_missing() -> None:
 def test_softened_planes_have_normals_of_length_one() -> None:
     """eq-soft: the slack of a start is what is missing along its normal."""
     _, avoid = block_at("plane", (1.9, 0.0, 0.0))
-    required = pyo.value(avoid.required[next(iter(avoid.planes))])
+    required = pyo.value(avoid.required[next(iter(avoid.separations))])
     avoid.soften(3.0)
     avoid.initialize()
-    for index in avoid.planes:
+    for index in avoid.separations:
         n = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
         missing = required - gap(n, ARROW.vertices + np.array([1.9, 0.0]), WALL.vertices)
         assert avoid.slack[index].value == pytest.approx(missing, abs=1e-9)

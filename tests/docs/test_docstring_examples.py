@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import re
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,9 +17,15 @@ from .code_blocks import ROOT
 PACKAGE = ROOT / "pyrobocop_pyomo"
 
 
-def modules_with_examples() -> list[str]:
+def modules_with_examples() -> list[Any]:
     files = [path for path in sorted(PACKAGE.rglob("*.py")) if "    >>> " in path.read_text(encoding="utf-8")]
-    return [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files]
+    return [module_parameter(path) for path in files]
+
+
+def module_parameter(path: Path) -> Any:
+    name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    solves = re.search(r"^ +(>>>|\.\.\.) .*solve\w*\(", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return pytest.param(name, marks=[pytest.mark.ipopt] if solves else [])
 
 
 @pytest.mark.parametrize("name", modules_with_examples())

@@ -159,7 +159,7 @@ def test_integral_is_the_weighted_sum_also_with_a_free_duration(duration):
         2.0 / 3 * sum(w * math.exp(2.0 / 3 * (i + c)) for w, c in zip(b.grid.scheme.b, b.grid.scheme.c, strict=True))
         for i in range(3)
     )
-    assert pyo.value(b.integral(lambda b, t: pyo.exp(b.clock(t)))) == pytest.approx(expected, rel=1e-12)
+    assert pyo.value(b.integral(lambda b, t: pyo.exp(b.time_at(t)))) == pytest.approx(expected, rel=1e-12)
 
 
 def test_free_duration_multiplies_the_widths():

@@ -114,6 +114,7 @@ def test_shapes_that_cannot_be_cut(shape: Any, message: str) -> None:
         decompose(shape, name="wall")
 
 
+@pytest.mark.heavy
 def test_a_finely_curved_mesh_is_refused() -> None:
     trimesh = pytest.importorskip("trimesh")
     ring = trimesh.creation.torus(major_radius=1.0, minor_radius=0.3, major_sections=24, minor_sections=12)

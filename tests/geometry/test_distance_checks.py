@@ -11,6 +11,8 @@ from scipy.optimize import nnls
 
 from pyrobocop_pyomo.geometry import Polytope, gap, signed_distance
 
+pytestmark = pytest.mark.heavy
+
 PAIRS = 1000
 
 

@@ -28,7 +28,7 @@ def oscillators(**options: Any) -> pyo.ConcreteModel:
 
 
 def oscillate(b: Any, t: float) -> dict[Any, Any]:
-    clock = b.clock(t)
+    clock = b.time_at(t)
     return {b.x: b.x[t] * pyo.cos(clock + 0.5), b.y: -0.5 * b.y[t] ** 2 * pyo.cos(clock + 1.3)}
 
 
@@ -43,8 +43,8 @@ def exact_y(t: float) -> float:
 def running_costs(phase: Any) -> tuple[Any, Any]:
     """Integrals of ``x^2 cos(t + 1/2)`` and ``y cos(t + 13/10)``."""
     return (
-        phase.integral(lambda b, t: b.x[t] ** 2 * pyo.cos(b.clock(t) + 0.5)),
-        phase.integral(lambda b, t: b.y[t] * pyo.cos(b.clock(t) + 1.3)),
+        phase.integral(lambda b, t: b.x[t] ** 2 * pyo.cos(b.time_at(t) + 0.5)),
+        phase.integral(lambda b, t: b.y[t] * pyo.cos(b.time_at(t) + 1.3)),
     )
 
 

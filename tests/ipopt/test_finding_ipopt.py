@@ -180,6 +180,7 @@ def test_finding_asl_does_not_touch_pyomo(machine):
     assert AmplInterface.libname is None
 
 
+@pytest.mark.heavy
 def test_importing_is_quick_and_quiet_without_any_extra():
     """In a fresh process, with every optional package hidden."""
     program = """

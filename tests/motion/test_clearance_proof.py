@@ -69,7 +69,7 @@ def test_random_polynomials_against_a_body_that_moves_by_formula(
     m = on_a_phase(path, scheme, 3, elements=3, duration=2.0)
 
     def truck(b: Any, t: Any) -> Any:
-        return planar_pose(offset + pyo.cos(b.clock(t)), 0.3 * t**2, 0.8 * pyo.sin(2 * t))
+        return planar_pose(offset + pyo.cos(b.time_at(t)), 0.3 * t**2, 0.8 * pyo.sin(2 * t))
 
     box = Polytope.box(0.6, 0.4)
     report = check(m.move, CAR, [Body(box, truck)], clearance, points=m.move.time)
@@ -222,6 +222,7 @@ def test_shapes_without_end() -> None:
     assert not check(m, CAR, [Polytope.from_halfspaces([[-1, 0]], [-49], bounded=False)], 0.1).safe
 
 
+@pytest.mark.heavy
 def test_nothing_is_gained_along_a_wall_without_end() -> None:
     """Far from the corner of its description, a normal that leans over the wall by rounding measures too much."""
     for seed in range(60):

@@ -29,7 +29,7 @@ def path(t: float) -> tuple[float, float, float]:
 
 def by_clock(m: Any, t: Any) -> Any:
     b = m.move
-    return planar_pose(b.x[t] + 0.1 * b.clock(t), b.y[t] * pyo.cos(b.clock(t)), b.theta[t] - b.duration)
+    return planar_pose(b.x[t] + 0.1 * b.time_at(t), b.y[t] * pyo.cos(b.time_at(t)), b.theta[t] - b.duration)
 
 
 @pytest.mark.parametrize("horizon", [{"duration": 2.0}, FREE], ids=["fixed", "free"])
@@ -114,7 +114,7 @@ def test_indices_beside_time_and_references_are_followed() -> None:
 def test_named_expressions_are_followed_through_their_rules() -> None:
     m = on_a_phase(path, elements=2, duration=2.0)
     b = m.move
-    b.elbow = pyo.Expression(["x", "y"], b.time, rule=lambda b, axis, t: 2 * b.component(axis)[t] + b.clock(t))
+    b.elbow = pyo.Expression(["x", "y"], b.time, rule=lambda b, axis, t: 2 * b.component(axis)[t] + b.time_at(t))
     b.tip = pyo.Expression(b.time, rule=lambda b, t: b.elbow["x", t] ** 2)
     motion = motion_of(b.time, m)
 

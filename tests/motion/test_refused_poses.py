@@ -103,7 +103,7 @@ def test_states_over_other_points() -> None:
 def test_the_clock_of_another_phase() -> None:
     m = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
     m.other = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
-    refused(m, lambda m, t: planar_pose(m.other.move.clock(t), 0), "not that of the set", m.move.time)
+    refused(m, lambda m, t: planar_pose(m.other.move.time_at(t), 0), "not that of the set", m.move.time)
 
 
 def test_variables_without_value() -> None:

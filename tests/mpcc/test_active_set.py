@@ -56,6 +56,7 @@ def test_a_polished_point_is_exactly_complementary():
     np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-6)
 
 
+@needs_ipopt
 def test_a_polish_that_ends_badly_is_not_kept():
     program = trap()
     start = at_origin(program, nearest_branch(program, np.zeros(2)))

@@ -13,7 +13,11 @@ from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problem, mpcc_problems
 from .judge import Judge, read_pairs
 
 PROBLEMS = mpcc_problems()
-every_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
+BY_NAME = [
+    pytest.param(problem, id=problem.name, marks=[pytest.mark.heavy] if "large" in problem.tags else [])
+    for problem in PROBLEMS
+]
+every_problem = pytest.mark.parametrize("problem", BY_NAME)
 
 
 def test_enough_problems_and_no_name_twice() -> None:
@@ -44,7 +48,7 @@ def test_a_source_or_a_note_says_where_it_is_from(problem: MpccProblem) -> None:
     assert problem.name in str(problem)
 
 
-@pytest.mark.parametrize("problem", [each for each in PROBLEMS if each.answer], ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", [problem for problem in BY_NAME if problem.values[0].answer])
 def test_known_answers_are_variables_and_complete_ones_are_optimal(problem: MpccProblem) -> None:
     model = problem.build()
     judge = Judge(model)
@@ -69,6 +73,7 @@ def test_an_entry_cannot_contradict_itself() -> None:
         MpccProblem("odd", pyo.ConcreteModel, 1.0, feasible=False)
 
 
+@pytest.mark.heavy
 def test_the_package_does_not_import_the_catalogue() -> None:
     code = "import sys, pyrobocop_pyomo; print('pyrobocop_pyomo.catalogue' in sys.modules)"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -24,16 +24,23 @@ BAD = {
     "clearance missing for a pair": ({"bodies": ARROWS, "clearance": {("arrow", "wall"): 0.1}}, "'other'"),
     "clearance of nobody": ({"clearance": {("arrow", "wal"): 0.1}}, "'wal'.*'wall'"),
     "clearance of what is not watched": (
-        {"bodies": ARROWS, "clearance": {("arrow", "wall"): 0.1, ("other", "wall"): 0.1}, "pairs": [("arrow", "wall")]},
+        {
+            "bodies": ARROWS,
+            "clearance": {("arrow", "wall"): 0.1, ("other", "wall"): 0.1},
+            "body_pairs": [("arrow", "wall")],
+        },
         "not watched",
     ),
     "no body": ({"bodies": {}}, "no body"),
-    "no pair": ({"exclude": [("arrow", "wall")]}, "no pair"),
-    "pairs of nobody": ({"pairs": [("arrow", "nobody")]}, "'nobody'"),
-    "pairs of one": ({"pairs": [("arrow", "arrow")]}, "two different"),
-    "pairs of obstacles": ({"obstacles": {"a": WALL, "b": WALL}, "pairs": [("a", "b")]}, "'a' and 'b', two obstacles"),
+    "no pair": ({"exclude": [("arrow", "wall")]}, "no body pair"),
+    "pairs of nobody": ({"body_pairs": [("arrow", "nobody")]}, "'nobody'"),
+    "pairs of one": ({"body_pairs": [("arrow", "arrow")]}, "two different"),
+    "pairs of obstacles": (
+        {"obstacles": {"a": WALL, "b": WALL}, "body_pairs": [("a", "b")]},
+        "'a' and 'b', two obstacles",
+    ),
     "pairs that stand still": (
-        {"bodies": {**ARROWS, "rock": STILL}, "pairs": [("rock", "wall")]},
+        {"bodies": {**ARROWS, "rock": STILL}, "body_pairs": [("rock", "wall")]},
         "'rock' and 'wall', which both stand still",
     ),
     "exclude nobody": ({"exclude": [("arrow", "nobody")]}, "'nobody'"),
@@ -82,7 +89,7 @@ def test_flat_bodies_are_fine_where_corners_suffice(formulation):
     m = turning_move(elements=2, height=3)
     rod = rcp.Polytope.from_vertices([(-0.5, 0), (0.5, 0)], allow_flat=True)
     avoiding(m, bodies={"rod": rcp.Body(rod, pose=placed)}, formulation=formulation).initialize()
-    assert min(m.move.avoid.certificate_gaps().values()) > 0.05
+    assert min(m.move.avoid.separation_gaps().values()) > 0.05
 
 
 def test_fixed_poses_that_are_too_close_are_named_with_the_room_there_is():
@@ -191,18 +198,18 @@ def test_pairs_by_graph_and_by_exclusion():
     m = turning_move(elements=1, stages=1)
     walls = {"a": WALL, "b": WALL}
     graph = networkx.Graph([("a", "arrow"), ("other", "arrow")])
-    avoid = avoiding(m, bodies=ARROWS, obstacles=walls, pairs=graph)
-    assert avoid.record.scene.pairs == [("arrow", "other"), ("arrow", "a")]
+    avoid = avoiding(m, bodies=ARROWS, obstacles=walls, body_pairs=graph)
+    assert avoid.record.scene.body_pairs == [("arrow", "other"), ("arrow", "a")]
     del m.move.avoid
     m.move.del_component("avoid")
     avoid = avoiding(m, bodies=ARROWS, obstacles=walls, exclude=[("other", "arrow"), ("a", "other")])
-    assert avoid.record.scene.pairs == [("arrow", "a"), ("arrow", "b"), ("other", "b")]
+    assert avoid.record.scene.body_pairs == [("arrow", "a"), ("arrow", "b"), ("other", "b")]
 
 
 def test_shorthand_for_one_body():
     m = turning_move(elements=1, stages=1)
     m.move.avoid = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, obstacles=[WALL], clearance=0.1)
-    assert m.move.avoid.record.scene.pairs == [("body", "obstacle 1")]
+    assert m.move.avoid.record.scene.body_pairs == [("body", "obstacle 1")]
     with pytest.raises(rcp.errors.ObstacleError, match="not both"):
         m.move.other = rcp.ObstacleAvoidanceBlock(m.move.time, body=ARROW, pose=placed, bodies=ARROWS, clearance=1)
 

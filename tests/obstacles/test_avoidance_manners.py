@@ -42,10 +42,10 @@ def test_a_copy_is_refined_without_its_original():
     m = turning_move(height=3)
     avoid = avoiding(m)
     copy = m.clone().move.avoid
-    index = next(iter(copy.planes))
+    index = next(iter(copy.separations))
     copy.initialize()
     copy.split(*index)
-    assert len(copy.planes) == len(avoid.planes) + 1
+    assert len(copy.separations) == len(avoid.separations) + 1
     assert_own_variables(copy.model())
     assert_own_variables(m)
 
@@ -55,7 +55,7 @@ def test_a_rule_that_a_pickle_cannot_hold_is_missed_only_where_it_is_asked():
     avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=lambda b, t: placed(b, t))})
     again = pickle.loads(pickle.dumps(m))
     again.move.avoid.initialize()
-    assert min(again.move.avoid.certificate_gaps().values()) > 0
+    assert min(again.move.avoid.separation_gaps().values()) > 0
     with pytest.raises(rcp.errors.ObstacleError, match="did not survive pickling"):
         again.move.avoid.verify()
 
@@ -76,9 +76,9 @@ def test_deactivated_rows_stay_so_on_a_clone():
     m = turning_move()
     avoid = avoiding(m)
     avoid.initialize()
-    avoid.first_side.deactivate()
+    avoid.first_shape.deactivate()
     copy = m.clone()
-    assert not any(row.active for row in copy.move.avoid.first_side.values())
+    assert not any(row.active for row in copy.move.avoid.first_shape.values())
     assert effort_of(copy) == pytest.approx(effort_of(turning_move()), rel=1e-6)
 
 
@@ -98,8 +98,8 @@ def test_indexed_blocks():
     for i in (1, 2):
         m.avoid[i].initialize()
         assert pyo.value(m.avoid[i].clearance["arrow", "obstacle 2"]) == 0.1 * i
-        assert len(m.avoid[i].planes) == 4
-    assert m.clone().avoid[2].certificate_gaps() == m.avoid[2].certificate_gaps()
+        assert len(m.avoid[i].separations) == 4
+    assert m.clone().avoid[2].separation_gaps() == m.avoid[2].separation_gaps()
 
 
 def test_in_a_rule_of_an_abstract_model():
@@ -111,7 +111,7 @@ def test_in_a_rule_of_an_abstract_model():
     )
     instance = m.create_instance()
     instance.avoid.initialize()
-    assert len(instance.avoid.planes) == 2
+    assert len(instance.avoid.separations) == 2
     assert instance.avoid.record.points is instance.t
 
 
@@ -128,7 +128,7 @@ def test_on_a_discretised_continuous_set(transformation):
         m.t, body=ARROW, pose=lambda b, t: rcp.planar_pose(b.x[t], 0), obstacles=[WALL], clearance=0.1
     )
     m.avoid.initialize()
-    assert len(m.avoid.planes) == 4
+    assert len(m.avoid.separations) == 4
     assert m.avoid.verify().safe
 
 
@@ -140,7 +140,7 @@ def test_any_set_point_by_point():
     pose = lambda b, p: rcp.planar_pose(b.x[p], 0)  # noqa: E731
     m.avoid = rcp.ObstacleAvoidanceBlock(m.where, pose=pose, between=None, **options)
     m.avoid.initialize()
-    assert {index[2] for index in m.avoid.planes} == {"here", "there"}
+    assert {index[2] for index in m.avoid.separations} == {"here", "there"}
 
 
 def test_unions_are_watched_part_by_part():
@@ -148,7 +148,7 @@ def test_unions_are_watched_part_by_part():
     hall = [rcp.Polytope.box(0.2, 1, center=(1.5, 0)), rcp.Polytope.box(0.2, 1, center=(2.5, 0))]
     avoid = avoiding(m, obstacles={"hall": hall})
     avoid.initialize()
-    assert {index[1] for index in avoid.planes} == {"hall[1]", "hall[2]"}
+    assert {index[1] for index in avoid.separations} == {"hall[1]", "hall[2]"}
     assert list(avoid.clearance) == [("arrow", "hall")]
-    times = avoid.record.pieces[next(iter(avoid.planes))].times
-    assert min(avoid.certificate_gaps().values()) <= min(min(exact(m.move, ARROW, part, times)) for part in hall)
+    times = avoid.record.segments[next(iter(avoid.separations))].times
+    assert min(avoid.separation_gaps().values()) <= min(min(exact(m.move, ARROW, part, times)) for part in hall)

@@ -28,7 +28,7 @@ def model(case: str, **options) -> pyo.ConcreteModel:
     b.steering = rcp.Control(guess=lambda t: scale * t)
     b.ode(lambda b, t: {b.x: 2 * scale * t, b.theta: b.steering[t]})
     bodies = {"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], 0, b.theta[t]))}
-    obstacles = {"wall": WALL, "truck": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(9, -b.clock(t)))}
+    obstacles = {"wall": WALL, "truck": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(9, -b.time_at(t)))}
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time, **{"bodies": bodies, "obstacles": obstacles, "clearance": 0.1, **options}
     )
@@ -49,6 +49,7 @@ def test_bodies_are_where_the_polynomials_of_the_scheme_say(case: str) -> None:
     assert truck.translation == pytest.approx(np.column_stack([9 + 0 * time, -time]), abs=1e-9)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("case", CASES)
 def test_a_block_draws_and_animates_itself(case: str, tmp_path: Path) -> None:
     m = model(case)

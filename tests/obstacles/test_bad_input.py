@@ -303,6 +303,7 @@ def test_a_solve_that_is_refused_changes_nothing(state: Callable[[pyo.ConcreteMo
     assert m.effort.active
 
 
+@pytest.mark.ipopt
 def test_a_tighter_tolerance_allows_a_smaller_clearance() -> None:
     m = turning_move(elements=2, height=3)
     small_clearance(m)

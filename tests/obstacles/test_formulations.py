@@ -36,7 +36,7 @@ def test_exact_formulations_agree(formulation, norm, reference):
     closest = min(exact(m.move, ARROW, WALL, m.move.time))
     # The wall is in the way: the clearance is used up, and kept up to the solver's tolerance.
     assert closest == pytest.approx(0.05, abs=1e-6)
-    for (_, _, time), proven in avoid.certificate_gaps().items():
+    for (_, _, time), proven in avoid.separation_gaps().items():
         assert 0.05 - 1e-6 <= proven <= exact(m.move, ARROW, WALL, [time])[0] + 1e-9
 
 
@@ -56,8 +56,10 @@ def test_optimality_conditions_agree_in_the_limit_and_err_on_the_unsafe_side_bef
     for exponent in range(1, 9):
         delta.set_value(10.0**-exponent)
         solve_once(m)
-        distances = exact(m.move, ARROW, WALL, [time for _, _, time in avoid.planes])
-        shown = [np.linalg.norm([pyo.value(avoid.normal[(*index, axis)]) for axis in (0, 1)]) for index in avoid.planes]
+        distances = exact(m.move, ARROW, WALL, [time for _, _, time in avoid.separations])
+        shown = [
+            np.linalg.norm([pyo.value(avoid.normal[(*index, axis)]) for axis in (0, 1)]) for index in avoid.separations
+        ]
         assert min(shown) >= 0.05 - 1e-6
         errors.append(0.05 - min(distances))
     # The plan says 0.05, the truth is less by what the pairs are relaxed by; at 1e-4, a fifth of the clearance is gone.
@@ -72,12 +74,12 @@ def test_optimality_conditions_reproduce_the_fixed_clearance_of_the_seed():
     avoid = avoiding(m, formulation=rcp.formulations.Optimality(cold=True), clearance=0.02)
     avoid.initialize()
     assert {each.value for each in avoid.corner_weight.values()} == {0.0}
-    index = next(iter(avoid.planes))
+    index = next(iter(avoid.separations))
     for number, size in enumerate((0.3, 0.01, 0.02)):
         for axis in (0, 1):
             avoid.normal[(*index, axis)].set_value(size if axis == number % 2 else 0.0)
         wanted = (size**2 + 1e-4) ** 0.5 - (5e-4) ** 0.5
-        assert pyo.value(avoid.separation[index].body) == pytest.approx(wanted, abs=1e-15)
+        assert pyo.value(avoid.gap[index].body) == pytest.approx(wanted, abs=1e-15)
 
 
 # In the plane, of 4 corners or sides each: (variables, rows) per certificate.
@@ -96,9 +98,9 @@ def test_sizes(formulation):
 def test_one_plane_per_interval_needs_as_many_rows_of_the_body_as_poses():
     m = turning_move(elements=5, stages=1)
     avoid = avoiding(m)
-    assert len(avoid.planes) == 5
-    assert len(avoid.first_side) == 5 * 2 * 4
-    assert len(avoid.second_side) == 5 * 4
+    assert len(avoid.separations) == 5
+    assert len(avoid.first_shape) == 5 * 2 * 4
+    assert len(avoid.second_shape) == 5 * 4
     assert len(avoid.unit) == 5
 
 

@@ -60,7 +60,7 @@ def test_started_certificates_prove_the_distance_in_space(numbers, pose, formula
         for k, entry in enumerate(quaternion / np.linalg.norm(quaternion)):
             m.q[k, t].set_value(entry)
     m.avoid.initialize()
-    for (_, name, t), proven in m.avoid.certificate_gaps().items():
+    for (_, name, t), proven in m.avoid.separation_gaps().items():
         shape = dict(zip(("obstacle 1", "obstacle 2"), FRAME, strict=True))[name]
         distance = rcp.geometry.signed_distance(WEDGE, shape, pose(m, t)).distance
         assert proven <= distance + 1e-8

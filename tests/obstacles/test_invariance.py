@@ -42,7 +42,7 @@ def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0, formulation="plane"):
     )
     b.avoid.initialize()
     solve_once(m)
-    return pyo.value(m.effort), min(b.avoid.certificate_gaps().values()) / unit
+    return pyo.value(m.effort), min(b.avoid.separation_gaps().values()) / unit
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def two_bodies(order, formulation, between):
 def test_bodies_may_be_named_in_either_order(formulation, between):
     one, other = two_bodies("ab", formulation, between), two_bodies("ba", formulation, between)
     assert pyo.value(one.near) == pytest.approx(pyo.value(other.near), rel=1e-6)
-    forth, back = one.avoid.certificate_gaps(), other.avoid.certificate_gaps()
+    forth, back = one.avoid.separation_gaps(), other.avoid.separation_gaps()
     assert {("b", "a", t) for _, _, t in forth} == set(back)
     for (_, _, t), gap in forth.items():
         assert gap == pytest.approx(back["b", "a", t], abs=1e-4)

@@ -53,6 +53,7 @@ def test_a_linear_control_is_the_line_between_its_knots(scheme: str, knots: list
     np.testing.assert_allclose(b.trajectory()(fine)["u"], np.interp(fine, times, np.sin(3 * np.array(times))))
 
 
+@pytest.mark.ipopt
 def test_the_minimum_effort_control_is_linear_and_is_found_exactly() -> None:
     # Rest to rest with least effort: u = 1.5 (1 - t), cost 1.5, and a linear control holds it on any mesh.
     m = cart(parametrization="piecewise_linear")
@@ -86,6 +87,7 @@ def test_a_control_is_held_between_its_knots() -> None:
     assert [b.u_per_interval[0] is b.u[t] for t in b.points] == [t <= 0.5 for t in b.points]
 
 
+@pytest.mark.ipopt
 @pytest.mark.parametrize(
     ("control", "changes", "times"),
     [
@@ -110,6 +112,7 @@ def test_rate_bounds_hold_and_the_rate_is_what_they_bound(control: dict, changes
     assert seen == {round(rate, 6) for rate in rates}
 
 
+@pytest.mark.ipopt
 def test_rate_bounds_are_in_real_time_when_the_duration_is_free() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 9), guess=3), elements=8)
@@ -132,6 +135,7 @@ def test_a_rate_cost_is_the_integral_of_the_squared_slope() -> None:
     assert m.p.rate_of("u") == m.p.rate_of(m.p.u)
 
 
+@pytest.mark.ipopt
 def test_clone_and_pickle_keep_the_way_from_points_to_values() -> None:
     m = cart(parametrization="piecewise_linear", rate_bounds=(-9, 9))
     m.p.rate_of(m.p.u)
@@ -145,6 +149,7 @@ def test_clone_and_pickle_keep_the_way_from_points_to_values() -> None:
         assert rcp.solve(copy).objective == pytest.approx(1.5, abs=1e-7)
 
 
+@pytest.mark.ipopt
 def test_saved_and_loaded_the_lines_stay_lines(tmp_path: Any) -> None:
     m = cart("implicit_euler", None, parametrization="piecewise_linear")
     rcp.solve(m)

@@ -128,8 +128,8 @@ def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
 def test_an_integral_is_the_gain_of_an_additional_state(scheme: rcp.schemes.Scheme, duration: Any) -> None:
     m = oscillators(elements=3, scheme=scheme, duration=duration)
     m.swing.gain = rcp.State(initial=0)
-    m.swing.ode(lambda b, t: {b.gain: b.x[t] * b.y[t] - b.clock(t)})
-    cost = m.swing.integral(lambda b, t: b.x[t] * b.y[t] - b.clock(t))
+    m.swing.ode(lambda b, t: {b.gain: b.x[t] * b.y[t] - b.time_at(t)})
+    cost = m.swing.integral(lambda b, t: b.x[t] * b.y[t] - b.time_at(t))
     if m.swing.has_free_duration:
         m.swing.duration.fix(1.2)
     solved(m)

@@ -39,11 +39,11 @@ def state_driven(b: Any, initial: float | None = None, final: float | None = Non
 
 
 def driven(b: Any, t: float) -> dict[Any, Any]:
-    return {b.x: b.v[t], b.v: pyo.sin(b.x[t]) * pyo.cos(2 * b.clock(t)) + b.u[t]}
+    return {b.x: b.v[t], b.v: pyo.sin(b.x[t]) * pyo.cos(2 * b.time_at(t)) + b.u[t]}
 
 
 def running_cost(b: Any) -> Any:
-    return b.integral(lambda b, t: b.u[t] ** 2 + pyo.exp(-b.clock(t)) * b.x[t] ** 2)
+    return b.integral(lambda b, t: b.u[t] ** 2 + pyo.exp(-b.time_at(t)) * b.x[t] ** 2)
 
 
 def uncut(scheme: rcp.schemes.Scheme, mesh: Any) -> pyo.ConcreteModel:
@@ -105,7 +105,7 @@ def test_free_durations_in_a_chain_pass_their_clock_on() -> None:
         m.add_component(name, rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 3)), start=start, elements=1))
         phase = m.component(name)
         phase.x = rcp.State(initial=0.25 if name == "one" else None)
-        phase.ode(lambda b, t: {b.x: 2 * b.clock(t)})
+        phase.ode(lambda b, t: {b.x: 2 * b.time_at(t)})
     m.joints = rcp.Link([1, 2], phases=lambda m, k: ((m.one, m.two), (m.two, m.three))[k - 1])
     m.ends = pyo.ConstraintList()
     for phase, end in ((m.one, 1.0), (m.two, 4.0), (m.three, 9.0)):
@@ -113,11 +113,11 @@ def test_free_durations_in_a_chain_pass_their_clock_on() -> None:
     m.nothing = pyo.Objective(expr=0)
     solve(m, 1e-12)
     assert [p.duration.value for p in (m.one, m.two, m.three)] == pytest.approx([0.5, 1.0, 1.0], abs=1e-9)
-    assert pyo.value(m.three.clock(1)) == pytest.approx(3.0, abs=1e-9)
+    assert pyo.value(m.three.time_at(1)) == pytest.approx(3.0, abs=1e-9)
     assert m.three.trajectory().time[[0, -1]] == pytest.approx([2.0, 3.0], abs=1e-9)
     assert m.three.trajectory().verify().horizon_error < 1e-9
     for copy in (m.clone(), pickle.loads(pickle.dumps(m.clone()))):
-        used = {id(v) for v in identify_variables(copy.three.clock(1))}
+        used = {id(v) for v in identify_variables(copy.three.time_at(1))}
         assert used == {id(p.duration) for p in (copy.one, copy.two, copy.three)}
 
 

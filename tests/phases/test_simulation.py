@@ -173,6 +173,7 @@ def explosion(rule: Any) -> Any:
     return b
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("method", ["DOP853", "LSODA", "scheme"])
 @pytest.mark.filterwarnings("ignore:lsoda")
 def test_a_failure_names_the_time_and_keeps_what_it_has(method: str) -> None:

@@ -41,7 +41,7 @@ def newton(b: Any, t: float) -> Any:
 
 
 def air(b: Any, t: float) -> Any:
-    return b.drag[t] == 0.1 * U.N * U.s**2 / U.m**2 * b.v[t] ** 2 * (1 + b.clock(t) / U.s)
+    return b.drag[t] == 0.1 * U.N * U.s**2 / U.m**2 * b.v[t] ** 2 * (1 + b.time_at(t) / U.s)
 
 
 def power(b: Any, t: float) -> Any:
@@ -54,7 +54,7 @@ def test_transcribed_rows_and_integrals_are_consistent(horizon: str, scheme: str
     m = cart(scheme=scheme, **HORIZONS[horizon])
     assert_units_consistent(m)
     assert_units_equivalent(m.work.expr, U.J)
-    assert_units_equivalent(m.p.clock(0.5), U.s)
+    assert_units_equivalent(m.p.time_at(0.5), U.s)
     assert rcp.diagnose(m).errors == []
 
 

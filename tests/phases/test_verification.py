@@ -219,6 +219,7 @@ def test_rows_that_were_not_stated_through_the_phase_are_named_as_not_judged() -
     assert remark == "not judged, since they were not stated through the phase: own_limit, own_pair."
 
 
+@pytest.mark.heavy
 def test_an_unstable_motion_is_no_crash() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=10, elements=2, scheme="implicit_euler")

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pyomo.environ as pyo
+import pyomo.repn.util
 import pytest
 from harness.small_problems import every_derivative, every_kind_of_row, maximisation, square_system
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.programs.asl_program import AslProgram
 from pyrobocop_pyomo.programs.casadi_program import CasadiProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows, lagrangian_residual
 
 STEP = 1e-6
 
@@ -198,3 +204,126 @@ def test_an_infinite_derivative_is_an_error_and_not_the_end_of_the_process(deriv
     m.c = pyo.Constraint(expr=pyo.sqrt(m.x) <= 2)
     with pytest.raises(EvaluationError, match="ASL cannot evaluate the"):
         getattr(CompiledModel(m, "asl").nlp, derivative)(np.zeros(1))
+
+
+FUNCTIONS = {
+    "sqrt": (pyo.sqrt, -1.0),
+    "log": (pyo.log, 0.0),
+    "quotient": (lambda x: 1 / x, 0.0),
+    "power": (lambda x: x**-1.5, 0.0),
+    "exp": (pyo.exp, 800.0),
+    "acos": (pyo.acos, 1.5),
+    "huge": (lambda x: x**3, 1e200),
+}
+
+
+def one_function(function: Callable[[Any], Any]) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=0.5)
+    m.cost = pyo.Objective(expr=function(m.x))
+    m.row = pyo.Constraint(expr=function(m.x) + m.x >= 0)
+    return m
+
+
+@every_derivative
+@pytest.mark.parametrize(("function", "point"), FUNCTIONS.values(), ids=FUNCTIONS.keys())
+def test_what_does_not_exist_is_an_evaluation_error_and_nothing_else(derivatives, function, point):
+    nlp = CompiledModel(one_function(function), derivatives).nlp
+    x = np.array([point])
+    for evaluate in (
+        nlp.objective, nlp.gradient, nlp.constraints, nlp.jacobian, lambda x: nlp.hessian(x, 1.0, np.ones(1)),
+        lambda x: lagrangian_residual(nlp, PrimalDualPoint(x, np.ones(1), np.zeros(1), np.zeros(1))),
+    ):  # fmt: skip
+        with contextlib.suppress(EvaluationError):
+            assert np.isfinite(evaluate(x)).all()
+    with pytest.raises(EvaluationError, match="objective"):
+        nlp.objective(x)
+    with pytest.raises(EvaluationError, match="constraints"):
+        nlp.constraints(x)
+
+
+@every_derivative
+def test_multipliers_that_overflow_are_an_evaluation_error(derivatives):
+    nlp = CompiledModel(one_function(pyo.exp), derivatives).nlp
+    with pytest.raises(EvaluationError, match="gradient of the Lagrangian"):
+        lagrangian_residual(nlp, PrimalDualPoint(np.array([700.0]), np.array([1e300])))
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize(
+    ("function", "point"),
+    [(pyo.tanh, 750.0), (pyo.acos, 1.0), (pyo.asin, -1.0), (pyo.acosh, 1.0), (lambda x: (x - 1) ** 1.5, 1.0)],
+)
+def test_a_second_derivative_that_does_not_exist_does_not_end_the_process(function, point):
+    """ASL calls exit() from its Hessian, but tells its gradient about it."""
+    nlp = CompiledModel(one_function(function), "asl").nlp
+    with pytest.raises(EvaluationError, match="ASL cannot evaluate the gradient"):
+        nlp.hessian(np.array([point]), 1.0, np.ones(1))
+
+
+UNDEFINED = {
+    "coefficient": lambda m: m.x / m.p >= 0,
+    "term": lambda m: m.x + m.x**2 / m.p >= 0,
+    "factor": lambda m: pyo.log(m.p - 1) * m.x >= 0,
+    "bound": lambda m: m.x >= 1 / m.p,
+    "fixed": lambda m: m.x + pyo.log(m.fixed) >= 0,
+    "root": lambda m: m.fixed**0.5 * m.x >= 0,
+    "overflow": lambda m: m.x**2 * pyo.exp(1e4 + m.p) >= 0,
+    "no variables": lambda m: 1 / m.p >= 1,
+}
+
+
+@every_derivative
+@pytest.mark.parametrize("row", UNDEFINED.values(), ids=UNDEFINED.keys())
+def test_a_number_that_does_not_exist_is_an_evaluation_error(derivatives, row):
+    """Pyomo's writer would leave the term out, and the solver would solve another problem."""
+    m = pyo.ConcreteModel("numbers")
+    m.x = pyo.Var(initialize=0.5)
+    m.p = pyo.Param(initialize=0.0, mutable=True)
+    m.fixed = pyo.Var(initialize=-1.0)
+    m.fixed.fix()
+    m.cost = pyo.Objective(expr=m.x**2)
+    m.row = pyo.Constraint(expr=row(m))
+    with pytest.raises(EvaluationError) as caught:
+        CompiledModel(m, derivatives).nlp.constraints(np.array([0.5]))
+    if derivatives != "vectorised":
+        assert str(caught.value).startswith("'row': ")
+    assert pyomo.repn.util.HALT_ON_EVALUATION_ERROR is False
+
+
+def calling(function: pyo.ExternalFunction) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel("outer")
+    m.x = pyo.Var(initialize=0.5)
+    m.function = function
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2)
+    m.inner = pyo.Block()
+    m.inner.expression = pyo.Expression(expr=m.function(m.x))
+    m.inner.row = pyo.Constraint(expr=m.inner.expression <= 0.25)
+    return m
+
+
+@pytest.mark.parametrize(
+    "derivatives", [pytest.param(name, marks=getattr(pytest.mark, name)) for name in ("asl", "casadi")]
+)
+def test_a_python_function_is_refused_before_a_file_is_written(derivatives):
+    """ASL would end the process: it looks for a library that does not exist."""
+    m = calling(pyo.ExternalFunction(function=lambda x: x**2, gradient=lambda x: [2 * x], hessian=lambda x: [2]))
+    with pytest.raises(ModelError, match=r"'inner\.row' calls the Python function 'function'.*Pyomo expression"):
+        CompiledModel(m, derivatives)
+    m.inner.row.deactivate()
+    assert CompiledModel(m, derivatives).nlp.m == 0
+
+
+@pytest.mark.asl
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("library", ["/nowhere/library.so", "libm.so.6"])
+def test_a_library_that_asl_would_not_find_is_refused(library):
+    with pytest.raises(ModelError, match=rf"calls 'function', whose library '{library}' cannot be loaded"):
+        CompiledModel(calling(pyo.ExternalFunction(library=library, function="nothing")), "asl")
+
+
+@pytest.mark.executable
+def test_the_executable_is_not_started_with_a_python_function():
+    m = calling(pyo.ExternalFunction(function=lambda x: x**2, gradient=lambda x: [2 * x], hessian=lambda x: [2]))
+    with pytest.raises(ModelError, match=r"'inner\.row' calls the Python function 'function'"):
+        rcp.solve(m, backend="executable")

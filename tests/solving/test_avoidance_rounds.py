@@ -19,6 +19,8 @@ from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.planning.recovery import Recovery, softened
 from pyrobocop_pyomo.solving.solve_result import StopReason
 
+pytestmark = pytest.mark.ipopt
+
 box = rcp.Polytope.box
 
 
@@ -123,9 +125,9 @@ def violation(m: pyo.ConcreteModel) -> float:
 def test_copies_after_a_solve_with_split_planes(how: str) -> None:
     m = curved()
     rcp.solve(m)
-    m.move.avoid.split(*next(iter(m.move.avoid.planes)))
+    m.move.avoid.split(*next(iter(m.move.avoid.separations)))
     copy = m.clone() if how == "clone" else pickle.loads(pickle.dumps(m))
-    assert set(copy.move.avoid.planes) == set(m.move.avoid.planes)
+    assert set(copy.move.avoid.separations) == set(m.move.avoid.separations)
     inside = m.move.time.at(3)
     m.move.x[inside].set_value(99.0)
     result = rcp.solve(copy)
@@ -277,7 +279,7 @@ def test_a_plain_solver_on_a_block_that_was_started() -> None:
     m = curved()
     m.move.avoid.initialize()
     pyo.assert_optimal_termination(pyo.SolverFactory("ipopt").solve(m))
-    assert min(m.move.avoid.certificate_gaps().values()) > 0.05 - 1e-6
+    assert min(m.move.avoid.separation_gaps().values()) > 0.05 - 1e-6
     report = m.move.avoid.verify()
     assert report.safe is (closest(m, [WALL]) >= 0.0495)
     assert not report.safe
@@ -287,7 +289,7 @@ def test_the_side_that_the_user_chose_is_kept() -> None:
     for side in (-1, 1):
         m = turning_move(height=0)
         avoid = avoiding(m, obstacles={"post": box(0.8, 0.8, center=(2, -0.05 * side))})
-        avoid.initialize(sides={("arrow", "post"): (0, -side)})
+        avoid.initialize(directions={("arrow", "post"): (0, -side)})
         assert rcp.solve(m).safe
         middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
         assert m.move.y[middle].value * side < 0
@@ -408,7 +410,7 @@ def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_
     avoid.initialize()
     assert avoid.record.pruned
     result = rcp.solve(m)
-    assert any("brought back" in each.purpose for each in result.rounds)
+    assert any("restored" in each.purpose for each in result.rounds)
     assert not result.rounds[0].safe
     report = result.safety
     assert report.safe is (closest(m, [WALL]) >= 0.0495)

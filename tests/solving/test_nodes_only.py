@@ -20,6 +20,8 @@ import shapely
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.planning.recovery import Recovery
 
+pytestmark = pytest.mark.ipopt
+
 SAMPLES = 400
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -219,6 +219,7 @@ def test_a_contradiction_is_not_called_solved(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", ROUTES[:2])
+@pytest.mark.ctrl_c
 def test_ctrl_c_stops_cleanly_and_keeps_the_point(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def press(record):
         if record.iteration == 5:

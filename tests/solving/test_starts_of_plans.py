@@ -73,7 +73,7 @@ def test_only_what_measures_overlap_is_made_to_give_way() -> None:
 
 def test_margins_of_another_motion_are_forgotten() -> None:
     m = through_a_wall()
-    index = m.move.avoid.planes.first()
+    index = m.move.avoid.separations.first()
     recovery = Recovery(m, [m.move.avoid], [], Fails(m))
     for step, _ in zip(recovery.steps(), range(2), strict=False):
         m.move.avoid.set_margin(*index, 0.3)

@@ -291,6 +291,7 @@ LONG = """
 @pytest.mark.casadi
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.ctrl_c
 def test_ctrl_c_during_a_solve_stops_every_process_soon(workers: int, tmp_path: Path) -> None:
     script = tmp_path / "long.py"
     script.write_text(textwrap.dedent(LONG).replace("WORKERS", str(workers)))

@@ -1,13 +1,15 @@
-"""Formulations of "these two shapes are apart", one per file."""
+"""Formulations of a separation of two shapes, one per file."""
 
 from .dual import Dual
 from .mixed import Mixed
 from .offset import Offset
 from .optimality import Optimality
 from .plane import Plane
-from .protocol import Formulation, PlacedSide, Side
+from .protocol import Formulation, PlacedShape, PosedShape, SeparationIndex
 
-FORMULATIONS: dict[str, Formulation] = {each.name: each for each in (Plane(), Dual(), Mixed(), Offset(), Optimality())}
+FORMULATIONS: dict[str, Formulation] = {
+    formulation.name: formulation for formulation in (Plane(), Dual(), Mixed(), Offset(), Optimality())
+}
 
 __all__ = [
     "FORMULATIONS",
@@ -16,7 +18,8 @@ __all__ = [
     "Mixed",
     "Offset",
     "Optimality",
-    "PlacedSide",
+    "PlacedShape",
     "Plane",
-    "Side",
+    "PosedShape",
+    "SeparationIndex",
 ]

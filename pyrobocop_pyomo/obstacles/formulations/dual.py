@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .facets import add_both_sides, declare_both_sides, start_both_sides
-from .protocol import Index, PlacedSide, Side
+from .facets import add_both_shapes, declare_both_shapes, start_both_shapes
+from .protocol import PlacedShape, PosedShape, SeparationIndex
 from .rows import empty_rows, norm_relation
 
 
@@ -36,17 +36,19 @@ class Dual:
 
     def declare(self, block: Any, axes: range) -> None:
         """Weights, normal and rows, still empty."""
-        declare_both_sides(block, unit=empty_rows("length of the normal"))
+        declare_both_shapes(block, unit=empty_rows("length of the normal"))
 
-    def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
-        """Weights and rows of one certificate."""
-        _, normal = add_both_sides(block, index, first, second)
+    def add(self, block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape) -> None:
+        """Weights and rows of one separation."""
+        _, normal = add_both_shapes(block, index, first, second)
         block.unit.add(index, norm_relation(normal, "ball"))
 
-    def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+    def start(
+        self, block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
+    ) -> None:
         """Weights that give the normal."""
-        start_both_sides(block, index, first, second, normal)
+        start_both_shapes(block, index, first, second, normal)
 
-    def set_norm(self, block: Any, index: Index, norm: str) -> None:
+    def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
         block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))

@@ -1,4 +1,4 @@
-"""Weights of half-spaces: what formulations have in common that give a shape by its facets."""
+"""Weights of facets: common parts of the formulations that describe a shape by its half-spaces."""
 
 from __future__ import annotations
 
@@ -8,29 +8,31 @@ import numpy as np
 from pyomo.core.base.set_types import NonNegativeIntegers
 from pyomo.core.base.var import Var
 
-from .protocol import Index, PlacedSide, Side
+from .protocol import PlacedShape, PosedShape, SeparationIndex
 from .rows import add_components, dot, empty_expressions, empty_rows, facet_weights
 
 
 def weights_component(block: Any, doc: str) -> Var:
-    """Weights >= 0 of facets, by certificate and facet; added one by one."""
-    return Var(block.planes, NonNegativeIntegers, bounds=(0, None), dense=False, doc=doc)
+    """Weights >= 0 of facets, by separation and facet; added one by one."""
+    return Var(block.separations, NonNegativeIntegers, bounds=(0, None), dense=False, doc=doc)
 
 
-def declare_both_sides(block: Any, **measure: Any) -> None:
-    """Components of a formulation with weights for the facets of both shapes; `measure` is how it is normalised."""
+def declare_both_shapes(block: Any, **measure: Any) -> None:
+    """Components of a formulation with weights for the facets of both shapes; `measure` is the row that normalises."""
     add_components(
         block,
         first_weight=weights_component(block, "weights of the facets of the first shape"),
         second_weight=weights_component(block, "weights of the facets of the second shape"),
-        normal=empty_expressions("normal of each certificate"),
+        normal=empty_expressions("normal of each separation"),
         balance=empty_rows("both shapes have the same normal, with opposite signs"),
-        separation=empty_rows("the separation that is proven"),
+        gap=empty_rows("the gap that is proven"),
         **measure,
     )
 
 
-def add_both_sides(block: Any, index: Index, first: Side, second: Side) -> tuple[list[Any], list[Any]]:
+def add_both_shapes(
+    block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape
+) -> tuple[list[Any], list[Any]]:
     """Weights of both shapes with ``R1 G'm + n = 0`` and ``n.(t1 - t2) - b'l - g'm >= required``.
 
     Returns
@@ -45,47 +47,53 @@ def add_both_sides(block: Any, index: Index, first: Side, second: Side) -> tuple
     for axis, (entry, opposite) in enumerate(zip(turned_out(direction, first), normal, strict=True)):
         block.balance.add((*index, axis), entry + opposite == 0)
     proven = between_origins(normal, first, second) - second_offset - first_offset
-    block.separation.add(index, (0.0, proven - block.required[index], None))
+    block.gap.add(index, (0.0, proven - block.required[index], None))
     return first_weights + second_weights, normal
 
 
-def start_both_sides(block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+def start_both_shapes(
+    block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
+) -> None:
     """Weights of both shapes that give the normal."""
     start_weights(block.second_weight, index, second, normal)
     start_weights(block.first_weight, index, first, -normal)
 
 
-def add_weights(component: Var, index: Index, side: Side) -> list[Any]:
-    """A weight for each facet of a shape."""
-    return [component.add((*index, facet)) for facet in range(len(side.shape.halfspaces[1]))]
+def add_weights(component: Var, index: SeparationIndex, posed: PosedShape) -> list[Any]:
+    """One weight per facet of a shape."""
+    return [component.add((*index, facet)) for facet in range(len(posed.shape.halfspaces[1]))]
 
 
-def combination(weights: list[Any], side: Side) -> tuple[list[Any], Any]:
+def combination(weights: list[Any], posed: PosedShape) -> tuple[list[Any], Any]:
     """``A'l`` in the frame of the shape, and ``b'l``."""
-    normals, offsets = side.shape.halfspaces
+    normals, offsets = posed.shape.halfspaces
     return [dot(column, weights) for column in normals.T.tolist()], dot(offsets.tolist(), weights)
 
 
-def turned_out(direction: list[Any], side: Side) -> list[Any]:
-    """``R v``: a direction of the shape's frame in the world, at the one pose of the side."""
-    (_, pose) = side.poses[0]
+def turned_out(direction: list[Any], posed: PosedShape) -> list[Any]:
+    """``R v``: a direction of the shape's frame in the world, at its only pose."""
+    (_, pose) = posed.poses[0]
     return [dot(row, direction) for row in pose.rotation]
 
 
-def add_normal(block: Any, index: Index, second_weights: list[Any], second: Side) -> tuple[list[Any], Any]:
+def add_normal(
+    block: Any, index: SeparationIndex, second_weights: list[Any], second: PosedShape
+) -> tuple[list[Any], Any]:
     """The normal as an expression of the weights of the second shape, and ``b'l``."""
     direction, offset = combination(second_weights, second)
     normal = turned_out(direction, second)
     return [block.normal.add((*index, axis), entry) for axis, entry in enumerate(normal)], offset
 
 
-def between_origins(normal: list[Any], first: Side, second: Side) -> Any:
+def between_origins(normal: list[Any], first: PosedShape, second: PosedShape) -> Any:
     """``n.(t1 - t2)``."""
     here, there = first.poses[0][1].translation, second.poses[0][1].translation
     return dot(here, normal) - dot(there, normal)
 
 
-def start_weights(component: Var, index: Index, side: PlacedSide, outwards: np.ndarray, scale: float = 1.0) -> None:
+def start_weights(
+    component: Var, index: SeparationIndex, placed: PlacedShape, outwards: np.ndarray, scale: float = 1.0
+) -> None:
     """Weights that give a direction of the world."""
-    for facet, weight in enumerate(scale * facet_weights(side.shape, side.rotation.T @ outwards)):
+    for facet, weight in enumerate(scale * facet_weights(placed.shape, placed.rotation.T @ outwards)):
         component[(*index, facet)].set_value(float(weight), skip_validation=True)

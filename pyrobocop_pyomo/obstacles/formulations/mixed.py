@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .facets import add_normal, add_weights, start_weights, weights_component
-from .protocol import Index, PlacedSide, Side
+from .protocol import PlacedShape, PosedShape, SeparationIndex
 from .rows import add_components, dot, empty_expressions, empty_rows, norm_relation, turned
 
 
@@ -21,7 +21,7 @@ class Mixed:
 
         n = R2 A'l        n.(R1 V_i + t1 - t2) - b'l >= required        n.n <= 1 or n.n = 1
 
-    One pose at a time. Suits obstacles of many corners and few facets, or without end.
+    One pose at a time. Suits unbounded obstacles, and those of many corners and few facets.
     """
 
     name: str = "mixed"
@@ -36,31 +36,33 @@ class Mixed:
         add_components(
             block,
             second_weight=weights_component(block, "weights of the facets of the second shape"),
-            normal=empty_expressions("normal of each certificate"),
+            normal=empty_expressions("normal of each separation"),
             turned_normal=empty_expressions("normals in the frame of the first shape"),
             level=empty_expressions("height of the first shape's origin"),
-            first_side=empty_rows("corners of the first shape: beyond the second by what is required"),
+            first_shape=empty_rows("corners of the first shape: beyond the second by what is required"),
             unit=empty_rows("length of the normal"),
         )
 
-    def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
-        """Weights and rows of one certificate."""
+    def add(self, block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape) -> None:
+        """Weights and rows of one separation."""
         weights = add_weights(block.second_weight, index, second)
         normal, offset = add_normal(block, index, weights, second)
         (_, here), (_, there) = first.poses[0], second.poses[0]
         height = dot(here.translation, normal) - dot(there.translation, normal) - offset - block.required[index]
         level = block.level.add(index, height)
         direction = [block.turned_normal.add((*index, axis), entry) for axis, entry in enumerate(turned(normal, here))]
-        bodies = [dot(corner, direction) + level for corner in first.shape.vertices.tolist()]
-        bodies += [dot(ray, direction) for ray in first.shape.rays.tolist()]
-        for number, body in enumerate(bodies):
-            block.first_side.add((*index, number), (0.0, body, None))
+        rows = [dot(corner, direction) + level for corner in first.shape.vertices.tolist()]
+        rows += [dot(ray, direction) for ray in first.shape.rays.tolist()]
+        for number, row in enumerate(rows):
+            block.first_shape.add((*index, number), (0.0, row, None))
         block.unit.add(index, norm_relation(normal, "ball"))
 
-    def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+    def start(
+        self, block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
+    ) -> None:
         """Weights that give the normal."""
         start_weights(block.second_weight, index, second, normal)
 
-    def set_norm(self, block: Any, index: Index, norm: str) -> None:
+    def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
         block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))

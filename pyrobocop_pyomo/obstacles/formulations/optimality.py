@@ -15,7 +15,7 @@ from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.geometry import distance_of_points
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .protocol import Index, PlacedSide, Side
+from .protocol import PlacedShape, PosedShape, SeparationIndex
 from .rows import add_components, dot, empty_expressions, empty_rows
 
 
@@ -29,9 +29,9 @@ class Optimality:
         0 <= a_i _|_ nu_i >= 0     0 <= c_j _|_ mu_j >= 0
         sqrt(v.v + s**2) >= sqrt(required**2 + s**2),  s = required / 2
 
-    With a clearance of 0.02 and no radii, the last row is the one that PyRoboCOP has built in. Pairs that a solver
-    satisfies only nearly let ``|v|`` exceed the distance: the error is on the unsafe side, unlike with every other
-    formulation, and nothing is proven by ``normal = v``, unless it is recomputed.
+    With a clearance of 0.02 and no radii, the last row is the one that PyRoboCOP has built in. Where a solver meets the
+    complementarity pairs only approximately, ``|v|`` may exceed the distance: unlike with every other formulation the
+    error is on the unsafe side, and ``normal = v`` proves a gap only when the gap is recomputed from it.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ class Optimality:
     rays: tuple[bool, bool] = (False, False)
 
     def declare(self, block: Any, axes: range) -> None:
-        """Unknowns, rows and pairs, still empty."""
-        corners = (block.planes, ["first", "second"], NonNegativeIntegers)
+        """Unknowns, rows and complementarity pairs, still empty."""
+        corners = (block.separations, ["first", "second"], NonNegativeIntegers)
         add_components(
             block,
             corner_weight=Var(*corners, bounds=(0, None), dense=False, doc="shares of corners in the nearest point"),
@@ -63,13 +63,13 @@ class Optimality:
             normal=empty_expressions("from the nearest point of the second shape to that of the first"),
             shares=empty_rows("shares of corners add up to one"),
             stationarity=empty_rows("no other point is nearer"),
-            separation=empty_rows("distance of the nearest points"),
-            nearest=Complementarity(AnyIndex, doc="a corner has a share, or is not among the nearest"),
+            gap=empty_rows("distance of the nearest points"),
+            nearest=Complementarity(AnyIndex, doc="a corner has no share, or is one of the nearest"),
         )
 
-    def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
-        """Unknowns, rows and pairs of one certificate."""
-        corners = {name: _corners(side) for name, side in (("first", first), ("second", second))}
+    def add(self, block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape) -> None:
+        """Unknowns, rows and complementarity pairs of one separation."""
+        corners = {name: _corners(posed) for name, posed in (("first", first), ("second", second))}
         weights = {
             name: [block.corner_weight.add((*index, name, i)) for i in range(len(points))]
             for name, points in corners.items()
@@ -92,26 +92,28 @@ class Optimality:
                 block.nearest[place] = complements(weight >= 0, multiplier >= 0)
         required = block.required[index]
         smooth = sqrt(sum(entry**2 for entry in between) + required**2 / 4)
-        block.separation.add(index, (0.0, smooth - required * 5**0.5 / 2, None))
+        block.gap.add(index, (0.0, smooth - required * 5**0.5 / 2, None))
 
-    def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+    def start(
+        self, block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
+    ) -> None:
         """Shares, multipliers and sums at the nearest points; all zero if cold."""
         near = distance_of_points(first.vertices, second.vertices)
         between = near.first_point - near.second_point
-        for name, side, point, sign in (
+        for name, placed, point, sign in (
             ("first", first, near.first_point, 1),
             ("second", second, near.second_point, -1),
         ):
-            heights = sign * side.vertices @ between
-            starts = (_shares(side.vertices, point), heights - heights.min(), -heights.min())
-            shares, multipliers, total = (0 * each if self.cold else each for each in starts)
+            heights = sign * placed.vertices @ between
+            starts = (_shares(placed.vertices, point), heights - heights.min(), -heights.min())
+            shares, multipliers, total = (0 * start if self.cold else start for start in starts)
             block.sum_multiplier[(*index, name)].set_value(float(total))
             for i, (share, multiplier) in enumerate(zip(shares.tolist(), multipliers.tolist(), strict=True)):
                 block.corner_weight[(*index, name, i)].set_value(share, skip_validation=True)
                 block.corner_multiplier[(*index, name, i)].set_value(multiplier, skip_validation=True)
 
-    def set_norm(self, block: Any, index: Index, norm: str) -> None:
-        """Nothing: there is no normal to measure."""
+    def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
+        """Do nothing: the normal has no norm of its own."""
 
 
 def _shares(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -121,6 +123,6 @@ def _shares(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
     return np.asarray(scipy.optimize.nnls(rows, np.append(point / size, 1.0))[0])
 
 
-def _corners(side: Side) -> list[tuple[Any, ...]]:
-    (_, pose) = side.poses[0]
-    return [pose.apply(corner) for corner in side.shape.vertices.tolist()]
+def _corners(posed: PosedShape) -> list[tuple[Any, ...]]:
+    (_, pose) = posed.poses[0]
+    return [pose.apply(corner) for corner in posed.shape.vertices.tolist()]

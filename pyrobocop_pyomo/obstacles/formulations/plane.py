@@ -1,4 +1,4 @@
-"""A plane between the shapes: both given by their vertices, the plane by its normal and its offset."""
+"""A plane between the shapes: both shapes by their vertices, the plane by its normal and offset."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from .protocol import Index, PlacedSide, Side
+from .protocol import PlacedShape, PosedShape, SeparationIndex
 from .rows import (
     add_components,
     dot,
@@ -21,14 +21,14 @@ from .rows import (
     turned,
 )
 
-# Bounds of 1 would be reached by every plane parallel to an axis, where they say the same as the norm: multipliers
-# are then not unique, and solvers take three times as many steps.
+# Bounds of 1 would be active for normals along an axis, where the norm is active too: multipliers are then not unique,
+# and solvers take three times as many iterations.
 WIDER_THAN_ONE = (-1.5, 1.5)
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Separating plane ``(n, c)``: the first shape on one side with the separation required, the second on the other.
+    """Separating plane ``(n, c)``: the first shape on one side with the gap required, the second on the other.
 
     Rows, for vertices ``V_i`` of the first and ``W_j`` of the second shape at every pose ``(R, t)`` covered::
 
@@ -53,51 +53,53 @@ class Plane:
         """Normal, offset and their rows, still empty."""
         add_components(
             block,
-            normal=Var(block.planes, list(axes), bounds=WIDER_THAN_ONE, dense=False, doc="normal of each plane"),
-            offset=Var(block.planes, dense=False, doc="offset of each plane"),
+            normal=Var(block.separations, list(axes), bounds=WIDER_THAN_ONE, dense=False, doc="normal of each plane"),
+            offset=Var(block.separations, dense=False, doc="offset of each plane"),
             turned_normal=empty_expressions("normals in the frame of a body that turns"),
             level=empty_expressions("height of a body's origin over the plane"),
-            first_side=empty_rows("vertices of the first shape: beyond the plane by what is required"),
-            second_side=empty_rows("vertices of the second shape: behind the plane"),
+            first_shape=empty_rows("vertices of the first shape: beyond the plane by what is required"),
+            second_shape=empty_rows("vertices of the second shape: behind the plane"),
             unit=empty_rows("length of the normal"),
         )
 
-    def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
+    def add(self, block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape) -> None:
         """Variables and rows of one plane."""
         normal = [block.normal.add((*index, axis)) for axis in range(first.shape.dimension)]
         offset = block.offset.add(index)
         required = block.required[index]
-        for name, rows, side, extra, upward in (
-            ("first", block.first_side, first, offset + required, True),
-            ("second", block.second_side, second, offset, False),
+        for name, rows, posed, extra, upward in (
+            ("first", block.first_shape, first, offset + required, True),
+            ("second", block.second_shape, second, offset, False),
         ):
-            for time, pose in side.poses:
+            for time, pose in posed.poses:
                 place = (*index, time)
                 level = block.level.add((name, *place), dot(normal, pose.translation) - extra)
                 if has_constant_rotation(pose):
-                    corners = side.shape.vertices @ rotation_of(pose).T
-                    rays = side.shape.rays @ rotation_of(pose).T
+                    corners = posed.shape.vertices @ rotation_of(pose).T
+                    rays = posed.shape.rays @ rotation_of(pose).T
                     direction = normal
                 else:
-                    corners, rays = side.shape.vertices, side.shape.rays
+                    corners, rays = posed.shape.vertices, posed.shape.rays
                     direction = [
                         block.turned_normal.add((name, *place, axis), entry)
                         for axis, entry in enumerate(turned(normal, pose))
                     ]
-                bodies = [dot(corner, direction) + level for corner in corners.tolist()]
-                bodies += [dot(ray, direction) for ray in rays.tolist()]
-                for number, body in enumerate(bodies):
-                    rows.add((*place, number), (0.0, body, None) if upward else (None, body, 0.0))
+                heights = [dot(corner, direction) + level for corner in corners.tolist()]
+                heights += [dot(ray, direction) for ray in rays.tolist()]
+                for number, height in enumerate(heights):
+                    rows.add((*place, number), (0.0, height, None) if upward else (None, height, 0.0))
         block.unit.add(index, norm_relation(normal, "ball"))
 
-    def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
-        """The given normal, and the plane half-way between what it leaves free on either side."""
+    def start(
+        self, block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
+    ) -> None:
+        """The given normal, and the plane in the middle of the gap along it."""
         for axis, number in enumerate(normal.tolist()):
             block.normal[(*index, axis)].set_value(number, skip_validation=True)
         upper = float((first.vertices @ normal).min()) - value(block.required[index])
         lower = float((second.vertices @ normal).max())
         block.offset[index].set_value((upper + lower) / 2, skip_validation=True)
 
-    def set_norm(self, block: Any, index: Index, norm: str) -> None:
+    def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
         block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))

@@ -1,4 +1,4 @@
-"""What a formulation of "these two shapes are apart" has to be able to do."""
+"""`Formulation`: the interface of formulations, and the shapes that they separate."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 
 from pyrobocop_pyomo.geometry import Polytope, Pose
 
-Index = tuple[str, str, Hashable]
+SeparationIndex = tuple[str, str, Hashable]
 
 
 @dataclass(frozen=True)
-class Side:
-    """One of the two shapes of a certificate, with the poses that the certificate covers.
+class PosedShape:
+    """One of the two shapes of a separation, with the poses that the separation covers.
 
     Attributes
     ----------
     shape : Polytope
     poses : tuple of (float, Pose)
-        One entry per time; a single one, with a constant pose, where the shape stands still.
+        One entry per time; a single one, with a constant pose, for a shape that rests.
     """
 
     shape: Polytope
@@ -29,20 +29,20 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedSide:
-    """A side at the current values.
+class PlacedShape:
+    """One of the two shapes of a separation, at the current values.
 
     Attributes
     ----------
     shape : Polytope
     vertices : (k, d)
-        In the world, at all its times.
+        In the world, at all times covered.
     rays : (k, d)
         In the world; k may be 0.
     rotation : (d, d)
-        At the first of its times.
+        At the first of these times.
     translation : (d,)
-        At the first of its times.
+        At the first of these times.
     """
 
     shape: Polytope
@@ -53,10 +53,10 @@ class PlacedSide:
 
 
 class Formulation(Protocol):
-    """Adds the variables and rows of one certificate to an avoidance block, and starts them.
+    """Adds the variables and rows of separations to an avoidance block, and sets their start values.
 
-    The block offers ``required[index]``, an Expression of the separation to be proven (clearance, radii, margin and,
-    where softened, the slack), and has for every formulation ``normal[index, axis]``, a variable or an expression.
+    The block has ``required[index]``, an Expression of the gap to be proven: clearance, radii, margin, less the slack.
+    Every formulation gives it ``normal[index, axis]``, a variable or an expression.
     """
 
     @property
@@ -65,19 +65,19 @@ class Formulation(Protocol):
 
     @property
     def covers_intervals(self) -> bool:
-        """Whether one certificate may cover several poses."""
+        """Whether one separation may cover several poses."""
 
     @property
     def signed(self) -> bool:
-        """Whether it also measures how deep shapes overlap, where norms can be chosen with "sphere"."""
+        """Whether it measures the depth of an overlap too, with the norm "sphere" where norms can be chosen."""
 
     @property
     def norms(self) -> tuple[str, ...]:
-        """The norms that may be chosen; empty where the formulation has one of its own."""
+        """The norms that may be chosen; empty for a formulation with a norm of its own."""
 
     @property
     def halfspaces(self) -> tuple[bool, bool]:
-        """Whether the first and the second shape are needed as half-spaces, which flat shapes do not have."""
+        """Whether the first and the second shape need half-spaces, which flat shapes do not have."""
 
     @property
     def rays(self) -> tuple[bool, bool]:
@@ -86,11 +86,13 @@ class Formulation(Protocol):
     def declare(self, block: Any, axes: range) -> None:
         """Add the components, still empty."""
 
-    def add(self, block: Any, index: Index, first: Side, second: Side) -> None:
-        """Add the variables and rows of one certificate."""
+    def add(self, block: Any, index: SeparationIndex, first: PosedShape, second: PosedShape) -> None:
+        """Add the variables and rows of one separation."""
 
-    def start(self, block: Any, index: Index, first: PlacedSide, second: PlacedSide, normal: np.ndarray) -> None:
+    def start(
+        self, block: Any, index: SeparationIndex, first: PlacedShape, second: PlacedShape, normal: np.ndarray
+    ) -> None:
         """Set start values from a unit normal that points from the second shape to the first."""
 
-    def set_norm(self, block: Any, index: Index, norm: str) -> None:
+    def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Choose between ``n'n <= 1`` ("ball") and ``n'n = 1`` ("sphere")."""

@@ -1,4 +1,4 @@
-"""Pieces of rows that formulations share; kept small, since they are built for every pair, time and vertex."""
+"""Terms of rows that formulations share; kept small, since they are built for every body pair, time and vertex."""
 
 from __future__ import annotations
 

@@ -1,0 +1,282 @@
+"""Discretising one continuous set of a model, and undoing that; integrals by the quadrature of the scheme."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.var import Var
+from pyomo.dae import DerivativeVar, Integral
+
+from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.transcription import quadrature
+
+from .absent_values import AbsentValues
+from .derivatives import (
+    add_collocation,
+    derivatives_along,
+    remove_collocation,
+    restore_derivatives,
+    substitute_derivatives,
+)
+from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
+from .record import Discretisation, DiscretisationRecord, discretisations_of, record_of
+from .structure import Spot, axes_of, axis_on, continuous_sets, spots
+from .sums_over_sets import find_possible_sums
+from .values import PreviousValues
+
+DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
+
+
+def discretise(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, previous: PreviousValues | None = None
+) -> Discretisation:
+    """Discretise one continuous set; on failure the model is as it was.
+
+    Parameters
+    ----------
+    domain : ContinuousSet
+    points : tuple of float
+        The points that the set has.
+    grid : Grid
+        On a mesh with all of these points.
+    substitutes : bool
+        Whether right-hand sides take the place of derivatives.
+    previous : PreviousValues, optional
+        Values to start from.
+    """
+    others = [other for other in discretisations_on(domain.model()) if other.domain is not domain]
+    finished = [other for other in others if other.substitutions]
+    for other in others:
+        restore_derivatives(other)
+        remove_collocation(other)  # they would need rows at points that are new
+    try:
+        return _discretise(domain, points, grid, substitutes, previous)
+    except BaseException:
+        rebuild_rows(others, finished)
+        raise
+
+
+def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -> None:
+    """Build the rows of discretised sets for the points that the model has now; substitute again where it was done."""
+    for other in others:
+        restore_derivatives(other)
+        remove_collocation(other)
+    for other in others:
+        add_collocation(other, list(spots(other.domain.model())))
+    for other in finished:
+        if other.substitutes:
+            substitute_derivatives(other, list(spots(other.domain.model())))
+
+
+def discretisations_on(root: Any) -> list[Discretisation]:
+    """The discretisations of all sets of a model."""
+    return list(discretisations_of(continuous_sets(list(spots(root)))))
+
+
+def _discretise(
+    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, previous: PreviousValues | None
+) -> Discretisation:
+    root, record = domain.model(), record_of(domain)
+    found = list(spots(root))
+    refuse_what_cannot_grow(found, domain)
+    derivatives_along(found, domain)
+    possible_sums = find_possible_sums(found, domain)
+    remember_integrands(found, record)
+    discretisation = Discretisation(domain, grid, points, substitutes)
+    integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
+    discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
+    try:
+        domain.update(sorted({*grid.times, *grid.points}.difference(points)))
+        expand(found, domain)
+        found = list(spots(root))
+        _inherit(found, discretisation)
+        record.discretisations[domain] = discretisation
+        everything = discretisations_on(root)
+        for one in everything:
+            remove_collocation(one)
+        if previous is not None:
+            previous.give_to(found, discretisation)
+        for one in everything:
+            add_collocation(one, found)
+        if previous is not None:
+            previous.give_to(list(spots(root)), discretisation)
+        for one in everything:
+            for integral in integrals_along(found, one.domain):
+                integrate(integral, one, record_of(one.domain))
+        for possible_sum in possible_sums:
+            possible_sum.check(domain)
+        absent_values = AbsentValues(list(spots(root)), everything)
+        absent_values.deactivate_rows(discretisation.deactivated)
+        discretisation.cleared = absent_values.clear_variables()
+        _mark_pairs(found, discretisation)
+    except BaseException:
+        undo_discretisation(discretisation)
+        raise
+    return discretisation
+
+
+def undo_discretisation(discretisation: Discretisation) -> None:
+    """Remove everything that was added for a set, and reactivate what was deactivated."""
+    domain = discretisation.domain
+    restore_derivatives(discretisation)
+    remove_collocation(discretisation)
+    for data in discretisation.deactivated:
+        data.activate()
+    for data, number in discretisation.cleared:
+        data.unfix()
+        data.set_value(number, skip_validation=True)
+    for data in discretisation.initialised:
+        data.set_value(None, skip_validation=True)
+    for data, formula in discretisation.formulas:
+        data.set_value(formula)
+    kept = set(discretisation.points)
+    for spot in spots(domain.model()):
+        axis = axis_on(spot.component, domain)
+        if axis is not None and not spot.component.is_reference():
+            for index in [index for index in spot.component._data if axis.time(index) not in kept]:
+                del spot.component._data[index]
+    for time in [time for time in domain if time not in kept]:
+        domain.discard(time)
+    record_of(domain).discretisations.pop(domain, None)
+
+
+def _states_of(found: list[Spot], domain: Any) -> list[Any]:
+    return [
+        state
+        for variable, by_order in derivatives_along(found, domain)
+        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
+    ]
+
+
+def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
+    old, points = set(discretisation.points), frozenset(discretisation.grid.points)
+    discretisation.states = _states_of(found, discretisation.domain)
+    states = discretisation.state_ids()
+    along: dict[Any, Family] = {}
+    for spot in found:
+        component = spot.component
+        if component.ctype not in (Var, DerivativeVar) or component.is_reference():
+            continue
+        axes = axes_of(component)
+        declared = None if axis_on(component, discretisation.domain) is None else declaration_of(component)
+        for index, data in component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is discretisation.domain:
+                    key = spot.family(index, axes, domain)
+                    family = along.get(key)
+                    if family is None:
+                        family = along[key] = Family(id(data) in states, declared, points)
+                    (family.old if time in old else family.new).append((time, data))
+    for family in along.values():
+        family.inherit(discretisation.domain)
+
+
+def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
+    """Set the element, the family and the quadrature weight of pairs, where the user has not."""
+    elements, weights = discretisation.grid.element_of, discretisation.grid.quadrature_weights
+    for spot in found:
+        if spot.component.ctype is not Complementarity:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is discretisation.domain and time in elements:
+                    if spot.component._group_rule is None:
+                        data.set_group(elements[time])
+                    if spot.component._family_rule is None:
+                        data.set_family(spot.family(index, axes, domain)[-1][1])
+                    if spot.component._weight_rule is None:
+                        data.set_weight(weights[time])
+
+
+class _Strong:
+    """The reference from a variable to its derivative: a pickle can hold it, and a clone follows it."""
+
+    def __init__(self, component: Any) -> None:
+        self.component = component
+
+    def __call__(self) -> Any:
+        return self.component
+
+
+def finalise(discretisation: Discretisation) -> None:
+    """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
+    domain, scheme = discretisation.domain, discretisation.grid.scheme
+    if discretisation.substitutes and not discretisation.substitutions:
+        substitute_derivatives(discretisation, list(spots(domain.model())))
+    found = list(spots(domain.model()))
+    family = scheme.name.split("(")[0]
+    domain.set_changed(True)
+    domain._fe = [time for time in domain if time in set(discretisation.grid.mesh.boundaries)]
+    domain.get_discretization_info().update(
+        scheme=DAE_NAMES.get(family, scheme.name),
+        nfe=discretisation.grid.mesh.elements,
+        ncp=scheme.stages,
+        tau_points=scheme.state_nodes.tolist(),
+    )
+    for spot in found:
+        component = spot.component
+        if isinstance(component, DerivativeVar):
+            known = component.get_state_var()._derivative
+            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _Strong(component)
+            if component.ctype is DerivativeVar and component.is_fully_discretized():
+                component.parent_block().reclassify_component_type(component, Var)
+    for integral in integrals_along(found, domain):
+        become_expression(integral)
+
+
+def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
+    """Every integral over a set."""
+    return [
+        spot.component
+        for spot in spots
+        if isinstance(spot.component, Integral) and spot.component.get_continuousset() is domain
+    ]
+
+
+def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None:
+    """Keep the user's own rules: pyomo.dae wraps them in the trapezoidal rule.
+
+    Raises
+    ------
+    TranscriptionError
+        When the rule cannot be found.
+    """
+    for spot in spots:
+        integral = spot.component
+        if not isinstance(integral, Integral) or integral in record.integrands:
+            continue
+        # pyomo.dae has no public way to the integrand; it lives in the environment of the wrapped rule.
+        wrapped = getattr(integral._rule, "_fcn", None)
+        rule = getattr(wrapped, "__globals__", {}).get("rule")
+        if not callable(rule):
+            raise TranscriptionError(
+                f"'{integral.name}': its integrand cannot be read; give it as rule=... a function."
+            )
+        record.integrands[integral] = rule
+
+
+def integrate(integral: Any, discretisation: Discretisation, record: DiscretisationRecord) -> None:
+    """Give an integral its value as an expression at the collocation points."""
+    rule, block, place = record.integrands[integral], integral.parent_block(), integral.loc
+    indices = list(integral.index_set()) if integral.is_indexed() else [None]
+    for index in indices:
+        others = index if isinstance(index, tuple) else () if index is None else (index,)
+        before, after = others[:place], others[place:]
+        integrand = {time: rule(block, *before, time, *after) for time in discretisation.grid.points}
+        value = quadrature(integrand.__getitem__, discretisation.grid.quadrature_weights)
+        if index in integral._data:
+            integral._data[index].set_value(value)
+        else:
+            integral._setitem_when_not_present(index, value)
+
+
+def become_expression(integral: Any) -> None:
+    """Make an integral whose set is discretised a plain expression, as pyomo.dae does."""
+    if integral.ctype is Integral:
+        integral.parent_block().reclassify_component_type(integral, Expression)
+    # The wrapped rule is not needed any more, and no pickle can hold it.
+    integral._rule = None

@@ -1,0 +1,213 @@
+"""Values along a continuous set: as a trajectory, and as the initial values on another mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+
+from pyrobocop_pyomo.complementarity import canonical_form, side_values
+from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .expansion import set_initial_value
+from .record import Discretisation, discretisation_of, discretisations_of
+from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, label, spots, variables_in
+
+Array = NDArray[np.float64]
+
+
+def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
+    """Values along a continuous set that ``pyrobocop.collocation`` has discretised.
+
+    Parameters
+    ----------
+    model : ConcreteModel or Block
+        What is read, with everything below it.
+    wrt : ContinuousSet
+        The set that the values are indexed by.
+
+    Returns
+    -------
+    Trajectory
+        Its ``states`` are the variables with a derivative, its ``signals`` all others, derivatives included. What
+        has further indices is named with them, ``"x[a]"``; what sits in blocks as ``"tank[1].level"``.
+        ``parameters`` are the variables that are not indexed by a continuous set.
+
+    Raises
+    ------
+    TrajectoryError
+        When the set is not discretised, or a variable has no value.
+    """
+    discretisation = discretisation_of(wrt) if getattr(wrt, "ctype", None) is ContinuousSet else None
+    if discretisation is None:
+        raise TrajectoryError(
+            f"'{getattr(wrt, 'name', wrt)}' was not discretised by pyrobocop.collocation. Apply it first, and pass the "
+            "ContinuousSet of this very model."
+        )
+    found = list(spots(model))
+    states: dict[str, Array] = {}
+    signals: dict[str, Array] = {}
+    for family, is_state, data in families(found, discretisation):
+        times = discretisation.grid.times if is_state else discretisation.grid.points
+        missing = next((data[time] for time in times if time in data and data[time].value is None), None)
+        if missing is not None:
+            raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it an initial value.")
+        if all(time in data for time in times):
+            (states if is_state else signals)[label(family)] = np.array([data[time].value for time in times])
+    rates: dict[str, Array] = {}
+    for name, derivative, values in _rates(found, discretisation):
+        rates[name] = values
+        if derivative not in states:
+            signals.setdefault(derivative, values)
+    return Trajectory(
+        name=model.name,
+        grid=discretisation.grid,
+        states=states,
+        signals=signals,
+        parameters=dict(_parameters(found)),
+        pairs=_pairs(found, discretisation),
+        rates=rates,
+    )
+
+
+def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
+    """Each variable along the set: its key, whether it is a state, and the variable at each time."""
+    along: dict[Any, dict[float, Any]] = {}
+    everything = (discretisation, *discretisations_of(continuous_sets(found)))
+    put_aside = {id(s.derivative) for one in everything for s in one.substitutions}
+    for spot in found:
+        if spot.component.ctype not in (Var, DerivativeVar) or id(spot.component) in put_aside:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is discretisation.domain:
+                    along.setdefault(spot.family(index, axes, domain), {})[time] = data
+    states = discretisation.state_ids()
+    for family, data in along.items():
+        yield family, id(next(iter(data.values()))) in states, data
+
+
+def values_of(found: list[Spot], discretisation: Discretisation) -> dict[Any, tuple[bool, Array]]:
+    """Values per element and node (states) or stage (others) of every variable that has all of them."""
+    read = {}
+    for family, is_state, data in families(found, discretisation):
+        times = discretisation.grid.node_times if is_state else discretisation.grid.stage_times
+        values = [[getattr(data.get(time), "value", None) for time in row] for row in times]
+        if not any(None in row for row in values):
+            read[family] = (is_state, np.array(values, dtype=float))
+    return read
+
+
+def interpolate(discretisation: Discretisation, is_state: bool, values: Array, times: Array) -> Array:
+    """The polynomials of the scheme through these values, at other times."""
+    scheme, boundaries = discretisation.grid.scheme, np.asarray(discretisation.grid.mesh.boundaries)
+    element = np.clip(np.searchsorted(boundaries, times, side="left") - 1, 0, discretisation.grid.mesh.elements - 1)
+    local = np.clip((times - boundaries[element]) / discretisation.grid.mesh.widths[element], 0.0, 1.0)
+    weights = scheme.state_at(local) if is_state else scheme.stage_polynomial_at(local)
+    return np.asarray(np.einsum("tk,tk->t", weights, values[element]), dtype=np.float64)
+
+
+def _rates(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[str, str, Array]]:
+    """Name of the state, name of the derivative, and its values at the collocation points."""
+    shown = {id(one.derivative): one.expression for one in discretisation.substitutions}
+    names = {
+        id(data): label(spot.family(index, axes, discretisation.domain))
+        for spot in found
+        if spot.component.ctype in (Var, DerivativeVar, Expression)
+        for axes in [axes_of(spot.component)]
+        if axes or spot.outer
+        for index, data in spot.component.items()
+    }
+    last = discretisation.grid.points[-1]
+    for state, derivative in discretisation.derivatives:
+        axis = axis_on(derivative, discretisation.domain)
+        assert axis is not None
+        seen = shown.get(id(derivative), derivative)
+        for others in {axis.others(index) for index in derivative}:
+            at = [
+                seen[axis.join(others, time)] for time in discretisation.grid.points if axis.join(others, time) in seen
+            ]
+            name = names.get(id(state[axis.join(others, last)]))
+            values = [value(data, exception=False) for data in at]
+            if name is not None and len(values) == len(discretisation.grid.points) and None not in values:
+                yield name, names[id(seen[axis.join(others, last)])], np.array(values, dtype=float)
+
+
+def _parameters(found: list[Spot]) -> Iterator[tuple[str, float]]:
+    for spot in found:
+        if spot.component.ctype is Var and not spot.outer and not axes_of(spot.component):
+            for data in spot.component.values():
+                if data.value is not None:
+                    yield data.name, float(data.value)
+
+
+def _pairs(found: list[Spot], discretisation: Discretisation) -> dict[str, Array]:
+    position = {time: i for i, time in enumerate(discretisation.grid.points)}
+    read: dict[str, Array] = {}
+    for spot in found:
+        if spot.component.ctype not in PAIRS:
+            continue
+        axes = axes_of(spot.component)
+        for index, data in spot.component.items():
+            for domain, time in spot.points(index, axes):
+                if domain is discretisation.domain and time in position:
+                    family = label(spot.family(index, axes, domain))
+                    for pair in canonical_form(data).pairs:
+                        name = f"{family} ({pair.role})" if pair.role else family
+                        sides = read.setdefault(name, np.full((2, len(position)), np.nan))
+                        sides[:, position[time]] = side_values(pair)
+    return read
+
+
+class PreviousValues:
+    """The values that a discretised set has, for another mesh."""
+
+    def __init__(self, found: list[Spot], discretisation: Discretisation) -> None:
+        self._discretisation = Discretisation(discretisation.domain, discretisation.grid, discretisation.points)
+        self._values = values_of(found, discretisation)
+
+    def give_to(self, found: list[Spot], discretisation: Discretisation) -> None:
+        """Interpolate onto the new mesh; fixed variables keep their values."""
+        for family, _, data in families(found, discretisation):
+            if family in self._values:
+                free = {time: variable for time, variable in data.items() if not variable.fixed}
+                is_state, values = self._values[family]
+                interpolated = interpolate(self._discretisation, is_state, values, np.array(list(free), dtype=float))
+                for variable, number in zip(free.values(), interpolated.tolist(), strict=True):
+                    set_initial_value(variable, number)
+
+
+def refuse_later_components(discretisation: Discretisation) -> None:
+    """Raise a `TranscriptionError` when something holds variables at points that go away with the mesh."""
+    found = list(spots(discretisation.domain.model()))
+    kept = set(discretisation.points)
+    leaving = {
+        id(variable)
+        for _, _, data in families(found, discretisation)
+        for time, variable in data.items()
+        if time not in kept
+    }
+    integrals = {id(data) for s in found if isinstance(s.component, Integral) for data in s.component.values()}
+    own = {id(block) for one in discretisations_of(continuous_sets(found)) for block in one.generated}
+    for spot in found:
+        component = spot.component
+        if not hasattr(component, "_rule") or isinstance(component, Integral) or id(component.parent_block()) in own:
+            continue
+        axes = axes_of(component)
+        for index, data in component.items():
+            if any(along is discretisation.domain and time not in kept for along, time in spot.points(index, axes)):
+                continue
+            expression = getattr(data, "expr", None)
+            if any(id(variable) in leaving for variable in variables_in(expression, integrals)):
+                raise TranscriptionError(
+                    f"'{data.name}': was built on the mesh that '{discretisation.domain.name}' has now. Delete it "
+                    "(revert a relaxation), apply the transformation again, and build it again."
+                )

@@ -1,0 +1,239 @@
+"""Pictures of a solve: its history over the iterations of all runs, and the sides and products of pairs."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pyrobocop_pyomo.optional_imports import matplotlib
+
+from .signals import show_no_noise
+
+Array = NDArray[np.float64]
+
+_MOST_NAMES = 8
+_MOST_LABELS = 20
+
+
+def plot_history(
+    title: str,
+    ends: Array,
+    labels: Sequence[str],
+    objective: Array,
+    lines: Mapping[str, tuple[Array, Array]],
+    dots: Mapping[str, Array],
+    best: int,
+    *,
+    figure: Any = None,
+) -> Any:
+    """The objective above, tolerances and residuals below on a logarithmic axis; every other run is shaded.
+
+    Parameters
+    ----------
+    title : str
+    ends : array, shape (s,)
+        Number of the last iteration of each run, counted through all runs.
+    labels : sequence of str, length s
+        What kind of runs they were.
+    objective : array, shape (s,)
+        At the end of each run.
+    lines : mapping of name to (iterations, values)
+        Drawn as lines; a NaN breaks them.
+    dots : mapping of name to array, shape (s,)
+        Values at the end of each run.
+    best : int
+        Which run gave the point that was returned.
+    figure : Figure or SubFigure, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or SubFigure
+    """
+    if figure is None:
+        figure = matplotlib.figure.Figure(figsize=(7.2, 5.4), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2, 3)})
+    borders = [0.0, *ends.tolist()]
+    for axis in (upper, lower):
+        for i, (start, end) in enumerate(itertools.pairwise(borders)):
+            if i % 2:
+                axis.axvspan(start, end, color="0.94", zorder=0, linewidth=0)
+        axis.axvline(ends[best], color="0.4", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1, label="returned point")
+        axis.grid(alpha=0.3)
+    upper.plot(ends, objective, "o-", linewidth=1, markersize=4, zorder=3)
+    upper.set_ylabel("objective")
+    upper.ticklabel_format(axis="y", useOffset=False)
+    show_no_noise(upper, objective)
+    drawn = [values for _, values in lines.values()] + list(dots.values())
+    floor = _floor(np.concatenate(drawn)) if drawn else 1.0
+    for (name, (iterations, values)), style in zip(lines.items(), itertools.cycle(("-", "--")), strict=False):
+        lower.plot(iterations, np.maximum(values, floor), style, linewidth=1.4, label=name, zorder=2)
+    for (name, values), marker in zip(dots.items(), itertools.cycle("os^D"), strict=False):
+        lower.plot(ends, np.maximum(values, floor), marker, markersize=5, label=name, zorder=3, clip_on=False)
+    lower.set_yscale("log")
+    lower.set_ylim(bottom=floor)
+    lower.set_ylabel("tolerances, residuals" if dots else "tolerances")
+    lower.set_xlabel("iteration")
+    lower.set_xlim(0.0, max(float(ends[-1]), 1.0))
+    figure.legend(*lower.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize="small")
+    _name_runs(upper, borders, labels)
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def _floor(values: Array) -> float:
+    """Where zeros are drawn on a logarithmic axis: a decade below everything else."""
+    positive = values[np.isfinite(values) & (values > 0.0)]
+    return float(10.0 ** (np.floor(np.log10(positive.min())) - 1)) if positive.size else 1e-16
+
+
+def _name_runs(axis: Any, borders: Sequence[float], labels: Sequence[str]) -> None:
+    """Numbers of the runs above the panel and their names beside it: above each other they would overlap."""
+    width = borders[-1] or 1.0
+    last = -1.0
+    for number, (start, end) in enumerate(itertools.pairwise(borders), start=1):
+        middle = (start + end) / 2 / width
+        if middle - last < 0.022:  # about the width of a number
+            continue
+        last = middle
+        axis.annotate(
+            str(number),
+            ((start + end) / 2, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            fontsize="small",
+            color="0.35",
+        )
+    # Runs of one kind in a row share a line.
+    grouped = [(label, [number for number, _ in members]) for label, members in _in_a_row(labels)]
+    names = [f"{n[0]} {label}" if len(n) == 1 else f"{n[0]}-{n[-1]} {label}" for label, n in grouped]
+    shown = names if len(names) <= _MOST_NAMES else [*names[: _MOST_NAMES - 1], f"... {len(labels)} runs"]
+    axis.annotate(
+        "\n".join(shown),
+        (1.0, 1.0),
+        xycoords="axes fraction",
+        xytext=(8, 0),
+        textcoords="offset points",
+        va="top",
+        fontsize="small",
+        color="0.35",
+    )
+
+
+def _in_a_row(labels: Sequence[str]) -> list[tuple[str, list[tuple[int, str]]]]:
+    numbered = enumerate(labels, start=1)
+    return [(label, list(members)) for label, members in itertools.groupby(numbered, key=lambda member: member[1])]
+
+
+def plot_pair_sides(
+    title: str,
+    place: Array,
+    first: Array,
+    second: Array,
+    *,
+    zero: float = 1e-6,
+    labels: Sequence[str] | None = None,
+    axis_label: str = "index",
+    figure: Any = None,
+) -> Any:
+    """Two panels, one per side; filled dots where the side is zero, shading where both are.
+
+    Parameters
+    ----------
+    title : str
+    place : array, shape (k,)
+        Where each pair stands: time, or number of the pair.
+    first, second : array, shape (k,)
+        Values of the sides.
+    zero : float
+        A side of at most this size counts as zero.
+    labels : sequence of str, optional
+        What to write below the places instead of numbers.
+    axis_label : str
+    figure : Figure or SubFigure, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or SubFigure
+    """
+    if figure is None:
+        figure = matplotlib.figure.Figure(figsize=(7.2, 4.2), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    both = (np.abs(first) <= zero) & (np.abs(second) <= zero)
+    gaps = np.diff(place)
+    half = 0.5 * float(np.median(gaps)) if gaps.size and np.median(gaps) > 0 else 0.5
+    for axis, values, name, colour in zip(
+        axes, (first, second), ("first side", "second side"), ("C0", "C1"), strict=True
+    ):
+        if labels is None:
+            axis.plot(place, values, color=colour, linewidth=1.2, zorder=2)
+        is_zero = np.abs(values) <= zero
+        axis.plot(place[~is_zero], values[~is_zero], "o", color=colour, markersize=4, markerfacecolor="white", zorder=3)
+        axis.plot(place[is_zero], values[is_zero], "o", color=colour, markersize=4, zorder=3)
+        for at in place[both].tolist():
+            axis.axvspan(at - half, at + half, color="0.9", zorder=0, linewidth=0)
+        axis.axhline(0.0, color="0.6", linewidth=0.8, zorder=1)
+        axis.set_ylabel(name)
+        axis.grid(alpha=0.3)
+        axis.margins(x=0.02)
+    axes[1].set_xlabel(axis_label)
+    if labels is not None:
+        every = -(-len(labels) // _MOST_LABELS)
+        axes[1].set_xticks(place[::every], list(labels)[::every], rotation=45, ha="right")
+    lines = matplotlib.lines
+    handles = [
+        lines.Line2D([], [], marker="o", color="0.3", linestyle="", markersize=4, label="zero"),
+        lines.Line2D(
+            [], [], marker="o", color="0.3", linestyle="", markersize=4, markerfacecolor="white", label="positive"
+        ),
+    ]
+    if both.any():
+        handles.append(matplotlib.patches.Patch(color="0.9", label="biactive"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize="small")
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def plot_products(title: str, delta: Array, product: Array, natural: Array, *, figure: Any = None) -> Any:
+    """Largest product and largest ``|min(a, b)|`` of each run against the bound of the products, both logarithmic.
+
+    Parameters
+    ----------
+    title : str
+    delta : array, shape (s,)
+        Positive.
+    product, natural : array, shape (s,)
+    figure : Figure or SubFigure, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or SubFigure
+    """
+    if figure is None:
+        figure = matplotlib.figure.Figure(figsize=(5.6, 4.4), layout="constrained")
+    axis = figure.subplots()
+    floor = min(1e-12, 1e-2 * float(delta.min()))  # exact zeros are drawn here
+    range_of = np.array([delta.min() / 3, delta.max() * 3])
+    axis.plot(range_of, range_of, color="0.5", linewidth=1, label="product = delta")
+    axis.plot(range_of, np.sqrt(range_of), color="0.5", linewidth=1, linestyle=(0, (4, 3)), label="side = sqrt(delta)")
+    axis.plot(delta, np.maximum(product, floor), "o", markersize=5, label="largest product")
+    axis.plot(delta, np.maximum(natural, floor), "s", markersize=5, label="largest |min(first, second)|")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.invert_xaxis()  # a solve goes from loose to tight
+    axis.set_xlabel("delta")
+    axis.set_ylabel("residual")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize="small")
+    axis.set_title(title)
+    return figure

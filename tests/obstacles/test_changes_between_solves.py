@@ -1,0 +1,248 @@
+"""What changes between solves: segments, what was pruned, margins, norms, slack."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.scenes import ARROW, WALL, avoiding, exact, placed, solve_once, turning_move
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+
+FAR = {"near": WALL, "far": rcp.Polytope.box(1, 1, center=(2, 20))}
+
+
+@settings(max_examples=15)
+@given(choices=st.lists(st.integers(0, 100), min_size=1, max_size=6))
+def test_splitting_keeps_the_whole_motion_covered(choices):
+    m = turning_move(elements=3, height=3)
+    avoid = avoiding(m)
+    avoid.initialize()
+    for choice in choices:
+        before = list(avoid.separations)
+        index = before[choice % len(before)]
+        avoid.set_margin(*index, 0.01)
+        left, right = avoid.split(*index)
+        assert pyo.value(avoid.margin[left]) == pyo.value(avoid.margin[right]) == 0.01
+        assert set(avoid.separations) == (set(before) - {index}) | {left, right}
+    segments = avoid.record.segments_of("arrow", "wall")
+    assert segments[0].times[0] == 0.0
+    assert segments[-1].times[-1] == 1.0
+    for before, after in itertools.pairwise(segments):
+        assert before.times[-1] == after.times[0]
+    # Rows, variables and segments tell of the same certificates.
+    for component in (avoid.offset, avoid.required, avoid.unit):
+        assert set(component) == set(avoid.separations) == set(avoid.record.segments)
+    assert {key[:3] for key in avoid.first_shape} == set(avoid.separations)
+    gaps = avoid.separation_gaps()
+    assert min(gaps.values()) > 0
+    # Where a segment was cut, its pose is that of the collocation polynomial.
+    trajectory = m.move.trajectory()
+    for (body, time), pose in avoid.record.poses.items():
+        if body == "arrow":
+            there = trajectory(time)
+            assert pose.numbers()[1] == pytest.approx([there["x"], there["y"]], abs=1e-12)
+
+
+@pytest.mark.executable
+def test_splitting_never_raises_the_cost_nor_costs_safety():
+    m = turning_move(elements=4)
+    avoid = avoiding(m)
+    avoid.initialize()
+    solve_once(m)
+    before = pyo.value(m.effort)
+    for index in list(avoid.separations):
+        avoid.split(*index)
+    solve_once(m)
+    assert pyo.value(m.effort) <= before * (1 + 1e-7)
+    assert min(avoid.separation_gaps().values()) >= 0.05 - 1e-6
+
+
+def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
+    m = turning_move(elements=4, height=3)
+    avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
+    avoid.initialize()
+    assert not any(second == "far" for _, second, _ in avoid.separations)
+    record = avoid.record
+    for segment in record.pruned.values():
+        shape = FAR[segment.second]
+        assert min(exact(m.move, ARROW, shape, segment.times)) > 2.0
+    assert len(record.segments) + len(record.pruned) == 2 * 4
+    (index,) = avoid.restore("far", "arrow", 2)
+    assert index == ("arrow", "far", m.move.grid.mesh.boundaries[2])
+    assert avoid.separation_gaps()[index] > 2.0
+    avoid.initialize()
+    assert index in avoid.separations
+    assert avoid.restore("arrow", "far", 2) == []
+    # All pairs are judged, those left out as well.
+    assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
+
+
+def test_broad_phase_follows_the_guess():
+    m = turning_move(elements=4, height=3)
+    avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
+    m.move.y.set_values(dict.fromkeys(m.move.time, 19.0), skip_validation=True)
+    m.move.y.unfix()
+    avoid.initialize()
+    assert {second for _, second, _ in avoid.separations} == {"far"}
+    m.move.y.set_values(dict.fromkeys(m.move.time, 100.0), skip_validation=True)
+    avoid.initialize()
+    assert len(avoid.separations) == len(avoid.first_shape) == len(avoid.normal) == 0
+
+
+def test_slack_needs_a_measure_of_depth():
+    avoid = avoiding(turning_move(elements=1), formulation="optimality")
+    with pytest.raises(rcp.errors.ObstacleError, match="how deep"):
+        avoid.soften()
+    planes = avoiding(turning_move(elements=1))
+    planes.soften()
+    with pytest.raises(rcp.errors.ObstacleError, match="Harden"):
+        planes.set_norm("ball")
+
+
+@pytest.mark.executable
+@pytest.mark.parametrize("formulation", ["plane", "dual", "offset"])
+def test_margins_and_scaled_clearances_are_kept_as_asked(formulation):
+    m = turning_move()
+    avoid = avoiding(m, formulation=formulation)
+    avoid.initialize()
+    avoid.scale_clearance(0.5)
+    for index in avoid.separations:
+        avoid.set_margin(*index, 0.1)
+    solve_once(m)
+    gaps = avoid.separation_gaps()
+    assert min(gaps.values()) >= 0.125 - 1e-6
+    assert formulation == "offset" or min(gaps.values()) == pytest.approx(0.125, abs=1e-5)
+
+
+@pytest.mark.parametrize("formulation", ["plane", "dual", "mixed"])
+def test_norm_bounds_or_fixes_the_length(formulation):
+    m = turning_move(height=3)
+    avoid = avoiding(m, formulation=formulation, between=None)
+    assert not any(row.equality for row in avoid.unit.values())
+    avoid.initialize()
+    assert all(row.equality for row in avoid.unit.values())
+    avoid.set_norm("ball")
+    assert not any(row.equality for row in avoid.unit.values())
+    assert {row.ub for row in avoid.unit.values()} == {1.0}
+
+
+def test_auto_takes_the_ball_where_the_guess_overlaps(caplog):
+    m = turning_move(height=0)
+    avoid = avoiding(m)
+    with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
+        avoid.initialize(seed=7)
+    assert "'arrow' and 'wall'" in caplog.text
+    assert "seed 7" in caplog.text
+    assert not any(row.equality for row in avoid.unit.values())
+
+
+@pytest.mark.executable
+def test_softened_blocks_say_what_is_missing():
+    # A body that is held inside the wall: no plan, but the least slack is how deep it is.
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var([0, 1], bounds=(2, 2.5), initialize=2.4)
+    box = rcp.Polytope.box(2, 2, center=(2, 0))
+    m.avoid = rcp.ObstacleAvoidanceBlock(
+        [0, 1],
+        body=ARROW,
+        pose=lambda m, t: rcp.planar_pose(m.x[t], 0),
+        obstacles={"box": box},
+        clearance=0.1,
+        between=None,
+    )
+    m.avoid.soften(3.0)
+    m.avoid.initialize()
+    m.least = pyo.Objective(expr=m.avoid.softness)
+    pyo.SolverFactory("ipopt").solve(m)
+    depth = -rcp.geometry.signed_distance(ARROW, box, rcp.planar_pose(2.5, 0)).distance
+    for index in m.avoid.separations:
+        assert m.avoid.slack[index].value == pytest.approx(depth + 0.1, abs=1e-6)
+    assert pyo.value(m.least) == pytest.approx(2 * 3 * (depth + 0.1), rel=1e-6)
+    required = {index: pyo.value(m.avoid.required[index]) for index in m.avoid.separations}
+    m.avoid.harden()
+    assert len(m.avoid.slack) == 0
+    assert pyo.value(m.avoid.softness) == 0
+    for index in m.avoid.separations:
+        assert pyo.value(m.avoid.required[index]) == pytest.approx(0.1) != required[index]
+
+
+def test_split_and_restored_certificates_are_soft_too():
+    m = turning_move(elements=4, height=3)
+    avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
+    avoid.initialize()
+    avoid.soften()
+    avoid.split(*next(iter(avoid.separations)))
+    avoid.restore("arrow", "far", 0)
+    assert set(avoid.slack) == set(avoid.separations)
+    for slack in avoid.slack.values():
+        slack.set_value(1.0)
+    assert pyo.value(avoid.softness) == len(avoid.separations)
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda a: a.split("arrow", "wall", 0.123), "no separation"),
+        (lambda a: a.set_margin("arrow", "wall", 0.0, -1), "margin"),
+        (lambda a: a.set_norm("cube"), "'cube'.*'ball' and 'sphere'"),
+        (lambda a: a.scale_clearance(0), "factor"),
+        (lambda a: a.soften(-1), "weight"),
+        (lambda a: a.restore("arrow", "nobody", 0), "'nobody'"),
+        (lambda a: a.initialize(directions={("arrow", "nobody"): (0, 1)}), "'nobody'"),
+        (lambda a: a.initialize(directions={("arrow", "wall"): (0, 0)}), "not all zero"),
+        (lambda a: a.initialize(directions={("arrow", "wall"): (0, 0, 1)}), "expected 2 numbers"),
+    ],
+)
+def test_what_cannot_be_changed_is_refused_and_changes_nothing(ask, message):
+    m = turning_move(elements=2, height=3)
+    avoid = avoiding(m)
+    avoid.initialize()
+    before = [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
+    with pytest.raises(rcp.errors.ObstacleError, match=message):
+        ask(avoid)
+    assert before == [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
+
+
+def test_a_certificate_of_one_time_cannot_be_split():
+    m = turning_move(elements=2, height=3)
+    avoid = avoiding(m, between=None)
+    with pytest.raises(rcp.errors.ObstacleError, match="one time only"):
+        avoid.split("arrow", "wall", 0.0)
+
+
+def normals_along_time(avoid):
+    segments = avoid.record.segments_of("arrow", "wall")
+    return np.array([[avoid.normal[(*segment.index, axis)].value for axis in (0, 1)] for segment in segments])
+
+
+@settings(max_examples=20)
+@given(height=st.floats(-1, 1), seed=st.integers(0, 5), elements=st.integers(5, 20))
+def test_sides_never_flip_along_time(height, seed, elements):
+    m = turning_move(elements=elements, height=height)
+    avoid = avoiding(m)
+    avoid.initialize(seed=seed)
+    normals = normals_along_time(avoid)
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+    # A quarter turn at a time at most, up to the tilt that breaks ties.
+    assert (normals[1:] * normals[:-1]).sum(axis=1).min() > -0.3
+
+
+@pytest.mark.executable
+@pytest.mark.parametrize("side", [(0, 1), (0, -1)])
+@pytest.mark.parametrize("named", [("arrow", "wall"), ("wall", "arrow")])
+def test_the_user_says_where_to_pass(side, named):
+    m = turning_move(height=0, elements=12)
+    box = rcp.Polytope.box(0.8, 2, center=(2, 0.1 * side[1]))
+    avoid = avoiding(m, obstacles={"wall": box}, between=None)
+    toward = side if named == ("arrow", "wall") else (-side[0], -side[1])
+    avoid.initialize(directions={named: toward})
+    solve_once(m)
+    middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
+    assert m.move.y[middle].value * side[1] > 0.5
+    assert placed(m.move, middle).numbers()[1][1] * side[1] > 0.5

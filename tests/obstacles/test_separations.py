@@ -1,0 +1,147 @@
+"""What certificates prove: rows against the judge's numbers, and proofs that never exceed the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.scenes import ARROW, WALL, avoiding, exact, placed, set_poses, turning_move
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+
+FORMULATIONS = ["plane", "dual", "mixed", "offset", "optimality"]
+NUMBER = st.floats(-3, 3)
+SHAPES = {
+    "box": rcp.Polytope.box(1, 2, center=(2, 0)),
+    "ball": rcp.Polytope.ball(0.7, (1.5, 0.5)),
+    "wedge": rcp.Polytope.from_halfspaces([[-1, 0.2], [0.3, -1]], [-1, 0.5], bounded=False),
+    "triangle": rcp.Polytope.from_vertices([(1, 0), (3, 0), (2, 1)]),
+}
+MODELS = {}
+
+
+def model(formulation, shape, between=None, elements=2):
+    """Built once per kind: only values change between examples."""
+    key = (formulation, shape, between)
+    if key not in MODELS:
+        m = turning_move(elements=elements)
+        for state in (m.move.x, m.move.y, m.move.theta):
+            state.unfix()
+        avoiding(m, obstacles={"wall": SHAPES[shape]}, formulation=formulation, between=between)
+        MODELS[key] = m
+    return MODELS[key]
+
+
+def poses_of(m, numbers):
+    rows = np.resize(np.array(numbers), (len(m.move.time), 3))
+    set_poses(m.move, rows)
+
+
+@settings(max_examples=40)
+@given(
+    formulation=st.sampled_from(FORMULATIONS),
+    shape=st.sampled_from(sorted(SHAPES)),
+    poses=st.lists(NUMBER, min_size=15, max_size=15),
+)
+def test_started_certificates_prove_the_exact_distance_wherever_shapes_are_apart(formulation, shape, poses):
+    needs_end = formulation == "optimality" and shape == "wedge"
+    needs_inside = formulation in ("dual", "mixed", "offset") and shape == "ball"
+    if needs_end or needs_inside:
+        with pytest.raises(rcp.errors.ObstacleError, match="'wall'"):
+            model(formulation, shape)
+        return
+    m = model(formulation, shape)
+    poses_of(m, poses)
+    m.move.avoid.initialize()
+    gaps = m.move.avoid.separation_gaps()
+    for (_, _, time), proven in gaps.items():
+        (distance,) = exact(m.move, ARROW, SHAPES[shape], [time])
+        # 1e-9 of the scene's size: both numbers are differences of coordinates up to 5.
+        assert proven <= distance + 1e-8
+        if distance > 1e-3:
+            assert proven == pytest.approx(distance, abs=1e-7)
+
+
+@settings(max_examples=40)
+@given(
+    between=st.sampled_from(["plane", None]),
+    shape=st.sampled_from(sorted(SHAPES)),
+    poses=st.lists(NUMBER, min_size=15, max_size=15),
+    angle=st.floats(0, 6.3),
+    length=st.floats(1e-3, 1.2),
+)
+def test_no_normal_of_a_plane_proves_more_than_the_distance(between, shape, poses, angle, length):
+    m = model("plane", shape, between)
+    poses_of(m, poses)
+    avoid = m.move.avoid
+    for index in avoid.separations:
+        avoid.normal[(*index, 0)].set_value(length * np.cos(angle), skip_validation=True)
+        avoid.normal[(*index, 1)].set_value(length * np.sin(angle), skip_validation=True)
+    for index, proven in avoid.separation_gaps().items():
+        assert proven <= min(exact(m.move, ARROW, SHAPES[shape], avoid.record.segments[index].times)) + 1e-8
+
+
+def test_a_normal_of_zero_proves_nothing():
+    avoid = model("plane", "box").move.avoid
+    for entry in avoid.normal.values():
+        entry.set_value(0.0)
+    assert set(avoid.separation_gaps().values()) == {-float("inf")}
+
+
+@settings(max_examples=30)
+@given(poses=st.lists(NUMBER, min_size=15, max_size=15), margin=st.floats(0, 0.3), scale=st.floats(0.1, 1))
+def test_rows_hold_what_the_corners_say(poses, margin, scale):
+    m = model("plane", "triangle", "plane")
+    avoid = m.move.avoid
+    poses_of(m, poses)
+    avoid.initialize()
+    avoid.scale_clearance(scale)
+    try:
+        for index in avoid.separations:
+            avoid.set_margin(*index, margin)
+            normal = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
+            offset = avoid.offset[index].value
+            for time in avoid.record.segments[index].times:
+                corners = ARROW.placed(placed(m.move, time)).vertices
+                for number, corner in enumerate(corners):
+                    row = avoid.first_shape[(*index, time, number)]
+                    wanted = normal @ corner - offset - 0.05 * scale - margin
+                    assert pyo.value(row.body) == pytest.approx(wanted, abs=1e-12)
+                    assert (row.lb, row.ub) == (0, None)
+            start = avoid.record.segments[index].times[0]
+            for number, corner in enumerate(SHAPES["triangle"].vertices):
+                row = avoid.second_shape[(*index, start, number)]
+                assert pyo.value(row.body) == pytest.approx(normal @ corner - offset, abs=1e-12)
+                assert (row.lb, row.ub) == (None, 0)
+    finally:
+        avoid.scale_clearance(1)
+        for index in avoid.separations:
+            avoid.set_margin(*index, 0)
+
+
+def test_a_clear_guess_with_room_to_spare_satisfies_every_row():
+    for formulation in FORMULATIONS:
+        m = turning_move(height=3)
+        avoid = avoiding(m, formulation=formulation, between=None)
+        avoid.initialize()
+        assert min(exact(m.move, ARROW, WALL, m.move.time)) > 0.05
+        for row in avoid.component_data_objects(pyo.Constraint, active=True):
+            body = pyo.value(row.body)
+            assert row.lb is None or body >= row.lb - 1e-9, (formulation, row.name)
+            assert row.ub is None or body <= row.ub + 1e-9, (formulation, row.name)
+
+
+def test_poses_at_a_moving_obstacle_and_between_bodies_are_both_turned():
+    m = turning_move(elements=3, height=3)
+    truck = rcp.Body(WALL, pose=lambda b, t: rcp.planar_pose(2 * t, -1.5, 0.3 * t))
+    avoid = avoiding(m, obstacles={"truck": truck})
+    avoid.initialize()
+    for index, proven in avoid.separation_gaps().items():
+        times = avoid.record.segments[index].times
+        found = [
+            rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, t), rcp.planar_pose(2 * t, -1.5, 0.3 * t)).distance
+            for t in times
+        ]
+        assert 0 < proven <= min(found) + 1e-9

@@ -1,0 +1,268 @@
+"""The ladder: each strategy alone, the best of all, what is certified, and nothing left behind."""
+
+from __future__ import annotations
+
+import signal
+
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.catalogue import mpcc_problem, mpcc_problems
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.solving import procedure
+from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
+from pyrobocop_pyomo.solving.strategies import STRATEGIES
+
+pytestmark = pytest.mark.casadi
+
+ROUTES = [
+    pytest.param("asl", marks=pytest.mark.asl),
+    "casadi",
+    "vectorised",
+    pytest.param("executable", marks=pytest.mark.executable),
+]
+RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
+# Small, with one optimum that every strategy has to find: linear, biactive, badly scaled, bilevel, contact, no plain
+# pair.
+KNOWN = ("kth2", "ralph1", "scholtes4", "scale3", "jr1", "only the corner", "nonlinear sides", "bard1", "gripper",
+         "sliding step", "projection on a box", "stated twice")  # fmt: skip
+INFEASIBLE = [problem for problem in mpcc_problems() if not problem.feasible]
+
+
+def trap(x: float = 0.0, y: float = 0.0) -> pyo.ConcreteModel:
+    """min x^2 + (y - 1)^2 over 0 <= x ⟂ y >= 0: the origin is M-stationary, and y descends from it to (0, 1)."""
+    m = pyo.ConcreteModel(name="trap")
+    m.x, m.y = pyo.Var(bounds=(0, None), initialize=x), pyo.Var(bounds=(0, None), initialize=y)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=m.x**2 + (m.y - 1) ** 2)
+    return m
+
+
+def bent() -> pyo.ConcreteModel:
+    """min (x - 2)^2 + (y - 1)^2 over 0 <= x y + x ⟂ y + y^2 >= 0 and a row: the optimum is (1.5, 0) with value 1.25."""
+    m = pyo.ConcreteModel(name="bent")
+    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x * m.y + m.x >= 0, m.y + m.y**2 >= 0))
+    m.limit = pyo.Constraint(expr=m.x <= 1.5)
+    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + (m.y - 1) ** 2)
+    return m
+
+
+def everything(m: pyo.ConcreteModel) -> dict:
+    """All of a model but the values of its variables and what is in its suffixes."""
+    data = list(m.component_data_objects())
+    return {
+        "components": [(c.name, type(c), c.active) for c in m.component_objects()],
+        "data": [(id(c), c.name, getattr(c, "active", None)) for c in data],
+        "variables": [(v._lb, v._ub, v.domain, v.fixed) for v in m.component_data_objects(pyo.Var)],
+        "rows": [str(c.expr) for c in m.component_data_objects((pyo.Constraint, pyo.Objective))],
+        "suffixes": [(s.name, s.direction, s.active) for s in m.component_objects(pyo.Suffix)],
+    }
+
+
+# ------------------------------------------------------------------------------------------------- strategies
+
+
+@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if name != "projection"])
+@pytest.mark.parametrize("name", KNOWN)
+def test_each_strategy_alone_reaches_the_known_answer(name: str, strategy: str) -> None:
+    problem = mpcc_problem(name)
+    result = rcp.solve(problem.build(), strategies=strategy)
+    assert result.solved, str(result)
+    assert result.strategy == strategy
+    assert result.objective == pytest.approx(problem.best, rel=1e-6, abs=1e-6)
+    assert result.largest_natural_residual <= 1e-6
+
+
+def test_the_projection_alone_has_nothing_to_start_from() -> None:
+    m = trap()
+    before = everything(m)
+    with pytest.raises(ComplementarityError, match="the projection starts from a point that another strategy left"):
+        rcp.solve(m, strategies="projection")
+    assert everything(m) == before
+
+
+def test_an_unknown_strategy_is_refused() -> None:
+    with pytest.raises(ValueError, match="unknown strategy 'stairs'. Known: 'barrier', 'tight'"):
+        rcp.solve(trap(), strategies=["barrier", "stairs"])
+    with pytest.raises(ValueError, match="no strategy was chosen"):
+        rcp.solve(trap(), strategies=[])
+
+
+def iterate(objective: float, natural: float, proven: bool, converged: bool) -> Iterate:
+    certificate = Certificate.PROVEN if proven else Certificate.UNKNOWN
+    reason = rcp.StopReason.FINISHED if converged else rcp.StopReason.FAILED
+    return Iterate(
+        "fixed delta", 1e-8, None, IpoptStatus.SOLVED, 1, 0.0, objective, 0.0, 0.0, natural, stop_reason=reason,
+        certificate=certificate,
+    )  # fmt: skip
+
+
+iterates = st.builds(
+    iterate, st.sampled_from([0.0, 1.0, 2.0]), st.sampled_from([0.0, 1e-4]), st.booleans(), st.booleans()
+)
+
+
+@given(one=iterates, other=iterates, sign=st.sampled_from([1.0, -1.0]))
+def test_of_two_iterates_at_most_one_is_better(one: Iterate, other: Iterate, sign: float) -> None:
+    mine, theirs = (each.standing(Tolerances(), sign) for each in (one, other))
+    assert not (mine.is_better_than(theirs) and theirs.is_better_than(mine))
+    assert not mine.is_better_than(mine)
+    if one.largest_natural_residual == other.largest_natural_residual:
+        if sign * one.objective < sign * other.objective:
+            assert mine.is_better_than(theirs)
+        elif one.objective == other.objective and one.converged == other.converged:
+            assert mine.is_better_than(theirs) is (
+                one.certificate is Certificate.PROVEN and other.certificate is not Certificate.PROVEN
+            )
+
+
+def test_an_exact_point_that_is_not_shown_to_be_optimal_does_not_displace_one_that_is() -> None:
+    loose, exact = iterate(1.0, 1e-4, False, True), iterate(1.0, 0.0, False, False)
+    mine, theirs = (each.standing(Tolerances(), 1.0) for each in (loose, exact))
+    assert mine.is_better_than(theirs)
+    assert not theirs.is_better_than(mine)
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("problem", INFEASIBLE, ids=lambda problem: problem.name)
+def test_what_is_infeasible_is_never_called_solved(problem, backend: str) -> None:
+    result = rcp.solve(problem.build(), backend=backend)
+    assert not result.solved
+    assert result.quality is rcp.Quality.INFEASIBLE
+    assert result.certificate is not Certificate.PROVEN
+    with pytest.raises(rcp.errors.SolveFailed):
+        result.raise_for_status()
+
+
+# ------------------------------------------------------------------------------------------------- certificates
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("name", ["ralph1", "scholtes4"])
+def test_b_stationary_without_strong_multipliers_is_proven(name: str, backend: str) -> None:
+    result = rcp.solve(mpcc_problem(name).build(), backend=backend)
+    assert result.solved
+    assert result.certificate is Certificate.PROVEN
+    assert result.multipliers is not None
+    assert result.multipliers.kind is Stationarity.M
+    assert [each.name for each in result.biactive] == [each.name for each in result.residuals]
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("strategies", [None, "tight", "elastic"])
+def test_a_trap_that_is_no_local_optimum_is_left(backend: str, strategies: str | None) -> None:
+    m = trap()
+    result = rcp.solve(m, backend=backend, strategies=strategies)
+    assert result.certificate is Certificate.PROVEN
+    assert (m.x.value, m.y.value) == pytest.approx((0.0, 1.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["bard1", "gripper", "scholtes4", "kth3"])
+@pytest.mark.parametrize("backend", ROUTES[1:])
+def test_certificate_and_multipliers_do_not_depend_on_the_backend(name: str, backend: str) -> None:
+    one, other = (rcp.solve(mpcc_problem(name).build(), backend=each) for each in ("casadi", backend))
+    assert one.certificate is other.certificate is Certificate.PROVEN
+    assert one.multipliers is not None
+    assert other.multipliers is not None
+    assert one.multipliers.kind is other.multipliers.kind
+    assert other.objective == pytest.approx(one.objective, rel=1e-6, abs=1e-6)
+    if name in ("bard1", "gripper"):  # where they are unique
+        for mine, theirs in zip(one.pairs, other.pairs, strict=True):
+            assert theirs.first_multiplier == pytest.approx(mine.first_multiplier, rel=1e-4, abs=1e-4)
+            assert theirs.second_multiplier == pytest.approx(mine.second_multiplier, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+def test_without_polish_the_relaxed_point_stays(backend: str) -> None:
+    rough, polished = bent(), bent()
+    result = rcp.solve(rough, backend=backend, strategies="tight", polish=False)
+    exact = rcp.solve(polished, backend=backend, strategies="tight")
+    assert [step.label for step in result.steps] == ["fixed delta"]
+    assert result.certificate is Certificate.UNKNOWN
+    assert result.multipliers is None
+    assert 1e-10 < result.largest_product <= 1.1e-8  # the bound is active: the cost pulls at it
+    assert exact.largest_product < 1e-12
+    assert rough.y.value > polished.y.value
+
+
+# ------------------------------------------------------------------------------------------------- the model afterwards
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("lift", [False, True], ids=["unlifted", "lifted"])
+def test_a_relaxation_of_the_users_own_is_used_and_kept(backend: str, lift: bool) -> None:
+    m = bent()
+    token = RELAX.apply_to(m, delta=1e-3, lift=lift)
+    before = everything(m)
+    result = rcp.solve(m, backend=backend)
+    assert result.solved, str(result)
+    assert (m.x.value, m.y.value) == pytest.approx((1.5, 0.0), abs=1e-6)
+    assert everything(m) == before
+    assert token.block.delta.value == 1e-3
+    assert not m.pair.active
+    assert [each.name for each in result.residuals] == ["pair"]
+    # Without variables for the sides there are no branches to solve, and nothing to certify by.
+    assert (result.certificate is Certificate.PROVEN) is lift
+    RELAX.revert(m, token)
+    assert m.pair.active
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+@pytest.mark.parametrize("strategies", [None, *STRATEGIES], ids=str)
+def test_nothing_but_values_differs_afterwards(backend: str, strategies: str | None) -> None:
+    m = bent()
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[m.cost] = 2.0
+    m.asleep = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    m.asleep.deactivate()
+    m.idle = pyo.Constraint(expr=m.x >= 5)
+    m.idle.deactivate()
+    before = everything(m)
+    rcp.solve(m, backend=backend, strategies=["barrier", strategies] if strategies == "projection" else strategies)
+    assert everything(m) == before
+    assert [(each.name, factor) for each, factor in m.scaling_factor.items()] == [("cost", 2.0)]
+    assert [each.name for each in m.dual] == ["limit"]
+    assert m.dual[m.limit] == pytest.approx(-1.0, abs=1e-5)  # one more of x is worth 2 (2 - 1.5)
+
+
+@pytest.mark.parametrize("backend", ["asl", "casadi", "vectorised"])
+@pytest.mark.ctrl_c
+def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    iterations = []
+
+    def press(record) -> None:
+        iterations.append(record.iteration)
+        if record.iteration == 3 and iterations.count(0) == 2:  # in the second run: one point is there already
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(procedure, "_live_line", lambda *arguments: press)
+    m = mpcc_problem("bard1").build()
+    before = everything(m)
+    result = rcp.solve(m, backend=backend, strategies="continuation")
+    assert result.stop_reason is rcp.StopReason.INTERRUPTED
+    assert [step.status for step in result.steps] == [IpoptStatus.SOLVED, IpoptStatus.INTERRUPTED]
+    assert everything(m) == before
+    assert not result.solved
+    values = {each.name: each for each in result.residuals}
+    assert max(each.product for each in values.values()) == pytest.approx(
+        result.steps[result.best_step].largest_product
+    )
+
+
+@pytest.mark.parametrize("backend", ROUTES)
+def test_hardly_any_time_gives_the_model_back(backend: str) -> None:
+    m = mpcc_problem("membrane 6x6").build()
+    before = everything(m)
+    result = rcp.solve(m, backend=backend, time_limit=1e-6)
+    assert result.stop_reason is rcp.StopReason.TIME_LIMIT
+    assert len(result.steps) == 1
+    assert everything(m) == before
+    assert all(v.value is not None for v in m.component_data_objects(pyo.Var))
