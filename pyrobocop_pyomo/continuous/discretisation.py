@@ -192,7 +192,7 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
                         data.set_weight(weights[time])
 
 
-class _Strong:
+class _ReferenceToDerivative:
     """The reference from a variable to its derivative: a pickle can hold it, and a clone follows it."""
 
     def __init__(self, component: Any) -> None:
@@ -221,7 +221,9 @@ def finalise(discretisation: Discretisation) -> None:
         component = spot.component
         if isinstance(component, DerivativeVar):
             known = component.get_state_var()._derivative
-            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _Strong(component)
+            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _ReferenceToDerivative(
+                component
+            )
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)
     for integral in integrals_along(found, domain):

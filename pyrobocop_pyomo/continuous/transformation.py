@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 # As users of pyomo.dae write them.
 DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss"}
-# Relative width below which two boundaries are taken for one number, computed in two ways.
+# Relative width below which two boundaries count as one number with rounding.
 LEAST_WIDTH = 1e-9
 
 

@@ -23,7 +23,7 @@ from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .building import set_of_points, sort_arguments
+from .block_arguments import set_of_points, sort_arguments
 from .formulations.rows import dot
 from .snapshot import variables_of
 

@@ -162,7 +162,7 @@ def redundant_equation(m: Any) -> Mistake:
 
 
 @found_by_diagnosis(
-    Subject.DEPENDENT, "'root' do not determine 'z': .* singular at the guess, though not around", "p.root"
+    Subject.DEPENDENT, "'root' do not determine 'z': .* singular at the initial guess, though not around", "p.root"
 )
 def guess_at_a_singular_point(m: Any) -> Mistake:
     b = pushed(m)

@@ -70,7 +70,7 @@ def sampled_distance(scene: Scene, trajectory: rcp.Trajectory, per_element: int 
     times = np.unique(boundaries[:-1, None] + np.diff(boundaries)[:, None] * fractions)
     found = trajectory(times)
     outline = np.asarray(scene.body.vertices)
-    walls = shapely.union_all([shapely.Polygon(each.vertices) for each in scene.obstacles.values()])
+    walls = shapely.union_all([shapely.Polygon(wall.vertices) for wall in scene.obstacles.values()])
     cosine, sine = np.cos(found["theta"]), np.sin(found["theta"])
     corners = np.stack(
         [

@@ -50,7 +50,7 @@ def set_poses(block: Any, poses: np.ndarray) -> None:
 
 
 def exact(block: Any, body: rcp.Polytope, obstacle: rcp.Polytope, times: Any) -> list[float]:
-    """Signed distances at times, by the judge."""
+    """Exact signed distances at times."""
     return [rcp.geometry.signed_distance(body, obstacle, placed(block, t)).distance for t in times]
 
 

@@ -294,12 +294,12 @@ def pose_with_a_kink(m: pyo.ConcreteModel) -> None:
 def test_a_solve_that_is_refused_changes_nothing(state: Callable[[pyo.ConcreteModel], None]) -> None:
     m = turning_move(elements=2, height=3)
     state(m)
-    before = [(each, each.value) for each in m.component_data_objects(pyo.Var)]
-    names = [each.name for each in m.component_objects()]
+    before = [(variable, variable.value) for variable in m.component_data_objects(pyo.Var)]
+    names = [component.name for component in m.component_objects()]
     with pytest.raises(rcp.errors.ObstacleError):
         rcp.solve(m)
-    assert [(each, each.value) for each in m.component_data_objects(pyo.Var)] == before
-    assert [each.name for each in m.component_objects()] == names
+    assert [(variable, variable.value) for variable in m.component_data_objects(pyo.Var)] == before
+    assert [component.name for component in m.component_objects()] == names
     assert m.effort.active
 
 

@@ -50,7 +50,7 @@ class Row:
         return math.isfinite(self.residual) and all(map(math.isfinite, self.gradient.values()))
 
 
-class Linearisation:
+class LinearisedRows:
     """All active rows of a block and below, in all variables that may move.
 
     Parameters
@@ -62,14 +62,14 @@ class Linearisation:
         data = block.component_data_objects(Constraint, active=True, descend_into=Block)
         constraints = list(data)
         variables: dict[int, Any] = {}
-        held = [list(identify_variables(row.body, include_fixed=False)) for row in constraints]
-        for each in held:
-            variables.update((id(variable), variable) for variable in each)
+        variables_of = [list(identify_variables(row.body, include_fixed=False)) for row in constraints]
+        for some in variables_of:
+            variables.update((id(variable), variable) for variable in some)
         self.variables = list(variables.values())
         self.column = {number: i for i, number in enumerate(variables)}
         self.rows = [
-            Row(row, residual_of(row), {self.column[id(v)]: g for v, g in gradient(row.body, each)})
-            for row, each in zip(constraints, held, strict=True)
+            Row(row, residual_of(row), {self.column[id(v)]: g for v, g in gradient(row.body, some)})
+            for row, some in zip(constraints, variables_of, strict=True)
         ]
 
     @cached_property
@@ -79,8 +79,8 @@ class Linearisation:
 
     def jacobian(self, rows: Iterable[Row]) -> Any:
         """Sparse matrix of the gradients of some rows, in all variables."""
-        each = [(i, j, entry) for i, row in enumerate(rows) for j, entry in row.gradient.items()]
-        i, j, entries = zip(*each, strict=True) if each else ((), (), ())
+        triplets = [(i, j, entry) for i, row in enumerate(rows) for j, entry in row.gradient.items()]
+        i, j, entries = zip(*triplets, strict=True) if triplets else ((), (), ())
         count = len(list(rows))
         return scipy.sparse.csr_matrix((entries, (i, j)), shape=(count, len(self.variables)))
 
@@ -96,14 +96,14 @@ def residual_of(row: Any) -> float:
 
 def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]:
     """Derivatives of an expression by some of its variables; NaN where Pyomo gives none."""
-    held = list(variables)
-    if not held:
+    variables = list(variables)
+    if not variables:
         return
     try:
         derivatives = reverse_ad(body)
     except (*NO_VALUE, DifferentiationException):
         derivatives = ComponentMap()
-    for variable in held:
+    for variable in variables:
         derivative = derivatives.get(variable, NAN)
         real = derivative.__class__ in native_numeric_types and not isinstance(derivative, complex)
         yield variable, float(derivative) if real else NAN
