@@ -316,7 +316,7 @@ def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:
             if same is not None and same.ctype is Var and not same.is_indexed() and not same.fixed:
                 same.set_value(variable.value, skip_validation=True)
     for name in builder.names:
-        builder.phase(model, name).set_guess(coarser.trajectories[name])
+        builder.phase(model, name).initialize(coarser.trajectories[name])
 
 
 def _within(block: Any, blocks: set[int]) -> bool:
