@@ -19,6 +19,7 @@
     ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
     ├── EvaluationError (ArithmeticError) the functions of a problem have no finite value at a point
     ├── SimulationFailed (RuntimeError)  a forward simulation that could not go on
+    ├── TimeLimitReached (RuntimeError)  a computation that has no answer to give at its time limit
     ├── SensitivityError (ArithmeticError) a solution that has no derivative with respect to its data
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
     │   └── HomotopyStalled              a path of data that could not be followed to its end
@@ -95,6 +96,10 @@ class EvaluationError(PyRobocopError, ArithmeticError):
     """A function or a derivative of a nonlinear program has no finite value at the point asked for."""
 
 
+class TimeLimitReached(PyRobocopError, RuntimeError):
+    """The time limit passed in a computation that has no answer before its end."""
+
+
 class SensitivityError(PyRobocopError, ArithmeticError):
     """A solution has no derivative with respect to its data: it has a kink there, or is not unique."""
 
@@ -137,13 +142,13 @@ class HomotopyStalled(SolveFailed):
     ----------
     result : HomotopyResult
         What was solved.
-    reached : float
+    position : float
         How much of the path, from 0 to 1; negative where even its start could not be solved.
     """
 
-    def __init__(self, message: str, result: object, reached: float) -> None:
+    def __init__(self, message: str, result: object, position: float) -> None:
         super().__init__(message, result)
-        self.reached = reached
+        self.position = position
 
 
 class TrajectoryError(PyRobocopError, ValueError):
