@@ -53,7 +53,7 @@ def cart_pole(mesh: Any = None) -> Any:
         }
 
     b.ode(dynamics)
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2))
     return m
 

@@ -61,7 +61,7 @@ def build(elements: int = 40, stages: int = 2) -> pyo.ConcreteModel:
             }
         return rates
 
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     m.traffic.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={car: rcp.Body(CAR, pose=pose_of(car)) for car in ROUTES},

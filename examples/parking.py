@@ -92,7 +92,7 @@ def build(
             b.steering: b.steering_rate[t],
         }
 
-    b.set_guess(path.initial_guess(b, acceleration=ACCELERATION))
+    b.initialize(path.initial_guess(b, acceleration=ACCELERATION))
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t]))},

@@ -42,7 +42,9 @@ def wall(width: float, height: float) -> dict[str, rcp.Polytope]:
 def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.ConcreteModel:
     """From hovering to hovering on the other side, in little time and with little effort."""
     m = pyo.ConcreteModel(name="quadrotor")
-    m.flight = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 6), guess=2.5), elements=elements, stages=stages)
+    m.flight = b = rcp.PhaseBlock(
+        duration=rcp.Duration(bounds=(0.5, 6), initial_guess=2.5), elements=elements, stages=stages
+    )
     for name, start, goal in zip(("x", "y", "z"), START, GOAL, strict=True):
         b.declare(name, rcp.State(initial=start, final=goal, bounds=(-2, 2)))
     for name, largest in {"roll": 1.5, "pitch": 1.2, "yaw": 1.5}.items():
@@ -50,11 +52,13 @@ def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.Conc
     for name, largest in {"v_x": 5, "v_y": 5, "v_z": 5, "p": 12, "q": 12, "r": 12}.items():
         b.declare(name, rcp.State(initial=0, final=0, bounds=(-largest, largest)))
     for rotor in ("front", "left", "back", "right"):
-        thrust = rcp.Control(bounds=(0, MOST_THRUST), guess=MASS * GRAVITY / 4, parametrization="piecewise_constant")
+        thrust = rcp.Control(
+            bounds=(0, MOST_THRUST), initial_guess=MASS * GRAVITY / 4, parametrization="piecewise_constant"
+        )
         b.declare(rotor, thrust)
     b.ode(rigid_body)
-    b.guess_straight_lines()
-    b.set_guess(roll=lambda t: ROLL[case] * sin(pi * t))
+    b.initialize_straight_lines()
+    b.initialize(roll=lambda t: ROLL[case] * sin(pi * t))
 
     def pose(b, t):
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))

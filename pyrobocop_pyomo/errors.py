@@ -9,7 +9,7 @@
     │   ├── DeclarationError             a state, control, ... or phase option that contradicts itself
     │   ├── TranscriptionError           equations that do not fit the declared variables
     │   ├── LinkError                    two phases that cannot be joined
-    │   ├── GuessError                   an initial guess of the wrong shape, or not finite
+    │   ├── InitialGuessError                   an initial guess of the wrong shape, or not finite
     │   ├── StructureChanged             a kept model whose variables or rows are no longer those it was made of
     │   ├── GeometryError                a shape or a pose that is none: not convex, not closed, mirrored
     │   ├── ObstacleError                obstacles that cannot be avoided as stated
@@ -59,7 +59,7 @@ class LinkError(ModelError):
     """Two phases that cannot be joined in the way asked for."""
 
 
-class GuessError(ModelError):
+class InitialGuessError(ModelError):
     """An initial guess that has the wrong length, the wrong type or values that are not finite."""
 
 

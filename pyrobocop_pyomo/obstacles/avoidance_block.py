@@ -366,7 +366,7 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
     ...     obstacles={"wall": rcp.Polytope.box(1, 2, center=(2, 0))},
     ...     clearance=0.05,
     ... )
-    >>> m.move.guess_straight_lines()  # through the wall: an initial guess may overlap
+    >>> m.move.initialize_straight_lines()  # through the wall: an initial guess may overlap
     >>> m.move.avoid.initialize()
     >>> len(m.move.avoid.separations)  # one per interval
     10

@@ -188,7 +188,7 @@ class Containment(BuiltBlock, data=ContainmentData):
     ...     pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
     ...     region=rcp.Polytope.box(6, 1, center=(2, 0)),
     ... )
-    >>> m.move.guess_straight_lines()
+    >>> m.move.initialize_straight_lines()
     >>> m.move.inside.verify().safe
     True
     """

@@ -167,7 +167,7 @@ def _take_over(model: Any, builder: PhaseBuilder, before: Any, trajectories: Map
             if same is not None and same.ctype is Var and not same.is_indexed() and not same.fixed:
                 same.set_value(variable.value, skip_validation=True)
     for name in builder.names:
-        builder.phase(model, name).set_guess(trajectories[name])
+        builder.phase(model, name).initialize(trajectories[name])
 
 
 def _within(block: Any, blocks: set[int]) -> bool:

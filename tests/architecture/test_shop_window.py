@@ -35,7 +35,7 @@ PUBLIC = {
     "formulations": "Dual Formulation Mixed Offset Optimality Plane",
     "geometry": "Pose SignedDistance decompose signed_distance",
     "groupings": "AllPairs Crossed Grouping PerElement PerPair PerPhase",
-    "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_guess",
+    "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_initial_guess",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable",
     "mechanics": "SquareSlider",
     "relaxations": """

@@ -21,8 +21,8 @@ def cart_pole(elements: int = 6, **phase_options) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel("cart-pole")
     m.length = pyo.Param(initialize=0.5, mutable=True)
     m.swing = b = rcp.PhaseBlock(**{"duration": 2.0, "elements": elements, **phase_options})
-    b.q = rcp.State(initial=0, final=1, bounds=(-2, 2), guess=lambda t: t / 2)
-    b.theta = rcp.State(initial=0, final=math.pi, guess=lambda t: math.pi * t / 2)
+    b.q = rcp.State(initial=0, final=1, bounds=(-2, 2), initial_guess=lambda t: t / 2)
+    b.theta = rcp.State(initial=0, final=math.pi, initial_guess=lambda t: math.pi * t / 2)
     b.v = rcp.State(initial=0, final=0)
     b.omega = rcp.State(initial=0, final=0)
     b.force = rcp.Control(bounds=(-20, 20))
@@ -44,7 +44,7 @@ def cart_pole(elements: int = 6, **phase_options) -> pyo.ConcreteModel:
 
 def free_duration() -> pyo.ConcreteModel:
     """A duration that multiplies a long sum and every rate."""
-    m = cart_pole(8, duration=rcp.Duration(bounds=(1, 4), guess=2.0))
+    m = cart_pole(8, duration=rcp.Duration(bounds=(1, 4), initial_guess=2.0))
     m.cost.set_value(m.cost.expr + 0.1 * m.swing.duration)
     return m
 

@@ -49,7 +49,7 @@ def build(scene: Scene, elements: int, *, between: str | None = "plane") -> pyo.
     for name, first, last in zip(("x", "y", "theta"), scene.start, scene.goal, strict=True):
         b.declare(name, rcp.State(initial=first, final=last))
         b.declare(f"{name}_rate", rcp.Control(bounds=(-5, 5)))
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
 
     @b.ode
     def velocities(b, t):

@@ -103,7 +103,7 @@ def test_a_mapping_varies_only_what_it_names():
 def test_curves_over_time_are_smooth():
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(duration=1, elements=100, scheme="implicit_euler")
-    b.x = rcp.State(bounds=(-1, 1), guess=0)
+    b.x = rcp.State(bounds=(-1, 1), initial_guess=0)
     b.ode(lambda b, t: {b.x: 0.0})
     for number in range(1, 10):
         RandomStarts(m, 0, 1.0).put(number)

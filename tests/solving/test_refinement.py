@@ -68,7 +68,7 @@ def test_refined_answers_come_near_the_exact_one(scheme: str) -> None:
 def pendulum(mesh: Any) -> Any:
     m = pyo.ConcreteModel("swing-up")
     m.effort_bound = pyo.Var(initialize=1.0)
-    m.swing = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 5), guess=2), mesh=mesh)
+    m.swing = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 5), initial_guess=2), mesh=mesh)
     b.theta, b.omega = rcp.State(initial=0, final=np.pi), rcp.State(initial=0, final=0)
     b.torque = rcp.Control(bounds=(-6, 6))
     b.ode(lambda b, t: {b.theta: b.omega[t], b.omega: b.torque[t] - 9.81 * pyo.sin(b.theta[t])})
@@ -135,7 +135,7 @@ def test_implicit_equations_are_judged_like_the_explicit_ones() -> None:
     refined = rcp.studies.solve_refined(implicit, 1e-5, elements=8)
     refined.raise_for_status()
     same = explicit(refined.trajectory.grid.mesh)
-    same.p.set_guess(refined.trajectory)
+    same.p.initialize(refined.trajectory)
     np.testing.assert_allclose(same.p.element_errors(), refined.errors["p"], rtol=1e-2, atol=1e-9)
 
 

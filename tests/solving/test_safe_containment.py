@@ -22,7 +22,7 @@ def turning_over_a_floor(
     b.climb, b.rate = rcp.Control(), rcp.Control(bounds=(pi, pi))
     b.ode(lambda b, t: {b.y: b.climb[t], b.theta: b.rate[t]})
     m.low = pyo.Objective(expr=b.integral(lambda b, t: b.y[t] ** 2 + 1e-3 * b.climb[t] ** 2))
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
 
     def pose(b, t):
         return rcp.planar_pose(0, b.y[t], b.theta[t])

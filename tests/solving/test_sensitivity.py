@@ -127,7 +127,7 @@ def test_a_trajectory_with_contact():
     m.target = pyo.Param(initialize=0.1, mutable=True)
     m.stiffness = pyo.Param(initialize=1.0, mutable=True)
     m.move = b = rcp.PhaseBlock(duration=1.5, elements=15, scheme="implicit_euler")
-    b.gap, b.speed = rcp.State(initial=1.0, bounds=(0, None), guess=0.5), rcp.State(initial=-1.0)
+    b.gap, b.speed = rcp.State(initial=1.0, bounds=(0, None), initial_guess=0.5), rcp.State(initial=-1.0)
     b.contact, b.push = rcp.Algebraic(bounds=(0, None)), rcp.Control(bounds=(-2, 2))
     b.ode(lambda b, t: {b.gap: b.speed[t], b.speed: b.push[t] + m.stiffness * b.contact[t]})
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 
 
 def phase(duration: Any = 2.0, **options: Any) -> Any:
@@ -24,11 +24,11 @@ def phase(duration: Any = 2.0, **options: Any) -> Any:
 points = st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max_size=6)
 
 
-@given(points=points, duration=st.sampled_from([2.0, rcp.Duration(bounds=(1, 9), guess=3)]))
+@given(points=points, duration=st.sampled_from([2.0, rcp.Duration(bounds=(1, 9), initial_guess=3)]))
 def test_the_guess_goes_through_the_waypoints_at_an_even_speed(points: Any, duration: Any) -> None:
     b = phase(duration, start=1.0)
     x, y = np.array(points).T
-    guess = rcp.initial_guesses.waypoint_guess(b, {"x": x, b.y: y})
+    guess = rcp.initial_guesses.waypoint_initial_guess(b, {"x": x, b.y: y})
     first, last = b.time.first(), b.time.last()
     times = np.linspace(first, last, 401)
     path = np.array([[guess["x"](t), guess["y"](t)] for t in times])
@@ -42,15 +42,15 @@ def test_the_guess_goes_through_the_waypoints_at_an_even_speed(points: Any, dura
         for reached, here in zip(np.concatenate([[0.0], np.cumsum(lengths)]) / total, points, strict=True):
             t = first + reached * (last - first)
             assert [guess["x"](t), guess["y"](t)] == pytest.approx(here, abs=1e-6)
-    b.set_guess(guess)
+    b.initialize(guess)
     assert b.y[last].value == pytest.approx(y[-1])
 
 
 def test_angles_need_not_count() -> None:
     b = phase()
-    guess = rcp.initial_guesses.waypoint_guess(b, {"x": [0, 1, 4], "theta": [0, 100, 0]}, even_in=["x"])
+    guess = rcp.initial_guesses.waypoint_initial_guess(b, {"x": [0, 1, 4], "theta": [0, 100, 0]}, even_in=["x"])
     assert [guess["theta"](t) for t in (0, 0.5, 2)] == [0, 100, 0]
-    turning = rcp.initial_guesses.waypoint_guess(b, {"x": [1, 1, 1], "theta": [0, 1, 0]}, even_in=["x"])
+    turning = rcp.initial_guesses.waypoint_initial_guess(b, {"x": [1, 1, 1], "theta": [0, 1, 0]}, even_in=["x"])
     assert [turning["theta"](t) for t in (0, 1, 2)] == [0, 1, 0]
 
 
@@ -66,10 +66,10 @@ def test_angles_need_not_count() -> None:
     ],
 )
 def test_waypoints_that_do_not_fit_are_refused(waypoints: Any, options: Any, message: str) -> None:
-    with pytest.raises(GuessError, match=message):
-        rcp.initial_guesses.waypoint_guess(phase(), waypoints, **options)
+    with pytest.raises(InitialGuessError, match=message):
+        rcp.initial_guesses.waypoint_initial_guess(phase(), waypoints, **options)
 
 
 def test_only_a_phase_has_a_horizon() -> None:
-    with pytest.raises(GuessError, match="is no PhaseBlock"):
-        rcp.initial_guesses.waypoint_guess(pyo.ConcreteModel(name="plain"), {"x": [0, 1]})
+    with pytest.raises(InitialGuessError, match="is no PhaseBlock"):
+        rcp.initial_guesses.waypoint_initial_guess(pyo.ConcreteModel(name="plain"), {"x": [0, 1]})

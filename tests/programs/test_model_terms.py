@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.programs.expression_codes import decoded
-from pyrobocop_pyomo.programs.expression_terms import Terms
-from pyrobocop_pyomo.programs.model_terms import collect_terms
+from pyrobocop_pyomo.programs.model_terms import Terms, collect_terms
 from pyrobocop_pyomo.programs.term_groups import Columns
 
 

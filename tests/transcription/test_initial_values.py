@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Grid, Mesh, gauss_legendre, radau
-from pyrobocop_pyomo.transcription import guess_at, number_guess, stage_guess, state_guess
+from pyrobocop_pyomo.transcription import initial_number, initial_stage_values, initial_state_values, initial_values_at
 
 
 def element_guess(guess, grid: Grid, name: str):
     """Values at the middles of the elements, as a held control takes them."""
     middles = (np.array(grid.mesh.boundaries[1:]) + grid.mesh.boundaries[:-1]) / 2
-    return guess_at(guess, middles.tolist(), name, f"{grid.mesh.elements} elements")
+    return initial_values_at(guess, middles.tolist(), name, f"{grid.mesh.elements} elements")
 
 
 finite = st.floats(-1e6, 1e6)
@@ -31,24 +31,24 @@ grids = st.builds(
 
 @given(grid=grids, number=finite)
 def test_a_number_is_the_guess_everywhere(grid: Grid, number: float) -> None:
-    assert state_guess(number, grid, "x").tolist() == [number] * len(grid.times)
-    assert stage_guess(number, grid, "x").tolist() == [number] * len(grid.points)
+    assert initial_state_values(number, grid, "x").tolist() == [number] * len(grid.times)
+    assert initial_stage_values(number, grid, "x").tolist() == [number] * len(grid.points)
     assert element_guess(number, grid, "x").tolist() == [number] * grid.mesh.elements
-    assert number_guess(number, "x") == number
+    assert initial_number(number, "x") == number
 
 
 @given(grid=grids)
 def test_no_guess_is_zero(grid: Grid) -> None:
-    assert not state_guess(None, grid, "x").any()
-    assert not stage_guess(None, grid, "x").any()
+    assert not initial_state_values(None, grid, "x").any()
+    assert not initial_stage_values(None, grid, "x").any()
     assert not element_guess(None, grid, "x").any()
-    assert number_guess(None, "x") == 0
+    assert initial_number(None, "x") == 0
 
 
 @given(grid=grids)
 def test_a_function_is_asked_at_the_times_of_the_values(grid: Grid) -> None:
-    assert state_guess(math.exp, grid, "x").tolist() == [math.exp(t) for t in grid.times]
-    assert stage_guess(math.exp, grid, "x").tolist() == [math.exp(t) for t in grid.points]
+    assert initial_state_values(math.exp, grid, "x").tolist() == [math.exp(t) for t in grid.times]
+    assert initial_stage_values(math.exp, grid, "x").tolist() == [math.exp(t) for t in grid.points]
     middles = (np.array(grid.mesh.boundaries[1:]) + grid.mesh.boundaries[:-1]) / 2
     assert element_guess(math.exp, grid, "x") == pytest.approx(np.exp(middles))
 
@@ -57,7 +57,7 @@ def test_a_function_is_asked_at_the_times_of_the_values(grid: Grid) -> None:
 def test_values_at_boundaries_are_joined_by_lines(grid: Grid, slope: float, offset: float) -> None:
     given_values = [slope * t + offset for t in grid.mesh.boundaries]
     expected = slope * np.array(grid.times) + offset
-    np.testing.assert_allclose(state_guess(given_values, grid, "x"), expected, atol=1e-9 * (1 + abs(slope)))
+    np.testing.assert_allclose(initial_state_values(given_values, grid, "x"), expected, atol=1e-9 * (1 + abs(slope)))
 
 
 @given(grid=grids, data=st.data())
@@ -65,45 +65,49 @@ def test_full_arrays_are_taken_as_they_are(grid: Grid, data: st.DataObject) -> N
     def numbers(length: int) -> list[float]:
         return data.draw(st.lists(finite, min_size=length, max_size=length))
 
-    for guess, length in ((state_guess, len(grid.times)), (stage_guess, len(grid.points))):
+    for guess, length in ((initial_state_values, len(grid.times)), (initial_stage_values, len(grid.points))):
         values = numbers(length)
         assert guess(tuple(values), grid, "x").tolist() == values
     values = numbers(grid.mesh.elements)
     assert element_guess(np.array(values), grid, "x").tolist() == values
-    assert stage_guess(values, grid, "x").tolist() == [values[grid.element_of[t]] for t in grid.points]
+    assert initial_stage_values(values, grid, "x").tolist() == [values[grid.element_of[t]] for t in grid.points]
 
 
 @given(grid=grids, length=st.integers(0, 40))
 def test_other_lengths_are_refused_with_both_numbers(grid: Grid, length: int) -> None:
     for guess, lengths in (
-        (state_guess, {len(grid.times), len(grid.mesh.boundaries)}),
-        (stage_guess, {len(grid.points), grid.mesh.elements}),
+        (initial_state_values, {len(grid.times), len(grid.mesh.boundaries)}),
+        (initial_stage_values, {len(grid.points), grid.mesh.elements}),
         (element_guess, {grid.mesh.elements}),
     ):
         if length in lengths:
             assert len(guess([0.5] * length, grid, "x")) == max(lengths)
         else:
             needed = " or ".join(map(str, sorted(lengths)))
-            with pytest.raises(GuessError, match=f"x: the guess has {length} values; .* need {needed}. Give {needed}"):
+            with pytest.raises(
+                InitialGuessError, match=f"x: the initial guess has {length} values; .* need {needed}. Give {needed}"
+            ):
                 guess([0.5] * length, grid, "x")
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf"), [0, 1, float("nan"), 3], lambda t: -math.inf])
 def test_what_is_not_finite_is_refused(wrong) -> None:
     grid = Grid(radau(2), Mesh.uniform(0, 1, 3))
-    with pytest.raises(GuessError, match=r"x: value [02] of the guess is -?(nan|inf); guesses must be finite"):
-        state_guess(wrong, grid, "x")
+    with pytest.raises(
+        InitialGuessError, match=r"x: value [02] of the initial guess is -?(nan|inf); initial guesses must be finite"
+    ):
+        initial_state_values(wrong, grid, "x")
 
 
 @pytest.mark.parametrize("wrong", ["1.5", "fast", {0: 1}, [1, [2, 3], 4], lambda t: "a", lambda t: None, 1j, object()])
 def test_what_is_no_number_is_refused(wrong) -> None:
     grid = Grid(radau(2), Mesh.uniform(0, 1, 2))
-    with pytest.raises(GuessError, match="x: the guess is not made of numbers"):
-        state_guess(wrong, grid, "x")
+    with pytest.raises(InitialGuessError, match="x: the initial guess is not made of numbers"):
+        initial_state_values(wrong, grid, "x")
 
 
 def test_one_number_is_needed_where_nothing_changes_in_time() -> None:
-    with pytest.raises(GuessError, match="has 2 values; one number need 1"):
-        number_guess([1, 2], "x")
-    with pytest.raises(GuessError, match="is a function of time"):
-        number_guess(math.sin, "x")
+    with pytest.raises(InitialGuessError, match="has 2 values; one number need 1"):
+        initial_number([1, 2], "x")
+    with pytest.raises(InitialGuessError, match="is a function of time"):
+        initial_number(math.sin, "x")

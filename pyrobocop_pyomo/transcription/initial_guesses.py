@@ -8,14 +8,14 @@ from typing import Union
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Grid
 
-Guess = Union[float, Sequence[float], NDArray[np.float64], Callable[[float], float], None]  # noqa: UP007
+InitialGuess = Union[float, Sequence[float], NDArray[np.float64], Callable[[float], float], None]  # noqa: UP007
 Array = NDArray[np.float64]
 
 
-def state_guess(guess: Guess, grid: Grid, name: str) -> Array:
+def initial_state_values(guess: InitialGuess, grid: Grid, name: str) -> Array:
     """Values at every time of the grid.
 
     An array has either one value per time of the grid, or one per element boundary; the latter is
@@ -23,7 +23,7 @@ def state_guess(guess: Guess, grid: Grid, name: str) -> Array:
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         On another length, or values that are not finite numbers.
     """
     boundaries, times = grid.mesh.boundaries, grid.times
@@ -31,12 +31,12 @@ def state_guess(guess: Guess, grid: Grid, name: str) -> Array:
     return values if len(values) == len(times) else np.interp(times, boundaries, values)
 
 
-def stage_guess(guess: Guess, grid: Grid, name: str) -> Array:
+def initial_stage_values(guess: InitialGuess, grid: Grid, name: str) -> Array:
     """Values at every collocation point; an array has one value per point, or one per element.
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         On another length, or values that are not finite numbers.
     """
     elements, points = grid.mesh.elements, grid.points
@@ -44,7 +44,7 @@ def stage_guess(guess: Guess, grid: Grid, name: str) -> Array:
     return values if len(values) == len(points) else values[[grid.element_of[time] for time in points]]
 
 
-def guess_at(guess: Guess, times: Sequence[float], name: str, expected: str) -> Array:
+def initial_values_at(guess: InitialGuess, times: Sequence[float], name: str, expected: str) -> Array:
     """Values at given times; an array has one value for each.
 
     Parameters
@@ -54,26 +54,26 @@ def guess_at(guess: Guess, times: Sequence[float], name: str, expected: str) -> 
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         On another length, or values that are not finite numbers.
     """
     return _values(guess, times, {len(times)}, name, expected)
 
 
-def number_guess(guess: Guess, name: str) -> float:
+def initial_number(guess: InitialGuess, name: str) -> float:
     """A single number, for what does not change in time.
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When it is no finite number.
     """
     if callable(guess):
-        raise GuessError(f"{name}: the guess is a function of time, but '{name}' is one number.")
+        raise InitialGuessError(f"{name}: the initial guess is a function of time, but '{name}' is one number.")
     return float(_values(guess, (0.0,), {1}, name, "one number")[0])
 
 
-def _values(guess: Guess, times: Sequence[float], lengths: set[int], name: str, expected: str) -> Array:
+def _values(guess: InitialGuess, times: Sequence[float], lengths: set[int], name: str, expected: str) -> Array:
     try:
         if guess is None:
             values = np.zeros(len(times))
@@ -84,17 +84,19 @@ def _values(guess: Guess, times: Sequence[float], lengths: set[int], name: str, 
                 raise TypeError("it is text")  # NumPy would read the number out of it
             values = np.asarray(guess, dtype=float)
     except (TypeError, ValueError) as error:
-        raise GuessError(f"{name}: the guess is not made of numbers ({error}).") from error
+        raise InitialGuessError(f"{name}: the initial guess is not made of numbers ({error}).") from error
     if values.ndim == 0:
         values = np.full(len(times), float(values))
     if values.ndim != 1 or len(values) not in lengths:
         shape = f"{len(values)} values" if values.ndim == 1 else f"shape {values.shape}"
         needed = " or ".join(str(length) for length in sorted(lengths))
-        raise GuessError(
-            f"{name}: the guess has {shape}; {expected} need {needed}. Give {needed} values, a number, "
+        raise InitialGuessError(
+            f"{name}: the initial guess has {shape}; {expected} need {needed}. Give {needed} values, a number, "
             "or a function of time."
         )
     if not np.isfinite(values).all():
         i = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise GuessError(f"{name}: value {i} of the guess is {values[i]}; guesses must be finite.")
+        raise InitialGuessError(
+            f"{name}: value {i} of the initial guess is {values[i]}; initial guesses must be finite."
+        )
     return values

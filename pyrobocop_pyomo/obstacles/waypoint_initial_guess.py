@@ -1,4 +1,4 @@
-"""`waypoint_guess`: an initial guess on straight lines through waypoints, at constant speed."""
+"""`waypoint_initial_guess`: an initial guess on straight lines through waypoints, at constant speed."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 
-def waypoint_guess(
+def waypoint_initial_guess(
     phase: Any, waypoints: Mapping[Any, Sequence[float]], *, even_in: Iterable[Any] | None = None
 ) -> dict[str, Callable[[float], float]]:
-    """Initial guess of states on straight lines through waypoints, for ``phase.set_guess``.
+    """Initial guess of states on straight lines through waypoints, for ``phase.initialize``.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def waypoint_guess(
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When names, lengths or values do not fit.
 
     Examples
@@ -41,27 +41,27 @@ def waypoint_guess(
     ::
 
         waypoints = {"x": [0, 2, 4], "y": [0, 1, 0], "theta": [0, 0, 1]}
-        phase.set_guess(rcp.initial_guesses.waypoint_guess(phase, waypoints, even_in="xy"))
+        phase.initialize(rcp.initial_guesses.waypoint_initial_guess(phase, waypoints, even_in="xy"))
     """
     fraction = horizon_fraction(phase)
     values = {_name(phase, key): np.array(numbers, dtype=float) for key, numbers in waypoints.items()}
     if not values:
-        raise GuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")
+        raise InitialGuessError(f"phase '{phase.name}': there are no waypoints. Give {{'x': [0, 1, 2], ...}}.")
     counts = {name: numbers.shape for name, numbers in values.items()}
     if len(set(counts.values())) > 1 or any(len(shape) != 1 or shape[0] < 2 for shape in counts.values()):
         given = ", ".join(f"'{name}' {shape}" for name, shape in counts.items())
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{phase.name}': waypoints of shapes {given}; expected one list per state, all of one length, two "
             "values or more."
         )
     for name, numbers in values.items():
         if not np.isfinite(numbers).all():
-            raise GuessError(
+            raise InitialGuessError(
                 f"phase '{phase.name}': the waypoints of '{name}' are {numbers.tolist()}; not all are finite."
             )
     counted = list(values) if even_in is None else [_name(phase, key) for key in even_in]
     if not counted or set(counted) - set(values):
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{phase.name}': even_in has {', '.join(counted) or 'nothing'}; waypoints are given for "
             f"{', '.join(values)}. Name one or more of these."
         )
@@ -79,5 +79,5 @@ def _along(reached: np.ndarray, values: np.ndarray, fraction: Callable[[float], 
 def _name(phase: Any, key: Any) -> str:
     name = key if isinstance(key, str) else getattr(key, "local_name", repr(key))
     if phase.component(name) is None or not (isinstance(key, str) or phase.component(name) is key):
-        raise GuessError(f"phase '{phase.name}': waypoints are given for '{name}', which it does not have.")
+        raise InitialGuessError(f"phase '{phase.name}': waypoints are given for '{name}', which it does not have.")
     return name
