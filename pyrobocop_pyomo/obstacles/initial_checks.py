@@ -77,8 +77,8 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
                 else:
                     distance_text, remedy = f"{-available:.6g} into each other", "Move"
                 raise ObstacleError(
-                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {distance_text} at {time}, where both poses are "
-                    f"fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {distance_text} at {time}, where both "
+                    f"poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
                 )
 
 
