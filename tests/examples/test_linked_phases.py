@@ -110,6 +110,6 @@ def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
     ranking = rcp.studies.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
     best = min((each for each in sequences if times[each].solved), key=lambda each: times[each].objective)
     assert ranking[0].sequence == best
-    assert pyo.value(ranking.best.total_time) == pytest.approx(times[best].objective, rel=1e-9)
-    for phase in ranking.best.pushes.values():
+    assert pyo.value(ranking.best_model.total_time) == pytest.approx(times[best].objective, rel=1e-9)
+    for phase in ranking.best_model.pushes.values():
         assert phase.trajectory().verify().largest_violation < 1e-6

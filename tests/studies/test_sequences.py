@@ -21,7 +21,7 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
-from pyrobocop_pyomo.studies import sequence_solver
+from pyrobocop_pyomo.studies import sequences
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
 
@@ -116,17 +116,19 @@ def test_the_ranking_is_that_of_brute_force(serial: rcp.studies.SequenceRanking)
     assert [each.objective for each in serial if each.feasible] == pytest.approx(
         [least_effort(s) for s in able], rel=1e-6
     )
-    assert [each.sequence for each in serial if not each.feasible] == [("back",), ("back", "back")]
+    assert {each.sequence for each in serial if not each.feasible} == {("back",), ("back", "back")}
+    violations = [each.result.standing.excess for each in serial if not each.feasible]
+    assert violations == sorted(violations)
     assert serial[0].sequence == ("fast", "fast")
-    assert serial.left == ()
+    assert serial.remaining == ()
     alone = build(("fast", "fast"))
     assert rcp.solve(alone).objective == pytest.approx(serial[0].objective, rel=1e-9)
 
 
 @pytest.mark.casadi
 def test_the_best_model_holds_its_solution(serial: rcp.studies.SequenceRanking) -> None:
-    best = serial.best
-    assert best is serial.best
+    best = serial.best_model
+    assert best is serial.best_model
     assert pyo.value(best.effort) == pytest.approx(0.125, rel=1e-6)
     joined = rcp.join_trajectories(best.legs.values())
     assert joined(1.0)["x"] == pytest.approx(0.5, abs=1e-6)
@@ -161,7 +163,7 @@ def test_several_processes_give_what_one_gives(serial: rcp.studies.SequenceRanki
         assert one.objective == pytest.approx(other.objective, rel=1e-9, nan_ok=True)
         assert one.result.iterations == other.result.iterations
         assert one.values == pytest.approx(other.values, abs=1e-9)
-    assert pyo.value(parallel.best.effort) == pytest.approx(0.125, rel=1e-6)
+    assert pyo.value(parallel.best_model.effort) == pytest.approx(0.125, rel=1e-6)
 
 
 @pytest.mark.casadi
@@ -190,7 +192,7 @@ def test_a_maximum_ranks_from_the_top() -> None:
 def test_without_a_feasible_sequence_there_is_no_best() -> None:
     ranking = rcp.studies.solve_sequences(build, [("back",), "broken"])
     with pytest.raises(rcp.errors.SolveFailed, match="no sequence has a feasible point") as caught:
-        _ = ranking.best
+        _ = ranking.best_model
     assert caught.value.result is ranking
     assert "this mode is broken" in str(caught.value)
 
@@ -245,7 +247,7 @@ def test_without_ipopt_nothing_is_tried(monkeypatch: Any) -> None:
     def none() -> Any:
         raise SolverNotFoundError("no Ipopt here")
 
-    monkeypatch.setattr(sequence_solver, "best_backend", none)
+    monkeypatch.setattr(sequences, "best_backend", none)
     with pytest.raises(SolverNotFoundError, match="no Ipopt here"):
         rcp.studies.solve_sequences(build, [("slow",)])
 
@@ -262,7 +264,7 @@ def test_ctrl_c_between_solves_keeps_what_is_done() -> None:
 
     ranking = rcp.studies.solve_sequences(pressed, [("slow",), ("fast",), ("back",), ("slow", "slow")])
     assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
-    assert ranking.left == (("back",), ("slow", "slow"))
+    assert ranking.remaining == (("back",), ("slow", "slow"))
     assert "interrupted; not solved: back; slow - slow" in str(ranking)
 
 
@@ -282,7 +284,7 @@ LONG = """
         tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
         ranking = rcp.studies.solve_sequences(build, [("short",), ("endless",), ("late",), ("later",)], workers=WORKERS,
                                       options=tight, progress=True)
-        print([each.sequence for each in ranking], ranking.left, flush=True)
+        print([each.sequence for each in ranking], ranking.remaining, flush=True)
 """
 
 
@@ -324,13 +326,16 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    solved = sequence_solver.solve
+    solved = sequences.solve
     pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model: Any, **options: Any) -> Any:
-        return replace(solved(model, **options), safety=SafetyReport((pair,) if model.name == "fast" else ()))
+        result = solved(model, **options)
+        if model.name != "fast":
+            return replace(result, safety=SafetyReport(()))
+        return replace(result, safety=SafetyReport((pair,)), standing=replace(result.standing, shortfall=1.0))
 
-    monkeypatch.setattr(sequence_solver, "solve", judged)
+    monkeypatch.setattr(sequences, "solve", judged)
     ranking = rcp.studies.solve_sequences(build, [("fast",), ("slow",)], workers=1)
     assert [each.sequence for each in ranking] == [("slow",), ("fast",)]
     assert ranking[1].objective < ranking[0].objective
