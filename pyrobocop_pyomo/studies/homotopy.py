@@ -297,7 +297,9 @@ class _Follower:
             model_state = "The model is as it was before."
         why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
         if self._position < 0.0:
-            where = "the first problem of the path was not solved. Start from easier data, or from a better guess"
+            where = (
+                "the first problem of the path was not solved. Start from easier data, or from a better initial guess"
+            )
         elif step.accepted:
             where = f"the path was followed to {self._position:.5g} of 1"
         else:

@@ -94,12 +94,12 @@ def multistart(
     ----------
     model : Block
     starts : int
-        How many, the guess included.
+        How many, the initial guess included.
     seed : int
         The same seed gives the same starts, and start k does not depend on how many there are.
     spread : float, mapping or iterable
-        Scales the distances from the guess; with 1, variables with two bounds fill them. ``{"x": 0.5}`` or
-        ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their guess.
+        Scales the distances from the initial guess; with 1, variables with two bounds fill them. ``{"x": 0.5}`` or
+        ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their initial guess.
     time_limit : float, optional
         Seconds, for all starts together.
     progress : bool, optional
@@ -169,10 +169,10 @@ class RandomStarts:
     Parameters
     ----------
     model : Block
-        Its values are the guess.
+        Its values are the initial guess.
     seed : int
     spread : float, mapping or iterable
-        How far from the guess; see `multistart`.
+        How far from the initial guess; see `multistart`.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def _curve(generator: np.random.Generator, size: int) -> FloatArray:
     place = np.linspace(0.0, np.pi, size)
     waves = np.cos(np.outer(np.arange(WAVES), place))
     weights = generator.uniform(-1.0, 1.0, WAVES) / np.arange(1, WAVES + 1)
-    # Uniform in its size as well: without the division the curves would crowd around the guess.
+    # Uniform in its size as well: without the division the curves would crowd around the initial guess.
     curve = weights @ waves
     return np.asarray(curve / max(np.abs(curve).max(), 1e-12) * generator.uniform())
 

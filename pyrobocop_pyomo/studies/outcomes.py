@@ -52,7 +52,7 @@ class Outcome:
         return 0 if self.result is None else self.result.iterations
 
     @property
-    def standing(self) -> str:
+    def verdict(self) -> str:
         """The quality in one word, or ``error``."""
         return "error" if self.result is None else self.result.quality.name.lower()
 
@@ -109,9 +109,9 @@ class Column:
     name : str
         In the data frame and, unless `heading` is given, in the text.
     width : int
-        In the text; numbers stand at its right end, words at its left.
+        In the text; numbers are aligned right, words left.
     value : callable
-        From an outcome to what stands in the column.
+        From an outcome to its entry.
     style : str
         Format of a number in the text.
     heading : str
@@ -137,7 +137,7 @@ class Column:
 
 COMMON_COLUMNS = (
     Column("objective", 14, lambda outcome: outcome.objective, ".7g"),
-    Column("quality", 10, lambda outcome: outcome.standing),
+    Column("quality", 10, lambda outcome: outcome.verdict),
     Column("certificate", 11, lambda outcome: outcome.certificate),
     Column("iterations", 6, lambda outcome: outcome.iterations, "d", heading="iter"),
     Column("seconds", 8, lambda outcome: outcome.seconds, ".2f"),

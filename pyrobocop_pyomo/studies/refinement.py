@@ -291,7 +291,7 @@ def _solve_on(
         _take_over(model, builder, coarser)
     result = solved(model)
     if coarser is not None and result.quality is Quality.INFEASIBLE and not deadline.has_passed:
-        logger.info("'%s': no acceptable point from the last answer; once more from its own guess", model.name)
+        logger.info("'%s': no acceptable point from the last answer; once more from its own initial guess", model.name)
         model = builder.model(meshes)
         result = solved(model)
     phases = {name: builder.phase(model, name) for name in builder.names}

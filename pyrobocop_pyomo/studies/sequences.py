@@ -53,7 +53,7 @@ def mode_sequences(
     Raises
     ------
     ModelError
-        When a mode stands twice or is unknown, a length is not positive, or nothing is left.
+        When a mode is named twice or is unknown, a length is not positive, or nothing is left.
 
     Examples
     --------
@@ -261,7 +261,7 @@ def solve_sequences(
             return False
         done[outcome.number] = outcome
         found = f"objective {outcome.objective:.7g}" if outcome.feasible else outcome.reason
-        bar.line(f"{len(done)}/{len(tasks)} {outcome.name}: {outcome.standing}, {found}")
+        bar.line(f"{len(done)}/{len(tasks)} {outcome.name}: {outcome.verdict}, {found}")
         if len(done) < len(tasks):
             bar.live(f"{len(tasks) - len(done)} left")
         return True

@@ -51,9 +51,9 @@ def test_a_better_valley_than_that_of_the_guess_is_found(sense):
     assert m.x.value == pytest.approx(1.0, abs=0.05)
     assert pyo.value(m.cost) == pytest.approx(found.result.objective)
     sign = 1 if sense == pyo.minimize else -1
-    objectives = [sign * each.result.objective for each in found if each.feasible]
+    objectives = [sign * outcome.result.objective for outcome in found if outcome.feasible]
     assert objectives == pytest.approx(sorted(objectives), rel=1e-5)
-    assert {each.start for each in found} == set(range(8))
+    assert {outcome.start for outcome in found} == set(range(8))
     worst = found.load(len(found) - 1)
     assert pyo.value(m.cost) == pytest.approx(worst.objective)
 
@@ -64,7 +64,7 @@ def test_a_seed_fixes_the_outcome():
     for seed in (3, 3, 4):
         m = two_valleys()
         found = rcp.studies.multistart(m, 4, seed=seed, **QUICK)
-        runs.append(([(each.start, each.result.objective) for each in found], m.x.value))
+        runs.append(([(outcome.start, outcome.result.objective) for outcome in found], m.x.value))
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
@@ -131,12 +131,12 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
     monkeypatch.setattr(module, "solve", flaky)
     m = two_valleys()
     found = rcp.studies.multistart(m, 4, **QUICK)
-    assert [each.start for each in found][2:] == [3, 2]
+    assert [outcome.start for outcome in found][2:] == [3, 2]
     assert (found[2].feasible, found[3].result, found[3].error) == (False, None, "EvaluationError: no value")
     with pytest.raises(SolveFailed, match="start 2 has no point. EvaluationError"):
         found.load(3)
     frame = found.to_pandas()
-    assert list(frame["start"]) == [each.start for each in found]
+    assert list(frame["start"]) == [outcome.start for outcome in found]
     assert re.search(r"error .* EvaluationError: no value", str(found))
 
 
@@ -155,9 +155,9 @@ def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
     m = two_valleys()
     found = rcp.studies.multistart(m, 8, seed=1, **QUICK)
     assert found.result.safe
-    assert found.result.objective > min(each.result.objective for each in found)
+    assert found.result.objective > min(outcome.result.objective for outcome in found)
     assert m.x.value > 2
-    safe = [each.result.safe for each in found]
+    safe = [outcome.result.safe for outcome in found]
     assert safe == sorted(safe, reverse=True)
     assert not all(safe)
 

@@ -65,9 +65,9 @@ def test_all_sequences_come_in_the_order_of_the_modes() -> None:
 def test_successions_are_those_of_the_filtered_product(length: int) -> None:
     follow = {"a": "bc", "b": ["a"], "c": ("c", "a")}
     expected = [
-        each
-        for each in itertools.product("abc", repeat=length)
-        if all(after in follow[before] for before, after in itertools.pairwise(each))
+        sequence
+        for sequence in itertools.product("abc", repeat=length)
+        if all(after in follow[before] for before, after in itertools.pairwise(sequence))
     ]
     assert rcp.studies.mode_sequences("abc", length, allowed=follow) == expected
     assert rcp.studies.mode_sequences("abc", length, allowed=lambda before, after: after in follow[before]) == expected
@@ -112,12 +112,12 @@ def test_the_ranking_is_that_of_brute_force(serial: rcp.studies.SequenceRanking)
     able = sorted(
         (s for s in sequences if set(s) != {"back"}), key=lambda s: (round(least_effort(s), 9), sequences.index(s))
     )
-    assert [each.sequence for each in serial if each.feasible] == able
-    assert [each.objective for each in serial if each.feasible] == pytest.approx(
+    assert [outcome.sequence for outcome in serial if outcome.feasible] == able
+    assert [outcome.objective for outcome in serial if outcome.feasible] == pytest.approx(
         [least_effort(s) for s in able], rel=1e-6
     )
-    assert {each.sequence for each in serial if not each.feasible} == {("back",), ("back", "back")}
-    violations = [each.result.standing.excess for each in serial if not each.feasible]
+    assert {outcome.sequence for outcome in serial if not outcome.feasible} == {("back",), ("back", "back")}
+    violations = [outcome.result.standing.excess for outcome in serial if not outcome.feasible]
     assert violations == sorted(violations)
     assert serial[0].sequence == ("fast", "fast")
     assert serial.remaining == ()
@@ -157,9 +157,9 @@ def test_the_table_tells_everything(serial: rcp.studies.SequenceRanking) -> None
 @pytest.mark.casadi
 def test_several_processes_give_what_one_gives(serial: rcp.studies.SequenceRanking) -> None:
     parallel = rcp.studies.solve_sequences(build, rcp.studies.mode_sequences(GAINS, range(1, 3)), workers=2)
-    assert [each.sequence for each in parallel] == [each.sequence for each in serial]
+    assert [outcome.sequence for outcome in parallel] == [outcome.sequence for outcome in serial]
     for one, other in zip(parallel, serial, strict=True):
-        assert one.standing == other.standing
+        assert one.verdict == other.verdict
         assert one.objective == pytest.approx(other.objective, rel=1e-9, nan_ok=True)
         assert one.result.iterations == other.result.iterations
         assert one.values == pytest.approx(other.values, abs=1e-9)
@@ -172,8 +172,8 @@ def test_an_error_is_kept_as_the_reason_and_ranks_last(workers: int) -> None:
     ranking = rcp.studies.solve_sequences(
         partial(build, goal=2.0), [("broken",), ("back",), ("slow",)], workers=workers
     )
-    assert [each.sequence for each in ranking] == [("slow",), ("back",), ("broken",)]
-    assert ranking[2].standing == "error"
+    assert [outcome.sequence for outcome in ranking] == [("slow",), ("back",), ("broken",)]
+    assert ranking[2].verdict == "error"
     assert ranking[2].reason == "ArithmeticError: this mode is broken"
     assert ranking[0].objective == pytest.approx(4.0, rel=1e-6)
     with pytest.raises(
@@ -185,7 +185,7 @@ def test_an_error_is_kept_as_the_reason_and_ranks_last(workers: int) -> None:
 @pytest.mark.casadi
 def test_a_maximum_ranks_from_the_top() -> None:
     ranking = rcp.studies.solve_sequences(partial(build, sense=pyo.maximize), [("slow",), ("fast",)])
-    assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
+    assert [outcome.sequence for outcome in ranking] == [("fast",), ("slow",)]
 
 
 @pytest.mark.casadi
@@ -203,7 +203,7 @@ def test_options_reach_solve_and_progress_is_a_line_per_sequence(capsys: Any) ->
     shown = capsys.readouterr().err
     assert "1/2 slow: feasible" in shown
     assert "2/2 fast" in shown
-    assert all(each.result.stop_reason is rcp.StopReason.ITERATION_LIMIT for each in ranking)
+    assert all(outcome.result.stop_reason is rcp.StopReason.ITERATION_LIMIT for outcome in ranking)
 
 
 @pytest.mark.casadi
@@ -263,7 +263,7 @@ def test_ctrl_c_between_solves_keeps_what_is_done() -> None:
         return build(sequence)
 
     ranking = rcp.studies.solve_sequences(pressed, [("slow",), ("fast",), ("back",), ("slow", "slow")])
-    assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
+    assert [outcome.sequence for outcome in ranking] == [("fast",), ("slow",)]
     assert ranking.remaining == (("back",), ("slow", "slow"))
     assert "interrupted; not solved: back; slow - slow" in str(ranking)
 
@@ -284,7 +284,7 @@ LONG = """
         tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
         ranking = rcp.studies.solve_sequences(build, [("short",), ("endless",), ("late",), ("later",)], workers=WORKERS,
                                       options=tight, progress=True)
-        print([each.sequence for each in ranking], ranking.remaining, flush=True)
+        print([outcome.sequence for outcome in ranking], ranking.remaining, flush=True)
 """
 
 
@@ -337,6 +337,6 @@ def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.
 
     monkeypatch.setattr(sequences, "solve", judged)
     ranking = rcp.studies.solve_sequences(build, [("fast",), ("slow",)], workers=1)
-    assert [each.sequence for each in ranking] == [("slow",), ("fast",)]
+    assert [outcome.sequence for outcome in ranking] == [("slow",), ("fast",)]
     assert ranking[1].objective < ranking[0].objective
     assert "not proven" in ranking[1].reason
