@@ -38,7 +38,7 @@ CASES = {
 
 def build(case: str = "one", elements: int | None = None) -> pyo.ConcreteModel:
     """The car with steering and acceleration, transcribed by implicit Euler in steps of 0.1 s."""
-    start, goal, centres, duration = (CASES[case][each] for each in ("start", "goal", "centres", "duration"))
+    start, goal, centres, duration = (CASES[case][name] for name in ("start", "goal", "centres", "duration"))
     m = pyo.ConcreteModel(name="car between obstacles")
     m.drive = b = rcp.PhaseBlock(duration=duration, elements=elements or round(10 * duration), scheme="implicit_euler")
     for name, first, last in zip(("x", "y", "theta", "v"), start, goal, strict=True):

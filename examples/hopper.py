@@ -88,7 +88,7 @@ def ground_force(b, t):
 
 
 def effort(stance):
-    """What the motor is charged for."""
+    """What the motor costs."""
     return stance.integral(lambda b, t: b.motor[t] ** 2)
 
 
@@ -105,12 +105,12 @@ def body_of_leg(pre, post):
 
 def body_of_leg_anywhere(pre, post):
     """The same without the distance travelled."""
-    return {name: each for name, each in body_of_leg(pre, post).items() if name != "x"}
+    return {name: value for name, value in body_of_leg(pre, post).items() if name != "x"}
 
 
 def leg_of_body(leg, body):
     """Touch-down: the same equations, which now determine the states of the leg and where the foot stands."""
-    return [getattr(body, name) == each for name, each in body_of_leg(leg, None).items()]
+    return [getattr(body, name) == value for name, value in body_of_leg(leg, None).items()]
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:

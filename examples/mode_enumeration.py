@@ -87,7 +87,7 @@ def search(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 20,
         partial(build, goal=goal, elements=elements), sequences, workers=workers, **options
     )
     print(ranking)
-    return ranking.best, ranking[0].result
+    return ranking.best_model, ranking.result
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:

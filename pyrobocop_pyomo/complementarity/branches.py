@@ -1,8 +1,7 @@
-"""What a statement says as a choice: disjuncts, or special ordered sets, of sides that are bounded variables.
+"""A statement as a choice: disjuncts, or special ordered sets, whose sides are bounded variables.
 
-A disjunct that says ``s == 0`` of a bounded variable s is reformulated well by all methods: big-M reads its M off
-the bounds, the hull disaggregates s alone and not what the side is made of, and a special ordered set is a list of
-variables anyway.
+A disjunct ``s == 0`` of a bounded variable s suits all reformulations: big-M reads its M off the bounds, the hull
+disaggregates s alone and not the variables of the side, and a special ordered set is a list of variables.
 """
 
 from __future__ import annotations
@@ -170,7 +169,7 @@ def add_special_ordered_sets(block: Block, sides: BoundedSides, forms: list[Cano
                 (form.source, [sides.nonnegative(pair.a, form.source), sides.nonnegative(pair.b, form.source)])
                 for pair in form.pairs
             ]
-    block.sets = SOSConstraint(range(len(members)), rule=_Members([each for _, each in members]), sos=1)
+    block.sets = SOSConstraint(range(len(members)), rule=_Members([variables for _, variables in members]), sos=1)
     return [(block.sets[position], source) for position, (source, _) in enumerate(members)]
 
 

@@ -1,7 +1,7 @@
-"""Putting two sides together: what the statement says, or why it says nothing.
+"""From two sides to the canonical form of a statement.
 
-Two finite bounds make a statement, as in Pyomo's own `pyomo.mpec`: one per side, or both on one side, of which
-the other is free then. Whatever has more or fewer is refused by name.
+Two finite bounds make a statement, as in Pyomo's own `pyomo.mpec`: one per side, or both on one side, while the other
+side is free. More or fewer bounds are refused.
 """
 
 from __future__ import annotations

@@ -97,9 +97,9 @@ def part_values(side: Any) -> tuple[float, float]:
 
 @dataclass(eq=False, slots=True)
 class SideRows:
-    """What the statements of one home need beyond their products; nothing of it is in a component yet.
+    """Rows, variables and slacks of the sides of one home's statements; none of them is in a component yet.
 
-    Rows come with the statement that they belong to. One list serves all statements, since most need nothing.
+    Rows come with their statements. One list serves all statements, since most need nothing.
     """
 
     place: GeneratedBlock
@@ -110,7 +110,7 @@ class SideRows:
     slacks: list[Any] = field(default_factory=list)
 
     def add(self, form: CanonicalForm) -> RelaxedStatement:
-        """Say what stands for the sides of a statement, and which rows keep them."""
+        """Choose the expressions of the sides of a statement, and the rows that keep their signs."""
         statement = RelaxedStatement(form)
         for row in form.rows:
             self.sides.append((statement, row))
@@ -136,7 +136,7 @@ class SideRows:
         return statement
 
     def _side(self, statement: RelaxedStatement, side: Any, row: Any, own_slack: Any) -> Any:
-        """Return what stands for one side."""
+        """Return the expression of one side in the generated rows."""
         place = self.place
         slack, exact = (place.slack, place.exact) if own_slack is None else (own_slack, is_zero(own_slack))
         if place.record.lift and side_variable(side) is None:

@@ -1,4 +1,4 @@
-"""The canonical form of a statement, and where the active ones of a model are found."""
+"""The canonical form of declared pairs, and the search for active ones."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def active_sources(model: Any, targets: Iterable[Any] | None = None) -> list[Any
 
 
 def home_of(block: Any, model: Any) -> Any:
-    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
+    """Where the rows are put: on the model, or on the disjunct of the pairs, so that they hold only if it is chosen."""
     while block is not model:
         if block.ctype is Disjunct:
             return block

@@ -19,7 +19,7 @@ from .record import RelaxationRecord, records_above, records_below
 
 
 def refuse_unusable(model: Any) -> None:
-    """Refuse what is no constructed single block."""
+    """Refuse families of blocks, and blocks that are not constructed."""
     if model.is_indexed():
         raise ComplementarityError(
             f"'{model.name}': is a family of blocks. Apply to the model with targets= this component, "
@@ -27,6 +27,15 @@ def refuse_unusable(model: Any) -> None:
         )
     if not model.is_constructed():
         raise ComplementarityError(f"'{model.name}': is not constructed. Apply to model.create_instance().")
+
+
+def refuse_foreign_token(model: Any, token: Any) -> None:
+    """Refuse a token of another model; without a token there is nothing to refuse."""
+    if token is not None and token.model is not model:
+        raise ComplementarityError(
+            f"'{model.name}': the token was made for another model, '{token.model.name}'. "
+            "On a clone, call revert(model) without a token."
+        )
 
 
 def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
@@ -103,13 +112,7 @@ def _active_objectives(model: Any) -> list[Any]:
 
 
 def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = False) -> None:
-    """Refuse NaN as a coefficient, parameter or value of a variable, and unfixed discrete variables.
-
-    Raises
-    ------
-    ComplementarityError
-        If there is one.
-    """
+    """Refuse NaN as a coefficient, parameter or value of a variable, and unfixed discrete variables."""
     checked: set[int] = set()
     for form in forms:
         sides = [side for pair in form.pairs for side in (pair.a, pair.b)]

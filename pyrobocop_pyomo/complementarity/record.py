@@ -11,7 +11,7 @@ from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, enclosing_blocks
 
 from .canonical import CanonicalForm, CanonicalPair
 
@@ -136,9 +136,8 @@ class RelaxationRecord(AutoSlots.Mixin):
 
     @property
     def relaxed_pairs(self) -> Iterator[RelaxedPair]:
-        """All pairs, in the order in which they came."""
-        for statement in self.statements.values():
-            yield from statement.pairs
+        """All pairs, in the order in which they were relaxed."""
+        return (pair for statement in self.statements.values() for pair in statement.pairs)
 
 
 Block.register_private_data_initializer(RelaxationRecord)
@@ -161,31 +160,18 @@ def record_on(block: Any) -> RelaxationRecord | None:
 
 
 def records_below(block: Any) -> Iterator[RelaxationRecord]:
-    """Yield the records of this block and of all blocks in it."""
-    for part in block.block_data_objects(active=None, descend_into=BLOCK_TYPES):
-        record = record_on(part)
-        if record is not None:
-            yield record
+    """Return the records of this block and of all blocks in it."""
+    parts = block.block_data_objects(active=None, descend_into=BLOCK_TYPES)
+    return (record for part in parts if (record := record_on(part)) is not None)
 
 
 def records_above(component: Any) -> Iterator[RelaxationRecord]:
-    """Yield the records of all blocks that contain the component."""
-    block = component.parent_block()
-    while block is not None:
-        record = record_on(block)
-        if record is not None:
-            yield record
-        block = block.parent_block()
+    """Return the records of all blocks that contain the component."""
+    return (record for block in enclosing_blocks(component) if (record := record_on(block)) is not None)
 
 
 def only_record(model: Any) -> RelaxationRecord:
-    """Return the record of the one relaxation in this block and in what it contains.
-
-    Raises
-    ------
-    ComplementarityError
-        If there is none, or if there are several.
-    """
+    """Return the record of the one relaxation in this block and in what it contains; none or several are refused."""
     records = list(records_below(model))
     if len(records) != 1:
         names = ", ".join(f"'{record.main.name}'" for record in records) or "none"

@@ -21,6 +21,7 @@ from .pairs import active_sources, canonical_form
 from .parameters import finite_positive
 from .preconditions import (
     only_objective,
+    refuse_foreign_token,
     refuse_leaves,
     refuse_nothing,
     refuse_other_options,
@@ -100,7 +101,7 @@ def relax(
     ComplementarityError
         If there is no active pair, if a pair cannot be relaxed, or if the options contradict what is in use.
     ValueError
-        If an option is none.
+        If an option has a value that does not exist.
     """
     options = {
         "relaxation": None if relaxation is None else as_relaxation(relaxation),
@@ -155,11 +156,7 @@ def revert(model: Any, token: RelaxationToken | None = None) -> None:
         If the model is not relaxed, or if the token is used up or belongs to another model.
     """
     record = record_on(model)
-    if token is not None and token.model is not model:
-        raise ComplementarityError(
-            f"'{model.name}': the token was made for another model, '{token.model.name}'. "
-            "On a clone, call revert(model) without a token."
-        )
+    refuse_foreign_token(model, token)
     if record is None or (token is not None and record.main is not token.block):
         raise ComplementarityError(f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before.")
     if token is None:

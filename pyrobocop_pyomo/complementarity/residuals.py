@@ -71,7 +71,7 @@ def component_residuals(pairs: Iterable[CanonicalPair]) -> list[ComponentResidua
     found: dict[str, list[float]] = {}
     for pair in pairs:
         found.setdefault(pair.source.parent_component().name, []).append(abs(min(side_values(pair))))
-    return [ComponentResidual(name, len(each), max(each), sum(each)) for name, each in found.items()]
+    return [ComponentResidual(name, len(sizes), max(sizes), sum(sizes)) for name, sizes in found.items()]
 
 
 def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:

@@ -1,9 +1,8 @@
 """One side of a statement: reading a relation, a plain variable or an expression into "between these bounds".
 
-What can never be a side, or two sides of one statement, is refused where it is written, by structure alone. The bound
-is found by the *structure* of the relation as well: what can never hold a variable is the bound. Asking whether an
-expression is fixed at the moment would turn ``x >= 0`` into a bound on a constant as soon as somebody fixes ``x``,
-and would be wrong again after unfixing it.
+Impossible sides are refused where they are written, by structure alone. The bound of a relation is found by structure
+as well: it is the part that can never hold a variable. The test whether an expression is fixed at the moment would turn
+``x >= 0`` into a bound on a constant as soon as somebody fixes ``x``, and would be wrong again after unfixing it.
 """
 
 from __future__ import annotations
@@ -29,21 +28,10 @@ BOUND_CHOICES = (None, "lower", "upper", "free")
 
 
 def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None], pair: Any) -> None:
-    """Refuse what can never be a statement, whatever the bounds and parameters will be when it is used.
+    """Refuse sides that can never make a statement, whatever the bounds and parameters will be when it is used.
 
-    Parameters
-    ----------
-    first, second : object
-        The sides as the user wrote them.
-    choices : pair of {None, "lower", "upper", "free"}
-        Which bound of a plain variable is meant.
-    pair : component data
-        Whose sides they are; asked for its name only when a message is written.
-
-    Raises
-    ------
-    ComplementarityError
-        If one is no side, if two equalities or two relations with two bounds meet, or if nothing bounds them.
+    Refused are objects that are not sides, two equalities, two relations with two bounds, and sides without a bound.
+    The parameters are those of `forms.form_of`; the pair is asked for its name only when a message is written.
     """
     check_side(first, choices[0], pair)
     check_side(second, choices[1], pair)
@@ -150,7 +138,7 @@ def _why_no_side(side: Any) -> str:
 
 
 class SideKind(Enum):
-    """What the user wrote as a side."""
+    """The kinds of sides that a user can write."""
 
     RELATION = "a relation with one bound"
     RANGE = "a relation with two bounds"
@@ -164,18 +152,16 @@ class ParsedSide(NamedTuple):
 
     Attributes
     ----------
-    kind : SideKind
-        What it was written as.
     given : object
-        As it was written.
+        The side as it was written.
     body : Pyomo expression
-        What is bounded.
+        The bounded expression.
     lower, upper : number, Pyomo expression or None
         Its bounds; None where there is none, or an infinite one.
     infinite : float or None
         The infinite bound that was stated and counts as none, for messages.
     own : tuple of two, or None
-        The bounds that the variable has where the body is a plain one. They are read once: Pyomo puts them together
+        The variable's own bounds where the body is a plain variable. They are read once, since Pyomo computes them
         from the bounds and the domain each time.
     """
 
@@ -194,21 +180,12 @@ class ParsedSide(NamedTuple):
 
 
 def read_side(side: Any, choice: str | None, pair: Any) -> ParsedSide:
-    """Read one side.
-
-    Parameters
-    ----------
-    side : relational expression, variable or expression
-        As the user wrote it.
-    choice : {None, "lower", "upper", "free"}
-        Which bound of a plain variable is meant.
-    pair : component data
-        Whose side it is; asked for its name only when a message is written.
+    """Read one side as the user wrote it; `choice` says which bound of a plain variable is meant.
 
     Raises
     ------
     ComplementarityError
-        If it can be no side, if a bound is NaN, has no value or can never be met, or if the chosen bound of a
+        If it cannot be a side, if a bound is NaN, has no value or can never be met, or if the chosen bound of a
         plain variable does not exist.
     """
     kind = side.__class__

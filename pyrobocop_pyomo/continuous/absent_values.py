@@ -23,7 +23,7 @@ from pyomo.dae import DerivativeVar
 from pyrobocop_pyomo.errors import TranscriptionError
 
 from .record import Discretisation
-from .structure import PAIRS, Spot, axes_of, variables_of
+from .structure import PAIRS, Spot, axes_of, variables_of_row
 
 
 class AbsentValues:
@@ -100,7 +100,7 @@ class AbsentValues:
                 variables = (
                     []
                     if generated and outside is None and len(self._discretisations) == 1
-                    else list(variables_of(data))
+                    else list(variables_of_row(data))
                 )
                 absent = next((variable for variable in variables if id(variable) in self._absent), None)
                 if generated:

@@ -34,7 +34,7 @@ from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .record import Discretisation, Substitution
-from .structure import PAIRS, Axis, Spot, axis_on, variables_in, variables_of
+from .structure import PAIRS, Axis, Spot, axis_on, variables_in, variables_of_row
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -231,7 +231,7 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
                     explicit[id(left)] = (data, right)
                     elsewhere.update(id(variable) for variable in variables_in(right) if id(variable) in candidates)
                     continue
-            elsewhere.update(id(variable) for variable in variables_of(data) if id(variable) in candidates)
+            elsewhere.update(id(variable) for variable in variables_of_row(data) if id(variable) in candidates)
     return {key: value for key, value in explicit.items() if key not in elsewhere}
 
 

@@ -22,7 +22,7 @@ from .derivatives import (
     substitute_derivatives,
 )
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
-from .record import Discretisation, DiscretisationRecord, discretisations_of, record_of
+from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .structure import Spot, axes_of, axis_on, continuous_sets, spots
 from .sums_over_sets import find_possible_sums
 from .values import PreviousValues
@@ -79,7 +79,7 @@ def discretisations_on(root: Any) -> list[Discretisation]:
 def _discretise(
     domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, previous: PreviousValues | None
 ) -> Discretisation:
-    root, record = domain.model(), record_of(domain)
+    root, record = domain.model(), discretisation_record_of(domain)
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
     derivatives_along(found, domain)
@@ -105,7 +105,7 @@ def _discretise(
             previous.give_to(list(spots(root)), discretisation)
         for one in everything:
             for integral in integrals_along(found, one.domain):
-                integrate(integral, one, record_of(one.domain))
+                integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
             possible_sum.check(domain)
         absent_values = AbsentValues(list(spots(root)), everything)
@@ -140,7 +140,7 @@ def undo_discretisation(discretisation: Discretisation) -> None:
                 del spot.component._data[index]
     for time in [time for time in domain if time not in kept]:
         domain.discard(time)
-    record_of(domain).discretisations.pop(domain, None)
+    discretisation_record_of(domain).discretisations.pop(domain, None)
 
 
 def _states_of(found: list[Spot], domain: Any) -> list[Any]:

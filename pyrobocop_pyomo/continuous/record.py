@@ -102,14 +102,14 @@ class DiscretisationRecord(AutoSlots.Mixin):
 Block.register_private_data_initializer(DiscretisationRecord)
 
 
-def record_of(domain: Any) -> DiscretisationRecord:
+def discretisation_record_of(domain: Any) -> DiscretisationRecord:
     """The record of the block on which a continuous set lives."""
     return domain.parent_block().private_data()
 
 
 def discretisation_of(domain: Any) -> Discretisation | None:
     """The discretisation of a continuous set; None if there is none."""
-    return record_of(domain).discretisations.get(domain)
+    return discretisation_record_of(domain).discretisations.get(domain)
 
 
 def discretisations_of(domains: Any) -> Iterator[Discretisation]:

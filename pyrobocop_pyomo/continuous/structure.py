@@ -154,7 +154,7 @@ def variables_in(expression: Any, leaves: Collection[int] = ()) -> Iterator[Any]
             yield part
 
 
-def variables_of(data: Any) -> Iterable[Any]:
+def variables_of_row(data: Any) -> Iterable[Any]:
     """Every variable of a row, an objective, an expression or a pair."""
     if data.ctype is MpecComplementarity:
         sides = data._args or ()

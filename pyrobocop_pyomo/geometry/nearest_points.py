@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# Relative to the scene, a little above rounding: nothing nearer than this can be told from what was found.
+# Relative to the scene, a little above rounding: smaller improvements cannot be distinguished.
 EXACT = 1e-15
 # Unit rays that point this little towards the origin are taken as level.
 LEVEL = 1e-14
@@ -195,7 +195,7 @@ def _best_combination(kept: list[_Kept], weights: list[float]) -> tuple[list[_Ke
         falling = [k for k, weight in enumerate(target) if weight <= 0.0]
         if not falling:
             return kept, target, point
-        # The last point is never dropped: rays alone are no place.
+        # The last point is never dropped: a combination of rays alone is a direction.
         if sum(one.is_point for one in kept) == 1:
             falling = [k for k in falling if not kept[k].is_point]
         steps = [weights[k] / max(weights[k] - target[k], 1e-300) for k in falling]

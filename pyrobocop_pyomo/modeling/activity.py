@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pyomo.core.base.block import Block
@@ -25,12 +25,17 @@ def deactivate(parts: Iterable[Any]) -> None:
             component.deactivate()
 
 
+def enclosing_blocks(component: Any) -> Iterator[Any]:
+    """Yield the block that a component is in, the block that this one is in, and so on."""
+    block = component.parent_block()
+    while block is not None:
+        yield block
+        block = block.parent_block()
+
+
 def is_inside(component: Any, block: Any) -> bool:
     """Whether the component is in this block, or in one that the block contains."""
-    parent = component.parent_block()
-    while parent is not None and parent is not block:
-        parent = parent.parent_block()
-    return parent is block
+    return any(enclosing is block for enclosing in enclosing_blocks(component))
 
 
 def outermost_inactive(component: Any, model: Any) -> Any:

@@ -1,13 +1,14 @@
-"""Questions about expressions: what they hold, whether two are alike, and what they are worth."""
+"""Expressions: what they hold, whether two are alike, their values, and a choice between two."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.component import ComponentBase
 from pyomo.core.base.var import VarData
-from pyomo.core.expr import LinearExpression, MonomialTermExpression
+from pyomo.core.expr import Expr_if, LinearExpression, MonomialTermExpression
 from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
 
 
@@ -114,3 +115,14 @@ def value_or_none(expression: Any) -> Any:
                 return None
             total += number
     return total
+
+
+def choose(number: Any, where_nonnegative: Any, elsewhere: Any) -> Any:
+    """Return the first formula where the number is at least zero, and the second one elsewhere.
+
+    Both are evaluated for arrays, and only the one that is chosen in a solver.
+    """
+    if hasattr(number, "is_potentially_variable"):
+        return Expr_if(IF_=number >= 0, THEN_=where_nonnegative, ELSE_=elsewhere)
+    chosen = np.where(np.asarray(number) >= 0, where_nonnegative, elsewhere)
+    return chosen if chosen.ndim else chosen.item()

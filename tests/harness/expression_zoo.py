@@ -212,15 +212,15 @@ def trees(leaves: st.SearchStrategy) -> st.SearchStrategy:
     def extend(children):
         pairs = st.tuples(children, children)
         return st.one_of(
-            pairs.map(lambda each: each[0] + each[1]),
-            pairs.map(lambda each: each[0] - each[1]),
-            pairs.map(lambda each: pyo.sin(each[0]) * pyo.tanh(each[1])),
-            pairs.map(lambda each: each[0] / (2 + each[1] ** 2)),
-            children.map(lambda each: -each),
-            children.map(lambda each: pyo.sqrt(1 + pyo.cos(each) ** 2)),
-            children.map(lambda each: pyo.exp(pyo.sin(each))),
-            children.map(lambda each: 3 * pyo.atan(each) + 1),
-            children.map(lambda each: each * pyo.cos(each)),
+            pairs.map(lambda pair: pair[0] + pair[1]),
+            pairs.map(lambda pair: pair[0] - pair[1]),
+            pairs.map(lambda pair: pyo.sin(pair[0]) * pyo.tanh(pair[1])),
+            pairs.map(lambda pair: pair[0] / (2 + pair[1] ** 2)),
+            children.map(lambda child: -child),
+            children.map(lambda child: pyo.sqrt(1 + pyo.cos(child) ** 2)),
+            children.map(lambda child: pyo.exp(pyo.sin(child))),
+            children.map(lambda child: 3 * pyo.atan(child) + 1),
+            children.map(lambda child: child * pyo.cos(child)),
         )
 
     return st.recursive(leaves, extend, max_leaves=12)

@@ -21,7 +21,7 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
-from pyrobocop_pyomo.studies import sequence_solver
+from pyrobocop_pyomo.studies import sequences
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
 
@@ -65,9 +65,9 @@ def test_all_sequences_come_in_the_order_of_the_modes() -> None:
 def test_successions_are_those_of_the_filtered_product(length: int) -> None:
     follow = {"a": "bc", "b": ["a"], "c": ("c", "a")}
     expected = [
-        each
-        for each in itertools.product("abc", repeat=length)
-        if all(after in follow[before] for before, after in itertools.pairwise(each))
+        sequence
+        for sequence in itertools.product("abc", repeat=length)
+        if all(after in follow[before] for before, after in itertools.pairwise(sequence))
     ]
     assert rcp.studies.mode_sequences("abc", length, allowed=follow) == expected
     assert rcp.studies.mode_sequences("abc", length, allowed=lambda before, after: after in follow[before]) == expected
@@ -112,21 +112,23 @@ def test_the_ranking_is_that_of_brute_force(serial: rcp.studies.SequenceRanking)
     able = sorted(
         (s for s in sequences if set(s) != {"back"}), key=lambda s: (round(least_effort(s), 9), sequences.index(s))
     )
-    assert [each.sequence for each in serial if each.feasible] == able
-    assert [each.objective for each in serial if each.feasible] == pytest.approx(
+    assert [outcome.sequence for outcome in serial if outcome.feasible] == able
+    assert [outcome.objective for outcome in serial if outcome.feasible] == pytest.approx(
         [least_effort(s) for s in able], rel=1e-6
     )
-    assert [each.sequence for each in serial if not each.feasible] == [("back",), ("back", "back")]
+    assert {outcome.sequence for outcome in serial if not outcome.feasible} == {("back",), ("back", "back")}
+    violations = [outcome.result.standing.excess for outcome in serial if not outcome.feasible]
+    assert violations == sorted(violations)
     assert serial[0].sequence == ("fast", "fast")
-    assert serial.left == ()
+    assert serial.remaining == ()
     alone = build(("fast", "fast"))
     assert rcp.solve(alone).objective == pytest.approx(serial[0].objective, rel=1e-9)
 
 
 @pytest.mark.casadi
 def test_the_best_model_holds_its_solution(serial: rcp.studies.SequenceRanking) -> None:
-    best = serial.best
-    assert best is serial.best
+    best = serial.best_model
+    assert best is serial.best_model
     assert pyo.value(best.effort) == pytest.approx(0.125, rel=1e-6)
     joined = rcp.join_trajectories(best.legs.values())
     assert joined(1.0)["x"] == pytest.approx(0.5, abs=1e-6)
@@ -155,13 +157,13 @@ def test_the_table_tells_everything(serial: rcp.studies.SequenceRanking) -> None
 @pytest.mark.casadi
 def test_several_processes_give_what_one_gives(serial: rcp.studies.SequenceRanking) -> None:
     parallel = rcp.studies.solve_sequences(build, rcp.studies.mode_sequences(GAINS, range(1, 3)), workers=2)
-    assert [each.sequence for each in parallel] == [each.sequence for each in serial]
+    assert [outcome.sequence for outcome in parallel] == [outcome.sequence for outcome in serial]
     for one, other in zip(parallel, serial, strict=True):
-        assert one.standing == other.standing
+        assert one.verdict == other.verdict
         assert one.objective == pytest.approx(other.objective, rel=1e-9, nan_ok=True)
         assert one.result.iterations == other.result.iterations
         assert one.values == pytest.approx(other.values, abs=1e-9)
-    assert pyo.value(parallel.best.effort) == pytest.approx(0.125, rel=1e-6)
+    assert pyo.value(parallel.best_model.effort) == pytest.approx(0.125, rel=1e-6)
 
 
 @pytest.mark.casadi
@@ -170,8 +172,8 @@ def test_an_error_is_kept_as_the_reason_and_ranks_last(workers: int) -> None:
     ranking = rcp.studies.solve_sequences(
         partial(build, goal=2.0), [("broken",), ("back",), ("slow",)], workers=workers
     )
-    assert [each.sequence for each in ranking] == [("slow",), ("back",), ("broken",)]
-    assert ranking[2].standing == "error"
+    assert [outcome.sequence for outcome in ranking] == [("slow",), ("back",), ("broken",)]
+    assert ranking[2].verdict == "error"
     assert ranking[2].reason == "ArithmeticError: this mode is broken"
     assert ranking[0].objective == pytest.approx(4.0, rel=1e-6)
     with pytest.raises(
@@ -183,14 +185,14 @@ def test_an_error_is_kept_as_the_reason_and_ranks_last(workers: int) -> None:
 @pytest.mark.casadi
 def test_a_maximum_ranks_from_the_top() -> None:
     ranking = rcp.studies.solve_sequences(partial(build, sense=pyo.maximize), [("slow",), ("fast",)])
-    assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
+    assert [outcome.sequence for outcome in ranking] == [("fast",), ("slow",)]
 
 
 @pytest.mark.casadi
 def test_without_a_feasible_sequence_there_is_no_best() -> None:
     ranking = rcp.studies.solve_sequences(build, [("back",), "broken"])
     with pytest.raises(rcp.errors.SolveFailed, match="no sequence has a feasible point") as caught:
-        _ = ranking.best
+        _ = ranking.best_model
     assert caught.value.result is ranking
     assert "this mode is broken" in str(caught.value)
 
@@ -201,7 +203,7 @@ def test_options_reach_solve_and_progress_is_a_line_per_sequence(capsys: Any) ->
     shown = capsys.readouterr().err
     assert "1/2 slow: feasible" in shown
     assert "2/2 fast" in shown
-    assert all(each.result.stop_reason is rcp.StopReason.ITERATION_LIMIT for each in ranking)
+    assert all(outcome.result.stop_reason is rcp.StopReason.ITERATION_LIMIT for outcome in ranking)
 
 
 @pytest.mark.casadi
@@ -245,7 +247,7 @@ def test_without_ipopt_nothing_is_tried(monkeypatch: Any) -> None:
     def none() -> Any:
         raise SolverNotFoundError("no Ipopt here")
 
-    monkeypatch.setattr(sequence_solver, "best_backend", none)
+    monkeypatch.setattr(sequences, "best_backend", none)
     with pytest.raises(SolverNotFoundError, match="no Ipopt here"):
         rcp.studies.solve_sequences(build, [("slow",)])
 
@@ -261,8 +263,8 @@ def test_ctrl_c_between_solves_keeps_what_is_done() -> None:
         return build(sequence)
 
     ranking = rcp.studies.solve_sequences(pressed, [("slow",), ("fast",), ("back",), ("slow", "slow")])
-    assert [each.sequence for each in ranking] == [("fast",), ("slow",)]
-    assert ranking.left == (("back",), ("slow", "slow"))
+    assert [outcome.sequence for outcome in ranking] == [("fast",), ("slow",)]
+    assert ranking.remaining == (("back",), ("slow", "slow"))
     assert "interrupted; not solved: back; slow - slow" in str(ranking)
 
 
@@ -282,7 +284,7 @@ LONG = """
         tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
         ranking = rcp.studies.solve_sequences(build, [("short",), ("endless",), ("late",), ("later",)], workers=WORKERS,
                                       options=tight, progress=True)
-        print([each.sequence for each in ranking], ranking.left, flush=True)
+        print([outcome.sequence for outcome in ranking], ranking.remaining, flush=True)
 """
 
 
@@ -324,14 +326,17 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    solved = sequence_solver.solve
+    solved = sequences.solve
     pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model: Any, **options: Any) -> Any:
-        return replace(solved(model, **options), safety=SafetyReport((pair,) if model.name == "fast" else ()))
+        result = solved(model, **options)
+        if model.name != "fast":
+            return replace(result, safety=SafetyReport(()))
+        return replace(result, safety=SafetyReport((pair,)), standing=replace(result.standing, shortfall=1.0))
 
-    monkeypatch.setattr(sequence_solver, "solve", judged)
+    monkeypatch.setattr(sequences, "solve", judged)
     ranking = rcp.studies.solve_sequences(build, [("fast",), ("slow",)], workers=1)
-    assert [each.sequence for each in ranking] == [("slow",), ("fast",)]
+    assert [outcome.sequence for outcome in ranking] == [("slow",), ("fast",)]
     assert ranking[1].objective < ranking[0].objective
     assert "not proven" in ranking[1].reason

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.studies.random_starts import RandomStarts
+from pyrobocop_pyomo.studies.multistart import RandomStarts
 
 # The function of the same name hides its module from an import statement.
 module = importlib.import_module("pyrobocop_pyomo.studies.multistart")
@@ -48,11 +49,11 @@ def test_a_better_valley_than_that_of_the_guess_is_found(sense):
     found = rcp.studies.multistart(m, 8, seed=1, **QUICK)
     found.raise_for_status()
     assert m.x.value == pytest.approx(1.0, abs=0.05)
-    assert pyo.value(m.cost) == pytest.approx(found.best.objective)
+    assert pyo.value(m.cost) == pytest.approx(found.result.objective)
     sign = 1 if sense == pyo.minimize else -1
-    objectives = [sign * each.result.objective for each in found if each.feasible]
+    objectives = [sign * outcome.result.objective for outcome in found if outcome.feasible]
     assert objectives == pytest.approx(sorted(objectives), rel=1e-5)
-    assert {each.start for each in found} == set(range(8))
+    assert {outcome.start for outcome in found} == set(range(8))
     worst = found.load(len(found) - 1)
     assert pyo.value(m.cost) == pytest.approx(worst.objective)
 
@@ -63,7 +64,7 @@ def test_a_seed_fixes_the_outcome():
     for seed in (3, 3, 4):
         m = two_valleys()
         found = rcp.studies.multistart(m, 4, seed=seed, **QUICK)
-        runs.append(([(each.start, each.result.objective) for each in found], m.x.value))
+        runs.append(([(outcome.start, outcome.result.objective) for outcome in found], m.x.value))
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
@@ -130,13 +131,13 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
     monkeypatch.setattr(module, "solve", flaky)
     m = two_valleys()
     found = rcp.studies.multistart(m, 4, **QUICK)
-    assert [each.start for each in found][2:] == [3, 2]
+    assert [outcome.start for outcome in found][2:] == [3, 2]
     assert (found[2].feasible, found[3].result, found[3].error) == (False, None, "EvaluationError: no value")
     with pytest.raises(SolveFailed, match="start 2 has no point. EvaluationError"):
         found.load(3)
     frame = found.to_pandas()
-    assert list(frame["start"]) == [each.start for each in found]
-    assert "error: EvaluationError" in str(found)
+    assert list(frame["start"]) == [outcome.start for outcome in found]
+    assert re.search(r"error .* EvaluationError: no value", str(found))
 
 
 @pytest.mark.casadi
@@ -146,15 +147,17 @@ def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
 
     def judged(model, **options):
         result = solved(model, **options)
-        return replace(result, safety=SafetyReport((pair,) if model.x.value < 2 else ()))
+        if model.x.value >= 2:
+            return replace(result, safety=SafetyReport(()))
+        return replace(result, safety=SafetyReport((pair,)), standing=replace(result.standing, shortfall=1.0))
 
     monkeypatch.setattr(module, "solve", judged)
     m = two_valleys()
     found = rcp.studies.multistart(m, 8, seed=1, **QUICK)
-    assert found.best.safe
-    assert found.best.objective > min(each.result.objective for each in found)
+    assert found.result.safe
+    assert found.result.objective > min(outcome.result.objective for outcome in found)
     assert m.x.value > 2
-    safe = [each.result.safe for each in found]
+    safe = [outcome.result.safe for outcome in found]
     assert safe == sorted(safe, reverse=True)
     assert not all(safe)
 
@@ -177,10 +180,10 @@ def test_the_guess_comes_back_where_nothing_could_be_solved(monkeypatch):
 def test_a_time_limit_leaves_starts_undone():
     m = two_valleys()
     found = rcp.studies.multistart(m, 500, time_limit=0.5, **QUICK)
-    assert 0 < found.unused < 500
-    assert len(found) + found.unused == 500
-    assert found.best.steps[0].status is not IpoptStatus.TIME_LIMIT
-    assert f"{found.unused} starts were left undone" in str(found)
+    assert 0 < len(found.remaining) < 500
+    assert len(found) + len(found.remaining) == 500
+    assert found.result.steps[0].status is not IpoptStatus.TIME_LIMIT
+    assert f"{len(found.remaining)} starts were left undone" in str(found)
 
 
 @pytest.mark.casadi

@@ -45,12 +45,12 @@ def test_the_data_end_where_they_are_wanted(how):
     found = rcp.studies.homotopy(m, path, steps=3, **QUICK)
     assert (m.p.value, m.q[1].value, m.q[2].value) == (3.0, 0.25, 0.25)
     assert m.x.value == pytest.approx(3.0, abs=1e-5)
-    assert found.reached == 1.0
+    assert found.position == 1.0
     assert found.result is not None
     assert found.result.objective == pytest.approx(pyo.value(m.cost))
-    assert [step.position for step in found.steps] == pytest.approx([0, 1 / 3, 2 / 3, 1])
-    assert all(step.accepted for step in found.steps)
-    assert found.iterations == sum(step.result.iterations for step in found.steps)
+    assert [step.position for step in found.outcomes] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert all(step.accepted for step in found.outcomes)
+    assert found.iterations == sum(step.result.iterations for step in found.outcomes)
 
 
 @pytest.mark.casadi
@@ -88,14 +88,14 @@ def test_failed_steps_are_halved_and_lengthen_again(monkeypatch):
 
     monkeypatch.setattr(module, "solve", short_of_breath)
     found = rcp.studies.homotopy(m, {"p": (1.0, 3.0)}, steps=4, **QUICK)
-    assert found.reached == 1.0
+    assert found.position == 1.0
     assert m.p.value == 3.0
     assert m.x.value == pytest.approx(3.0, abs=1e-5)
-    accepted = [step for step in found.steps if step.accepted]
+    accepted = [step for step in found.outcomes if step.accepted]
     lengths = [after.position - before.position for before, after in itertools.pairwise(accepted)]
     assert max(lengths[:3]) <= 0.15 / 2 + 1e-12
     assert max(lengths) == 0.25
-    assert any(not step.accepted for step in found.steps)
+    assert any(not step.accepted for step in found.outcomes)
     assert "EvaluationError" in str(found)
 
 
@@ -107,11 +107,11 @@ def test_where_the_path_ends_the_last_solved_data_and_point_are_kept():
     with pytest.raises(HomotopyStalled, match=r"followed to 0\.3\d* of 1") as caught:
         rcp.studies.homotopy(m, {"p": (1.0, 4.0)}, steps=4, smallest_step=1e-2, **QUICK)
     error = caught.value
-    assert error.reached == pytest.approx(1 / 3, abs=1.1e-2)
-    assert error.reached <= 1 / 3 + 1e-5
-    assert m.p.value == pytest.approx(1.0 + 3.0 * error.reached)
+    assert error.position == pytest.approx(1 / 3, abs=1.1e-2)
+    assert error.position <= 1 / 3 + 1e-5
+    assert m.p.value == pytest.approx(1.0 + 3.0 * error.position)
     assert m.x.value == pytest.approx(m.p.value, abs=1e-3)
-    assert error.result.reached == error.reached
+    assert error.result.position == error.position
     assert isinstance(error, rcp.errors.SolveFailed)
 
 
@@ -124,7 +124,7 @@ def test_where_the_first_problem_fails_all_is_as_before():
     with pytest.raises(HomotopyStalled, match=r"the first problem of the path was not solved") as caught:
         rcp.studies.homotopy(m, {"p": (2.0, 0.1)}, **QUICK)
     assert (m.p.value, m.x.value, m.y.value) == before
-    assert caught.value.reached == -1.0
+    assert caught.value.position == -1.0
 
 
 @pytest.mark.casadi

@@ -66,7 +66,7 @@ def compared_with_resolves(m: pyo.ConcreteModel, parameters, step: float = 1e-4)
 def test_every_place_of_a_parameter(sense):
     m = everywhere(sense)
     found = compared_with_resolves(m, [m.p, m.q, m.least])
-    assert [each.name for each in found.parameters] == ["p", "q[1]", "q[2]", "least"]
+    assert [parameter.name for parameter in found.parameters] == ["p", "q[1]", "q[2]", "least"]
     assert found.derivative(m.x, m.p) != 0
     assert found.derivative(m.x, m.q[1]) == 0  # the first side is positive
     sign = 1 if sense == pyo.minimize else -1
@@ -141,8 +141,8 @@ def test_a_trajectory_with_contact():
     found = rcp.studies.sensitivity(m, result, ["target", "stiffness"])
     # Other branches are nearly as good here, and a new solve may end on one: the differences stay on this branch.
     m.held = pyo.ConstraintList()
-    for pair, each in zip(rcp.active_pairs(m), result.pairs, strict=True):
-        m.held.add((pair.a if each.active is rcp.results.ActiveSide.FIRST else pair.b) == 0)
+    for pair, report in zip(rcp.active_pairs(m), result.pairs, strict=True):
+        m.held.add((pair.a if report.active is rcp.results.ActiveSide.FIRST else pair.b) == 0)
     b.wall.deactivate()
     smooth = compared_with_resolves(m, ["target", "stiffness"])
     places = {variable.name: row for variable, row in zip(smooth.variables, smooth.matrix, strict=True)}
@@ -212,7 +212,7 @@ def test_nothing_of_the_model_changes():
 def test_both_sources_of_derivatives_agree():
     m = everywhere()
     result = rcp.solve(m, options=TIGHT)
-    one, other = (rcp.studies.sensitivity(m, result, [m.p], derivatives_by=each) for each in ("asl", "casadi"))
+    one, other = (rcp.studies.sensitivity(m, result, [m.p], derivatives_by=name) for name in ("asl", "casadi"))
     names = [v.name for v in other.variables]
     for variable, row in zip(one.variables, one.matrix, strict=True):
         assert other.matrix[names.index(variable.name)] == pytest.approx(row, rel=1e-8)
@@ -225,7 +225,7 @@ def test_a_biactive_pair_is_refused_by_name():
     m.pair = rcp.Complementarity(expr=rcp.complements(m.x, m.y))
     m.cost = pyo.Objective(expr=(m.x + m.p) ** 2 + (m.y + m.p) ** 2)
     result = rcp.solve(m)
-    assert [each.name for each in result.biactive] == ["pair"]
+    assert [pair.name for pair in result.biactive] == ["pair"]
     with pytest.raises(SensitivityError, match=r"1 pairs are biactive .*'pair'"):
         rcp.studies.sensitivity(m, result, m.p)
 

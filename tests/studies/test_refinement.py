@@ -41,7 +41,7 @@ def test_boundary_layers_take_less_than_half_of_the_best_uniform_mesh() -> None:
     verdict = refined.trajectory.verify()
     assert verdict.element_error <= 1e-6
     assert verdict.largest_violation < 1e-7
-    elements = refined.steps[-1].elements
+    elements = refined.outcomes[-1].elements
     assert elements == refined.trajectory.grid.mesh.elements < 60
     assert uniform_error(2 * elements) > 1e-6
     np.testing.assert_allclose(refined.errors["p"], verdict.element_errors, rtol=1e-6, atol=1e-14)
@@ -81,9 +81,9 @@ def test_a_warm_start_takes_no_more_iterations_than_a_cold_one() -> None:
     refined = rcp.studies.solve_refined(pendulum, tolerance=1e-7, elements=12)
     refined.raise_for_status()
     cold = pendulum(refined.model.swing.grid.mesh)
-    assert refined.steps[-1].iterations <= rcp.solve(cold).iterations
+    assert refined.outcomes[-1].iterations <= rcp.solve(cold).iterations
     assert refined.model.effort_bound.value == pytest.approx(refined.result.objective - refined.trajectory.duration)
-    assert [step.elements for step in refined.steps] == sorted(step.elements for step in refined.steps)
+    assert [step.elements for step in refined.outcomes] == sorted(step.elements for step in refined.outcomes)
 
 
 def two_phases(meshes: Any) -> Any:
@@ -105,7 +105,7 @@ def test_several_phases_are_refined_by_name() -> None:
         assert trajectory.verify().element_error <= 1e-7
     with pytest.raises(TrajectoryError, match=r"refined were slow, fast: read trajectories\['slow'\]"):
         _ = refined.trajectory
-    assert refined.steps[0].elements == 13
+    assert refined.outcomes[0].elements == 13
 
 
 def implicit(mesh: Any) -> Any:
@@ -141,18 +141,18 @@ def test_implicit_equations_are_judged_like_the_explicit_ones() -> None:
 
 def test_limits_end_with_what_was_found() -> None:
     refined = rcp.studies.solve_refined(hypersensitive, 1e-6, most_meshes=2)
-    assert (refined.end, len(refined.steps), refined.reached) == (rcp.studies.RefinementEnd.MESH_LIMIT, 2, False)
+    assert (refined.end, len(refined.outcomes), refined.reached) == (rcp.studies.RefinementEnd.MESH_LIMIT, 2, False)
     with pytest.raises(rcp.errors.SolveFailed, match=r"'layers': The limit of meshes .* Mesh 2 has .* asked was 1e-06"):
         refined.raise_for_status()
     refined = rcp.studies.solve_refined(hypersensitive, 1e-6, most_elements=15)
     assert refined.end is rcp.studies.RefinementEnd.ELEMENT_LIMIT
-    assert refined.steps[-1].elements <= 15
+    assert refined.outcomes[-1].elements <= 15
     refined = rcp.studies.solve_refined(hypersensitive, 1e-6, options={"max_iter": 1})
     assert refined.end in (rcp.studies.RefinementEnd.FAILED, rcp.studies.RefinementEnd.REACHED)
     refined = rcp.studies.solve_refined(infeasible)
     assert refined.end is rcp.studies.RefinementEnd.FAILED
     assert refined.errors == {}
-    assert np.isnan(refined.steps[-1].error)
+    assert np.isnan(refined.outcomes[-1].element_error)
 
 
 def infeasible(mesh: Any) -> Any:
@@ -170,11 +170,12 @@ def test_the_table_prints_and_is_a_frame(capsys: Any) -> None:
     shown = capsys.readouterr().err
     lines = str(refined).splitlines()
     assert lines[0] == "layers: Every element's error is within the tolerance. Asked was 0.01."
-    assert lines[1].split() == ["mesh", "elements", "error", "objective", "iterations", "seconds", "quality"]
-    assert len(lines) == 2 + len(refined.steps)
+    columns = ["mesh", "elements", "error", "objective", "quality", "certificate", "iter", "seconds", "reason"]
+    assert lines[1].split() == columns
+    assert len(lines) == 2 + len(refined.outcomes)
     assert all(line in " ".join(shown.split()) for line in [" ".join(line.split()) for line in lines[1:]])
     frame = refined.to_pandas()
-    assert list(frame["elements"]) == [step.elements for step in refined.steps]
+    assert list(frame["elements"]) == [step.elements for step in refined.outcomes]
     assert frame.index.name == "mesh"
     assert refined.iterations == frame["iterations"].sum()
     assert refined.seconds == pytest.approx(frame["seconds"].sum())
