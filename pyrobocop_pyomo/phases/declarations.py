@@ -142,11 +142,11 @@ class Control(Declaration):
         One value per collocation point (the default), one per element, or continuous and linear over each element.
         A piecewise constant control respects its bounds at every collocation point, a linear one at its knots.
     knots : sequence of float, optional
-        Time indices, the first and the last of the phase among them, between which a piecewise control is held or
+        Time indices, the first and the last of the phase among them, between which a piecewise control is constant or
         linear; each must be an element boundary. All element boundaries by default.
     rate_bounds : (lower, upper) or None
         Bounds on the rate of change in real time: the slope of a linear control; for the others, the difference of
-        neighbouring values over the distance of their times (middles, where values are held).
+        neighbouring values over the distance of their times (middles, where values are constant).
     """
 
     parametrization: str = "collocated"

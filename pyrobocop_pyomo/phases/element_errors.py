@@ -55,7 +55,7 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
         nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
         nearby |= {f"d {name}": float(states[name][i, -1] - states[name][i, 0]) / width for name in unknowns.implicit}
         answer = step_element(
-            equations, fine, width, asked, {name: each.copy() for name, each in signals.items()},
+            equations, fine, width, asked, {name: values.copy() for name, values in signals.items()},
             {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns, start, nearby,
         )  # fmt: skip
         if isinstance(answer, float):

@@ -160,7 +160,7 @@ def _stage(
         rates[name][i, k] = slope
     for name, number in zip(algebraics, guess[len(implicit) :].tolist(), strict=True):
         signals[name][i, k] = number
-    values = {**states, **{name: float(each[i, k]) for name, each in signals.items()}}
+    values = {**states, **{name: float(per_stage[i, k]) for name, per_stage in signals.items()}}
     slopes = {name: float(rates[name][i, k]) for name in implicit}
     explicit = equations.rates(time, values, slopes)
     for name, rate in explicit.items():

@@ -115,7 +115,7 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
                     )
                 rows[label] = row == 0
         if len(rows) != len(next(iter(answers.values()))):
-            first, count = next((each, len(stated)) for each, stated in answers.items())
+            first, count = next((time_of_first, len(stated)) for time_of_first, stated in answers.items())
             raise TranscriptionError(
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."

@@ -132,7 +132,7 @@ def real_grid(block: Any, record: PhaseRecord) -> Grid:
     if not record.normalised:
         return record.grid
     boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
-    return Grid(record.grid.scheme, Mesh(tuple(float(each) for each in boundaries)))
+    return Grid(record.grid.scheme, Mesh(tuple(float(boundary) for boundary in boundaries)))
 
 
 def horizon_fraction(phase: Any) -> Callable[[float], float]:

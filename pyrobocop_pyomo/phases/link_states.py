@@ -121,7 +121,7 @@ def states_given(what: str, first: Any, second: Any, states: Any, determined: se
     LinkError
         When a name is no state, or a start is given twice.
     """
-    given = states.items() if isinstance(states, Mapping) else [(each, each) for each in listed(states)]
+    given = states.items() if isinstance(states, Mapping) else [(state, state) for state in listed(states)]
     continued: dict[str, str] = {}
     for source, target in given:
         before, after = _state_name(what, first, source), _state_name(what, second, target)
@@ -139,7 +139,7 @@ def omitted_states(what: str, first: Any, second: Any, omit: Any) -> set[str]:
     LinkError
         When a name is a state of neither phase.
     """
-    names = {name_of(each) for each in listed(omit)}
+    names = {name_of(state) for state in listed(omit)}
     for name in names:
         if name not in first.record.names_of_states and name not in second.record.names_of_states:
             raise LinkError(f"{what}: omit= names '{name}', which is a state of neither phase.")

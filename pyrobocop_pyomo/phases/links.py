@@ -96,7 +96,7 @@ class LinkData(BuiltBlockData):
             self._add(self.jump, name, expression, getattr(post, name))
         for label, relation in relations.rows.items():
             self.jump.add(label, relation)
-        names = [shared_parameter(*joined, each) for each in parameters]
+        names = [shared_parameter(*joined, parameter) for parameter in parameters]
         self.shared = Constraint(names)
         for name in names:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))

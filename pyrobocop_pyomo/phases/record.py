@@ -110,10 +110,10 @@ class PhaseRecord:
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""
         duplicate = copy.copy(self)
-        for each in fields(self):
-            value = getattr(self, each.name)
+        for attribute in fields(self):
+            value = getattr(self, attribute.name)
             if isinstance(value, (dict, list, set)):
-                setattr(duplicate, each.name, copy.copy(value))
+                setattr(duplicate, attribute.name, copy.copy(value))
         return duplicate
 
 
@@ -137,5 +137,5 @@ def labelled_rows(kind: str, answer: Any) -> dict[Hashable, Any]:
 
 def _is_one_row(kind: str, answer: tuple[Any, ...]) -> bool:
     if kind == "constraint":
-        return not any(isinstance(each, (RelationalExpression, tuple)) for each in answer)
+        return not any(isinstance(entry, (RelationalExpression, tuple)) for entry in answer)
     return kind == "complementarity"

@@ -121,11 +121,11 @@ class _Run:
         scheme, names = self.record.grid.scheme, self.record.names_of_states
         first, last = self.record.grid.mesh.boundaries[i : i + 2]
         width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
-        given = {name: each[i] for name, each in self.signals.items()}
+        given = {name: per_stage[i] for name, per_stage in self.signals.items()}
 
         def slope(local: float, state: Array) -> Array:
             weights = scheme.stage_polynomial_at([local])[0]
-            values = {name: float(weights @ each) for name, each in given.items()}
+            values = {name: float(weights @ stages) for name, stages in given.items()}
             values |= dict(zip(names, state.tolist(), strict=True))
             answer = self.equations.rates(first + local * (last - first), values)
             return width * np.array([answer[name] for name in names])
@@ -150,8 +150,11 @@ class _Run:
         start = dict(zip(names, self.start.tolist(), strict=True))
         shared = self.record.grid.elements_share_points and i > 0
         if shared:
-            for each in (*(self.rates[name] for name in names), *(self.signals[n] for n in self.unknowns.algebraics)):
-                each[i, 0] = each[i - 1, -1]
+            for per_stage in (
+                *(self.rates[name] for name in names),
+                *(self.signals[n] for n in self.unknowns.algebraics),
+            ):
+                per_stage[i, 0] = per_stage[i - 1, -1]
         arguments = self.record.grid.stage_times[i], self.signals, self.rates, i, self.unknowns
         if scheme.starts_on_a_stage and not shared:
             residual = step_start(self.equations, *arguments, start, self._near(i))
@@ -175,8 +178,8 @@ class _Run:
         return near
 
     def _take(self, i: int, nodes: Mapping[str, Array], ends: Array) -> None:
-        for name, each in nodes.items():
-            self.states[name][i] = each
+        for name, numbers in nodes.items():
+            self.states[name][i] = numbers
         self.start = self.ends[i] = np.asarray(ends)
 
     def _fill_rates(self, i: int) -> None:
@@ -184,7 +187,7 @@ class _Run:
         first = 0 if scheme.starts_on_a_stage else 1
         for k, time in enumerate(self.record.grid.stage_times[i]):
             values = {name: float(self.states[name][i, first + k]) for name in names}
-            values |= {name: float(each[i, k]) for name, each in self.signals.items()}
+            values |= {name: float(per_stage[i, k]) for name, per_stage in self.signals.items()}
             for name, rate in self.equations.rates(time, values).items():
                 self.rates[name][i, k] = rate
 
@@ -206,7 +209,7 @@ class _Run:
             signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
             parameters=self.equations.parameters,
             pairs={},
-            rates={name: self._at_points(grid, each) for name, each in self.rates.items()},
+            rates={name: self._at_points(grid, per_stage) for name, per_stage in self.rates.items()},
             knot_values=self.given,
         )
 

@@ -179,7 +179,7 @@ class PointStructure:
                 found.update((name, sides_of(data)) for name, data in _at(component, self.time).items())
         # An equality of the user's own may stand anywhere and carry any index: what it holds decides.
         ids = {id(variable) for variable in self.unknowns.values()}
-        stated = {each.name for each in self._record.statements} | self._record.generated_rows
+        stated = {statement.name for statement in self._record.statements} | self._record.generated_rows
         for row in self._block.model().component_data_objects(Constraint, active=True) if ids else ():
             own = row.parent_block() is self._block and row.parent_component().local_name in stated
             if row.equality and not own and any(id(variable) in ids for variable in _variables_in((row.body,))):

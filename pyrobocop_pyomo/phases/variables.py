@@ -236,8 +236,8 @@ def _common_bounds(control: Control, times: list[float], what: str) -> Bounds:
     if not callable(control.bounds):
         return control.bounds_at(times[0], what)
     lowers, uppers = zip(*(control.bounds_at(time, what) for time in times), strict=True)
-    lower = max((each for each in lowers if each is not None), default=None)
-    upper = min((each for each in uppers if each is not None), default=None)
+    lower = max((bound for bound in lowers if bound is not None), default=None)
+    upper = min((bound for bound in uppers if bound is not None), default=None)
     return check_bounds((lower, upper), what, f"bounds between {times[0]:g} and {times[-1]:g}")
 
 

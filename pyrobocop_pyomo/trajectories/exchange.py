@@ -30,12 +30,14 @@ def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> Tim
     """Time series with a key such as ``push.theta[*]`` per signal, as ``contrib.mpc`` reads and writes them."""
     index = Set(initialize=times.tolist(), ordered=True)
     index.construct()
-    return TimeSeriesData({ComponentUID(f"{owner}.{name}[*]"): each.tolist() for name, each in values.items()}, index)
+    return TimeSeriesData(
+        {ComponentUID(f"{owner}.{name}[*]"): samples.tolist() for name, samples in values.items()}, index
+    )
 
 
 def as_data_set(times: Array, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Any:
     """An xarray data set over the coordinate ``time``, with facts as its attributes."""
-    variables = {name: ("time", each) for name, each in values.items()}
+    variables = {name: ("time", samples) for name, samples in values.items()}
     return xarray.Dataset(variables, coords={"time": times}, attrs=dict(facts))
 
 
@@ -66,7 +68,7 @@ def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
         "states": {name: values[name] for name in like.states},
         "signals": {name: values[name][positions] for name in like.signals},
         "parameters": like.parameters,
-        "held": like.held,
+        "piecewise_constant": like.piecewise_constant,
         "phase": like.phase,
     }
 
