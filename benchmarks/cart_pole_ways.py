@@ -99,7 +99,9 @@ def stated_as_phase(elements: int, keep_derivatives: bool = False) -> pyo.Concre
     m = pyo.ConcreteModel(name="cart-pole")
     m.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=STAGES)
     for i, name in enumerate(STATES):
-        line = rcp.State(initial=START[i], final=GOAL[i], bounds=BOUNDS[i], guess=lambda t, i=i: straight_line(i, t))
+        line = rcp.State(
+            initial=START[i], final=GOAL[i], bounds=BOUNDS[i], initial_guess=lambda t, i=i: straight_line(i, t)
+        )
         b.declare(name, line)
         if keep_derivatives:
             b.derivative(name)  # asked for before any equation gives it, it becomes a variable

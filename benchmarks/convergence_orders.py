@@ -65,7 +65,7 @@ def algebraic_errors(scheme: str, stages: int, elements: int) -> tuple[float, fl
     m = pyo.ConcreteModel(name="index one")
     m.phase = b = rcp.PhaseBlock(duration=0.5, elements=elements, scheme=scheme, stages=stages)
     b.x = rcp.State(initial=0)
-    b.z = rcp.Algebraic(guess=1)
+    b.z = rcp.Algebraic(initial_guess=1)
 
     @b.ode
     def slope(b, t):

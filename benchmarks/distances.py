@@ -50,8 +50,8 @@ def main() -> None:
             shifts = random.normal(size=(count, 1, first.dimension))
             shifts *= 10.0 / np.linalg.norm(shifts, axis=2, keepdims=True)
             p, q = first.vertices + shifts, np.broadcast_to(second.vertices, (count, *second.vertices.shape))
-            each = median_microseconds(lambda p=p, q=q: distances_of_points(p, q), 30) / count
-            print(f"{f'{name}, {count} at once':45s} {each:8.1f}")
+            per_pair = median_microseconds(lambda p=p, q=q: distances_of_points(p, q), 30) / count
+            print(f"{f'{name}, {count} at once':45s} {per_pair:8.1f}")
 
 
 if __name__ == "__main__":

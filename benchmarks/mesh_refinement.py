@@ -53,7 +53,7 @@ def cart_pole(mesh: Any = None) -> Any:
         }
 
     b.ode(dynamics)
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2))
     return m
 
@@ -94,10 +94,10 @@ def main() -> None:
     for build, tolerance, first in cases:
         refined = rcp.studies.solve_refined(build, tolerance, progress=False)
         refined.raise_for_status()
-        last = refined.steps[-1]
+        last = refined.best
         verified = refined.trajectory.verify().element_error
         table.add(
-            refined.model.name, tolerance, "refined", len(refined.steps), last.elements, last.error, verified,
+            refined.model.name, tolerance, "refined", len(refined), last.elements, last.element_error, verified,
             last.objective, refined.iterations, refined.seconds,
         )  # fmt: skip
         elements, error, *rest = best_uniform(build, tolerance, first)

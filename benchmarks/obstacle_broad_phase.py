@@ -67,7 +67,7 @@ def measured(stated: str, obstacles: int, elements: int, seed: int) -> tuple:
     result = rcp.solve(m, progress=False)
     # The pairs that a person left out are not watched by the block: the judge watches all of them.
     judge = field(obstacles, elements, seed)
-    judge.move.set_guess(m.move.trajectory())
+    judge.move.initialize(m.move.trajectory())
     started = time.perf_counter()
     report = judge.move.avoid.verify()
     verify = time.perf_counter() - started

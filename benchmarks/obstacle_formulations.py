@@ -108,7 +108,7 @@ def good_guess(made: Callable[[], tuple[pyo.ConcreteModel, Any]]) -> rcp.Traject
 
 def bend(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
     """Start from a motion to which waves are added, a thousandth of the range of each state high."""
-    phase.set_guess(guess)
+    phase.initialize(guess)
     generator = np.random.default_rng(seed)
     first, last = phase.time.first(), phase.time.last()
     for name in phase.record.names_of_states:

@@ -45,8 +45,8 @@ def build(
     """From hanging to standing upright in 5 seconds."""
     m = pyo.ConcreteModel(name="acrobot")
     m.swing = b = rcp.PhaseBlock(duration=5.0, elements=elements, scheme=scheme, stages=stages)
-    # Bounds on derivatives keep them as variables. Without them Ipopt needs far fewer iterations from a guess of zero,
-    # 52 instead of about 400, but ends in a slightly worse local optimum, 62.558 instead of 62.523.
+    # Bounds on derivatives keep them as variables. Without them Ipopt needs far fewer iterations from an initial guess
+    # of zero, 52 instead of about 400, but ends in a slightly worse local optimum, 62.558 instead of 62.523.
     for name, final in (("q1", pi), ("q2", 0)):
         b.declare(name, rcp.State(initial=0, final=final, bounds=(-2 * pi, 2 * pi), derivative_bounds=(-40, 40)))
     for name in ("dq1", "dq2"):

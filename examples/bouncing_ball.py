@@ -24,7 +24,10 @@ def build(case: str = "drop", bounces: int = 4, elements: int = 1) -> pyo.Concre
     """One flight more than there are bounces. A parabola is exact on a single element of two stages or more."""
     m = pyo.ConcreteModel(name="bouncing ball")
     m.flights = rcp.PhaseBlock(
-        range(bounces + 1), duration=rcp.Duration(bounds=(0.01, 5), guess=0.5), elements=elements, rule=state_flight
+        range(bounces + 1),
+        duration=rcp.Duration(bounds=(0.01, 5), initial_guess=0.5),
+        elements=elements,
+        rule=state_flight,
     )
     m.impacts = rcp.Link(m.flights, jump=impact)
     first, last = m.flights[0], m.flights[bounces]
@@ -43,7 +46,7 @@ def build(case: str = "drop", bounces: int = 4, elements: int = 1) -> pyo.Concre
 def state_flight(b, k) -> None:
     """Free flight that ends on the floor."""
     b.x, b.height = rcp.State(), rcp.State(bounds=(0, None), final=0)
-    b.v_x, b.v_y = rcp.State(guess=1), rcp.State(guess=lambda t: 1 - 2 * t)
+    b.v_x, b.v_y = rcp.State(initial_guess=1), rcp.State(initial_guess=lambda t: 1 - 2 * t)
     b.ode(lambda b, t: {b.x: b.v_x[t], b.height: b.v_y[t], b.v_x: 0, b.v_y: -GRAVITY})
 
 

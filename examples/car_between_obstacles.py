@@ -38,7 +38,7 @@ CASES = {
 
 def build(case: str = "one", elements: int | None = None) -> pyo.ConcreteModel:
     """The car with steering and acceleration, transcribed by implicit Euler in steps of 0.1 s."""
-    start, goal, centres, duration = (CASES[case][each] for each in ("start", "goal", "centres", "duration"))
+    start, goal, centres, duration = (CASES[case][name] for name in ("start", "goal", "centres", "duration"))
     m = pyo.ConcreteModel(name="car between obstacles")
     m.drive = b = rcp.PhaseBlock(duration=duration, elements=elements or round(10 * duration), scheme="implicit_euler")
     for name, first, last in zip(("x", "y", "theta", "v"), start, goal, strict=True):
@@ -55,10 +55,10 @@ def build(case: str = "one", elements: int | None = None) -> pyo.ConcreteModel:
             b.v: b.acceleration[t],
         }
 
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     # A straight line runs through the middle of an obstacle; a quarter of an ellipse has the headings of both ends.
     quarter = pi / 2 / duration
-    b.set_guess(
+    b.initialize(
         x=lambda t: start[0] + (goal[0] - start[0]) * (1 - cos(quarter * t)),
         y=lambda t: start[1] + (goal[1] - start[1]) * sin(quarter * t),
     )

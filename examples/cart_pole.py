@@ -30,11 +30,11 @@ def build(elements: int = 100, stages: int = 3, scheme: str = "radau") -> pyo.Co
     """From hanging at 3 m to standing at 0.5 m, in 3.3 seconds."""
     m = pyo.ConcreteModel(name="cart-pole")
     m.swing = b = rcp.PhaseBlock(duration=3.3, elements=elements, scheme=scheme, stages=stages)
-    b.position = rcp.State(initial=3, final=GOAL, bounds=(-5, 5), guess=3)
+    b.position = rcp.State(initial=3, final=GOAL, bounds=(-5, 5), initial_guess=3)
     b.theta = rcp.State(initial=0, final=pi, bounds=(-2 * pi, 2 * pi))
     b.velocity = rcp.State(initial=0, final=0, bounds=(-10, 10), derivative_bounds=(-100, 100))
     b.omega = rcp.State(initial=0, final=0, bounds=(-10, 10), derivative_bounds=(-100, 100))
-    b.force = rcp.Control(bounds=(-20, 20), guess=5)
+    b.force = rcp.Control(bounds=(-20, 20), initial_guess=5)
 
     @b.ode
     def cart_pole(b, t):

@@ -28,7 +28,7 @@ def build(elements: int = 50) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel(name="balance")
     m.ahead = b = rcp.PhaseBlock(duration=2.0, elements=elements)
     b.position = rcp.State(initial=0, bounds=(-3, 3))
-    b.theta = rcp.State(initial=pi, guess=pi)
+    b.theta = rcp.State(initial=pi, initial_guess=pi)
     b.velocity = rcp.State(initial=0)
     b.omega = rcp.State(initial=0)
     b.force = rcp.Control(bounds=(-25, 25), parametrization="piecewise_constant")

@@ -1,6 +1,6 @@
 """Two cars meet at a crossing, both at the same moment: one has to give way.
 
-Nothing in the problem tells them apart. In the first guess both drive straight on at constant speed and sit on top of
+Nothing in the problem tells them apart. In the initial guess both drive straight on at constant speed and sit on top of
 each other in the middle of the crossing, and a solver that starts from there has no reason to prefer one: the side on
 which they pass each other is chosen once, by a seeded random direction. The corners of the streets are endless
 wedges.
@@ -52,7 +52,7 @@ def build(elements: int = 40, stages: int = 2) -> pyo.ConcreteModel:
     def unicycles(b, t):
         rates = {}
         for car in ROUTES:
-            x, y, theta, v = (signals(b, each, car) for each in ("x", "y", "theta", "v"))
+            x, y, theta, v = (signals(b, name, car) for name in ("x", "y", "theta", "v"))
             rates |= {
                 x: v[t] * pyo.cos(theta[t]),
                 y: v[t] * pyo.sin(theta[t]),
@@ -61,7 +61,7 @@ def build(elements: int = 40, stages: int = 2) -> pyo.ConcreteModel:
             }
         return rates
 
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     m.traffic.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={car: rcp.Body(CAR, pose=pose_of(car)) for car in ROUTES},
@@ -87,7 +87,7 @@ def pose_of(car: str):
     """The pose rule of one car."""
 
     def pose(b, t):
-        return rcp.planar_pose(*(signals(b, each, car)[t] for each in ("x", "y", "theta")))
+        return rcp.planar_pose(*(signals(b, name, car)[t] for name in ("x", "y", "theta")))
 
     return pose
 

@@ -29,8 +29,8 @@ def build(case: str = "gait", elements: int = 20, stages: int = 3, speed: float 
     """A leap, or one stride of a run."""
     m = pyo.ConcreteModel(name="hopper")
     grid = {"elements": elements, "stages": stages}
-    m.flight = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 1), guess=0.3), elements=1, stages=stages)
-    m.stance = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 1), guess=0.3), **grid)
+    m.flight = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 1), initial_guess=0.3), elements=1, stages=stages)
+    m.stance = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 1), initial_guess=0.3), **grid)
     if case == "leap":
         state_stance(m.stance, initial={"leg": 0.75, "leg_rate": 0, "angle_rate": 0}, angle=0.2)
         state_flight(m.flight, final={"x": LEDGE[0], "y": LEDGE[1], "v_y": 0})
@@ -52,17 +52,19 @@ def build(case: str = "gait", elements: int = 20, stages: int = 3, speed: float 
 def state_flight(b, initial=None, final=None) -> None:
     """The body falls freely."""
     for name, guess in {"x": lambda t: 0.8 * t, "y": 1.0, "v_x": 2.0, "v_y": lambda t: 1 - 2 * t}.items():
-        b.declare(name, rcp.State(initial=(initial or {}).get(name), final=(final or {}).get(name), guess=guess))
+        b.declare(
+            name, rcp.State(initial=(initial or {}).get(name), final=(final or {}).get(name), initial_guess=guess)
+        )
     b.ode(lambda b, t: {b.x: b.v_x[t], b.y: b.v_y[t], b.v_x: 0, b.v_y: -GRAVITY})
 
 
 def state_stance(b, initial, angle) -> None:
     """The body moves about its foot until the leg has its full length; the ground cannot pull."""
-    b.leg = rcp.State(initial=initial.get("leg"), final=LENGTH, bounds=(0.4, LENGTH), guess=0.9)
-    b.angle = rcp.State(bounds=(-1, 1), guess=lambda t: angle * (1 - 2 * t) if angle < 0 else angle)
-    b.leg_rate = rcp.State(initial=initial.get("leg_rate"), guess=lambda t: 2 * t - 1)
-    b.angle_rate = rcp.State(initial=initial.get("angle_rate"), guess=2)
-    b.foot = rcp.Parameter(guess=1)
+    b.leg = rcp.State(initial=initial.get("leg"), final=LENGTH, bounds=(0.4, LENGTH), initial_guess=0.9)
+    b.angle = rcp.State(bounds=(-1, 1), initial_guess=lambda t: angle * (1 - 2 * t) if angle < 0 else angle)
+    b.leg_rate = rcp.State(initial=initial.get("leg_rate"), initial_guess=lambda t: 2 * t - 1)
+    b.angle_rate = rcp.State(initial=initial.get("angle_rate"), initial_guess=2)
+    b.foot = rcp.Parameter(initial_guess=1)
     b.motor = rcp.Control(bounds=(-60, 60))
 
     @b.ode
@@ -86,7 +88,7 @@ def ground_force(b, t):
 
 
 def effort(stance):
-    """What the motor is charged for."""
+    """What the motor costs."""
     return stance.integral(lambda b, t: b.motor[t] ** 2)
 
 
@@ -103,12 +105,12 @@ def body_of_leg(pre, post):
 
 def body_of_leg_anywhere(pre, post):
     """The same without the distance travelled."""
-    return {name: each for name, each in body_of_leg(pre, post).items() if name != "x"}
+    return {name: value for name, value in body_of_leg(pre, post).items() if name != "x"}
 
 
 def leg_of_body(leg, body):
     """Touch-down: the same equations, which now determine the states of the leg and where the foot stands."""
-    return [getattr(body, name) == each for name, each in body_of_leg(leg, None).items()]
+    return [getattr(body, name) == value for name, value in body_of_leg(leg, None).items()]
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:

@@ -34,7 +34,7 @@ def build(sequence: tuple[str, ...], goal: tuple[float, float, float] = GOALS["t
     m = pyo.ConcreteModel(name=" - ".join(sequence))
     m.pushes = rcp.PhaseBlock(
         list(enumerate(sequence)),
-        duration=rcp.Duration(bounds=(0.05, LONGEST_PUSH), guess=3),
+        duration=rcp.Duration(bounds=(0.05, LONGEST_PUSH), initial_guess=3),
         elements=elements,
         scheme="implicit_euler",
         rule=lambda b, k, face: state_push(
@@ -54,7 +54,7 @@ def state_push(b, into, initial, final) -> None:
     """Push at one point of a face without slipping."""
     for name, start, end in zip(("x", "y", "theta"), initial, final, strict=True):
         b.declare(name, rcp.State(initial=start, final=end, bounds=(-5, 5)))
-    b.normal = rcp.Control(bounds=(0, 0.5), guess=0.2)
+    b.normal = rcp.Control(bounds=(0, 0.5), initial_guess=0.2)
     b.tangential = rcp.Control(bounds=(-0.5, 0.5))
     b.place = rcp.Parameter(bounds=(-0.9, 0.9))  # along the face, in half sides
 
@@ -87,7 +87,7 @@ def search(goal: tuple[float, float, float] = GOALS["turn"], elements: int = 20,
         partial(build, goal=goal, elements=elements), sequences, workers=workers, **options
     )
     print(ranking)
-    return ranking.best, ranking[0].result
+    return ranking.best_model, ranking.result
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:

@@ -34,8 +34,8 @@ def build(
     """Two phases of free duration, joined in their pose; each has half of the elements."""
     m = pyo.ConcreteModel(name="mode sequence")
     grid = {"elements": elements // 2, "scheme": scheme, "stages": stages}
-    m.first = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.01, 100), guess=10), **grid)
-    m.second = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.01, 200), guess=20), **grid)
+    m.first = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.01, 100), initial_guess=10), **grid)
+    m.second = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.01, 200), initial_guess=20), **grid)
     state_push(m.first, CONTACTS["first"], initial=(0, 0, 0), rate_bound=rate_bound)
     state_push(m.second, CONTACTS["second"], final=goal, rate_bound=rate_bound)
 

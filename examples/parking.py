@@ -2,10 +2,10 @@
 
 A kinematic bicycle with limits on steering, its rate, acceleration and speed has to get from the street into a slot
 that leaves 30 cm on each side, or 1.3 m in all along the street, and keeps 5 cm from everything on the way, also
-between the points of the mesh. The duration is free; time and effort are charged. Pavement, neighbours and the far
+between the points of the mesh. The duration is free; time and effort are penalised. Pavement, neighbours and the far
 side of the street are half-planes and wedges that never end.
 
-The first guess comes from a search over a grid of poses, Hybrid A*: the planner finds where to change gear, the
+The initial guess comes from a search over a grid of poses, Hybrid A*: the planner finds where to change gear, the
 optimiser makes a smooth motion of it.
 
 Zhang, Liniger, Sakai & Borrelli, Autonomous parking using optimization-based collision avoidance, CDC 2018,
@@ -92,7 +92,7 @@ def build(
             b.steering: b.steering_rate[t],
         }
 
-    b.set_guess(path.initial_guess(b, acceleration=ACCELERATION))
+    b.initialize(path.initial_guess(b, acceleration=ACCELERATION))
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.theta[t]))},

@@ -27,7 +27,7 @@ CASES = {
     "turned-slot": {
         "goal": (0.45, -0.1, 3 * pi / 2),
         "centres": [(0.32, -0.1), (0.58, -0.1)],
-        "duration": rcp.Duration(bounds=(1, 100), guess=20),
+        "duration": rcp.Duration(bounds=(1, 100), initial_guess=20),
     },
 }
 
@@ -38,7 +38,7 @@ def build(case: str = "slot", elements: int = 100) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel(name="pushing among obstacles")
     m.push = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
     state_pusher_slider(b, goal)
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     side = 2 * SLIDER.half_side
     m.squares = [rcp.Polytope.box(0.1, 0.1, center=centre) for centre in CASES[case]["centres"]]
     m.push.avoid = rcp.ObstacleAvoidanceBlock(

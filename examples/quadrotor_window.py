@@ -2,7 +2,7 @@
 
 The body is a box of 0.6 m x 0.6 m x 0.2 m. Through ``narrow``, 0.6 m wide and 0.8 m high, it fits only on its side;
 through ``low``, 0.8 m wide and 0.5 m high, upright, with little room. The wall is 0.1 m thick: a plan that keeps its
-distance only at the points of a mesh may jump straight through it. The first guess is a straight line, for ``narrow``
+distance only at the points of a mesh may jump straight through it. The initial guess is a straight line, for ``narrow``
 rolled to one side in the middle: left of upright is as good as right, and from upright neither is downhill.
 
 The states are position, roll, pitch and yaw, velocity and body rates; the controls are the thrusts of four rotors.
@@ -24,7 +24,7 @@ MASS, GRAVITY, INERTIA = 1.0, 9.81, (0.012, 0.012, 0.02)
 ARM, DRAG, MOST_THRUST = 0.2, 0.02, 6.0  # of a rotor: lever in metres, torque per thrust in metres, newtons
 THICKNESS, WALL = 0.1, 3.0  # of the wall: depth, and half of its width and height
 WINDOWS = {"narrow": (0.6, 0.8), "low": (0.8, 0.5)}  # width and height
-ROLL = {"narrow": 0.9, "low": 0.0}  # of the first guess, in the middle
+ROLL = {"narrow": 0.9, "low": 0.0}  # of the initial guess, in the middle
 START, GOAL = (-1.5, 0.4, -0.3), (1.5, -0.4, 0.3)
 
 
@@ -42,7 +42,9 @@ def wall(width: float, height: float) -> dict[str, rcp.Polytope]:
 def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.ConcreteModel:
     """From hovering to hovering on the other side, in little time and with little effort."""
     m = pyo.ConcreteModel(name="quadrotor")
-    m.flight = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 6), guess=2.5), elements=elements, stages=stages)
+    m.flight = b = rcp.PhaseBlock(
+        duration=rcp.Duration(bounds=(0.5, 6), initial_guess=2.5), elements=elements, stages=stages
+    )
     for name, start, goal in zip(("x", "y", "z"), START, GOAL, strict=True):
         b.declare(name, rcp.State(initial=start, final=goal, bounds=(-2, 2)))
     for name, largest in {"roll": 1.5, "pitch": 1.2, "yaw": 1.5}.items():
@@ -50,11 +52,13 @@ def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.Conc
     for name, largest in {"v_x": 5, "v_y": 5, "v_z": 5, "p": 12, "q": 12, "r": 12}.items():
         b.declare(name, rcp.State(initial=0, final=0, bounds=(-largest, largest)))
     for rotor in ("front", "left", "back", "right"):
-        thrust = rcp.Control(bounds=(0, MOST_THRUST), guess=MASS * GRAVITY / 4, parametrization="piecewise_constant")
+        thrust = rcp.Control(
+            bounds=(0, MOST_THRUST), initial_guess=MASS * GRAVITY / 4, parametrization="piecewise_constant"
+        )
         b.declare(rotor, thrust)
     b.ode(rigid_body)
-    b.guess_straight_lines()
-    b.set_guess(roll=lambda t: ROLL[case] * sin(pi * t))
+    b.initialize_straight_lines()
+    b.initialize(roll=lambda t: ROLL[case] * sin(pi * t))
 
     def pose(b, t):
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))
@@ -70,7 +74,7 @@ def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.Conc
         expr=b.duration
         + b.integral(
             lambda b, t: (
-                0.01 * sum((each[t] - hover) ** 2 for each in (b.front, b.left, b.back, b.right))
+                0.01 * sum((thrust[t] - hover) ** 2 for thrust in (b.front, b.left, b.back, b.right))
                 + 0.01 * (b.p[t] ** 2 + b.q[t] ** 2 + b.r[t] ** 2)
             )
         )
@@ -81,7 +85,7 @@ def build(case: str = "narrow", elements: int = 24, stages: int = 3) -> pyo.Conc
 def rigid_body(b, t):
     """Newton and Euler; x points forward, y to the left, z up."""
     sin, cos, tan = pyo.sin, pyo.cos, pyo.tan
-    roll, pitch, yaw, p, q, r = (each[t] for each in (b.roll, b.pitch, b.yaw, b.p, b.q, b.r))
+    roll, pitch, yaw, p, q, r = (signal[t] for signal in (b.roll, b.pitch, b.yaw, b.p, b.q, b.r))
     thrust = (b.front[t] + b.left[t] + b.back[t] + b.right[t]) / MASS
     torque = (
         ARM * (b.left[t] - b.right[t]),

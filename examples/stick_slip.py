@@ -33,8 +33,8 @@ def build(case: str = "ride", elements: int = 60, stages: int = 2) -> pyo.Concre
     start, final = (0.0, 0.0), (DISTANCE, 0.0)
     if not riding:
         start, final = (STRETCH, BELT), (None, None)
-    b.x = rcp.State(initial=start[0], final=final[0], guess=lambda t: start[0] + 0.8 * t)
-    b.v = rcp.State(initial=start[1], final=final[1], guess=BELT / 2)
+    b.x = rcp.State(initial=start[0], final=final[0], initial_guess=lambda t: start[0] + 0.8 * t)
+    b.v = rcp.State(initial=start[1], final=final[1], initial_guess=BELT / 2)
     b.friction = rcp.Algebraic(bounds=(-FRICTION, FRICTION))
     b.slower = rcp.Algebraic(bounds=(0, None))  # than the belt
     b.faster = rcp.Algebraic(bounds=(0, None))

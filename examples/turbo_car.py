@@ -34,16 +34,16 @@ HUNDREDS = 0.1  # from 10 m/s to 100 m per second
 def build(case: str = "turbo", elements: int = 20, stages: int = 2) -> pyo.ConcreteModel:
     """Rest to rest in minimal time."""
     m = pyo.ConcreteModel(name="turbo car")
-    duration = rcp.Duration(bounds=(1, 40), guess=15)
-    m.drive = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, moving=(0.2, 3))
-    b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t)
-    b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST), guess=1)
+    duration = rcp.Duration(bounds=(1, 40), initial_guess=15)
+    m.drive = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, free_element_widths=(0.2, 3))
+    b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t)
+    b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST), initial_guess=1)
     b.pedal = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")
-    b.turbo = rcp.Algebraic(bounds=(0, 1), guess=0.5)
+    b.turbo = rcp.Algebraic(bounds=(0, 1), initial_guess=0.5)
     b.above = rcp.Algebraic(bounds=(0, None))
     b.below = rcp.Algebraic(bounds=(0, None))
     if case == "hysteresis":
-        b.memory = rcp.State(initial=-ON, guess=-ON)
+        b.memory = rcp.State(initial=-ON, initial_guess=-ON)
         b.rise = rcp.Algebraic(bounds=(0, None))
         b.fall = rcp.Algebraic(bounds=(0, None))
 

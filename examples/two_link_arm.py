@@ -49,7 +49,7 @@ def build(elements: int = 40, stages: int = 3) -> pyo.ConcreteModel:
     def forearm(b, t):
         return upper_arm(b, t) @ rcp.planar_pose(LENGTH[0], 0, b.q2[t])
 
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     m.reach.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         bodies={"upper arm": rcp.Body(UPPER_ARM, pose=upper_arm), "forearm": rcp.Body(FOREARM, pose=forearm)},

@@ -15,7 +15,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     parser = argparse.ArgumentParser(prog="python -m pyrobocop_pyomo", description="The solvers of pyrobocop_pyomo.")
     commands = parser.add_subparsers(dest="command", metavar="command")
-    commands.add_parser("doctor", help="show which ways to Ipopt work here, and how to get the others (default)")
+    commands.add_parser("doctor", help="show which backends to Ipopt work here, and how to get the others (default)")
     build = commands.add_parser(
         "build-asl", help="build the ipopt executable and PyNumero's ASL library (Debian, Ubuntu)"
     )

@@ -9,16 +9,17 @@
     │   ├── DeclarationError             a state, control, ... or phase option that contradicts itself
     │   ├── TranscriptionError           equations that do not fit the declared variables
     │   ├── LinkError                    two phases that cannot be joined
-    │   ├── GuessError                   an initial guess of the wrong shape, or not finite
-    │   ├── StructureChanged             a kept model whose variables or rows are no longer those it was made of
-    │   ├── GeometryError                a shape or a pose that is none: not convex, not closed, mirrored
+    │   ├── InitialGuessError            an initial guess of the wrong shape, or not finite
+    │   ├── StructureChanged             a compiled model whose free variables or rows have changed since
+    │   ├── GeometryError                a shape or a pose that is invalid: not convex, not closed, mirrored
     │   ├── ObstacleError                obstacles that cannot be avoided as stated
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
     ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
     ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
-    ├── EvaluationError (ArithmeticError) the functions of a problem have no finite value at a point
+    ├── EvaluationError (ArithmeticError) a value or a derivative of a nonlinear program does not exist or is not finite
     ├── SimulationFailed (RuntimeError)  a forward simulation that could not go on
+    ├── TimeLimitReached (RuntimeError)  a computation that has no answer to give at its time limit
     ├── SensitivityError (ArithmeticError) a solution that has no derivative with respect to its data
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
     │   └── HomotopyStalled              a path of data that could not be followed to its end
@@ -59,7 +60,7 @@ class LinkError(ModelError):
     """Two phases that cannot be joined in the way asked for."""
 
 
-class GuessError(ModelError):
+class InitialGuessError(ModelError):
     """An initial guess that has the wrong length, the wrong type or values that are not finite."""
 
 
@@ -68,7 +69,7 @@ class ComplementarityError(ModelError):
 
 
 class GeometryError(ModelError):
-    """A shape or a pose that is none: corners that are not convex, an open set, a mirrored rotation."""
+    """A shape or a pose that is invalid: corners that are not convex, an open set, a mirrored rotation."""
 
 
 class ObstacleError(ModelError):
@@ -76,7 +77,7 @@ class ObstacleError(ModelError):
 
 
 class StructureChanged(ModelError):
-    """A model that was prepared for repeated solves has other free variables or other rows since."""
+    """The free variables or the rows of a model have changed since it was compiled for repeated solves."""
 
 
 class SolverNotFoundError(PyRobocopError):
@@ -92,7 +93,15 @@ class SolverOptionError(PyRobocopError, ValueError):
 
 
 class EvaluationError(PyRobocopError, ArithmeticError):
-    """A function or a derivative of a nonlinear program has no finite value at the point asked for."""
+    """A value or a derivative of a nonlinear program does not exist, or is not finite.
+
+    Programs raise it, and nothing else, for a logarithm of a negative number, an overflow, the derivative of a square
+    root at zero, and for Params or fixed variables that an expression is not defined for.
+    """
+
+
+class TimeLimitReached(PyRobocopError, RuntimeError):
+    """The time limit passed in a computation that has no answer before its end."""
 
 
 class SensitivityError(PyRobocopError, ArithmeticError):
@@ -137,13 +146,13 @@ class HomotopyStalled(SolveFailed):
     ----------
     result : HomotopyResult
         What was solved.
-    reached : float
+    position : float
         How much of the path, from 0 to 1; negative where even its start could not be solved.
     """
 
-    def __init__(self, message: str, result: object, reached: float) -> None:
+    def __init__(self, message: str, result: object, position: float) -> None:
         super().__init__(message, result)
-        self.reached = reached
+        self.position = position
 
 
 class TrajectoryError(PyRobocopError, ValueError):

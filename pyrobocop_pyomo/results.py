@@ -4,7 +4,7 @@ from pyrobocop_pyomo.diagnosis import Diagnosis
 from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.mpcc import Certificate, Multipliers, Stationarity
 from pyrobocop_pyomo.phases import Verification
-from pyrobocop_pyomo.solving import ActiveSide, Iterate, PairReport
+from pyrobocop_pyomo.solving import ActiveSide, Iterate, PairReport, Standing
 from pyrobocop_pyomo.trajectories import JoinedTrajectory
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "Multipliers",
     "PairReport",
     "SafetyReport",
+    "Standing",
     "Stationarity",
     "Verification",
 ]

@@ -28,10 +28,14 @@ def build(
     """Rest to rest over DISTANCE."""
     m = pyo.ConcreteModel(name="belt")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t / HORIZON)
-    b.v = rcp.State(initial=0, final=0, guess=0.5)
+    b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t / HORIZON)
+    b.v = rcp.State(initial=0, final=0, initial_guess=0.5)
     b.u = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant")
     add_step(b, "slower", lambda b, t: BELT - b.v[t])
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + FRICTION * (2 * b.slower[t] - 1)})

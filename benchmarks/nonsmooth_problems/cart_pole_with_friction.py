@@ -33,12 +33,16 @@ def build(
     """From hanging to standing, at rest, least squared force."""
     m = pyo.ConcreteModel(name="cart-pole with friction")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
     b.x = rcp.State(initial=0, final=0, bounds=(-2, 2))
-    b.angle = rcp.State(initial=0, final=pi, bounds=(-2 * pi, 2 * pi), guess=lambda t: pi * t / HORIZON)
+    b.angle = rcp.State(initial=0, final=pi, bounds=(-2 * pi, 2 * pi), initial_guess=lambda t: pi * t / HORIZON)
     b.v = rcp.State(initial=0, final=0)
-    b.rate = rcp.State(initial=0, final=0, guess=1)
+    b.rate = rcp.State(initial=0, final=0, initial_guess=1)
     b.u = rcp.Control(bounds=(-LARGEST, LARGEST), parametrization="piecewise_constant")
     add_step(b, "forward", lambda b, t: b.v[t])
 

@@ -25,17 +25,22 @@ def build(
     """From (-REACH, 0) to (REACH, 0), past discs at (0, ASIDE) and (0, -ASIDE)."""
     m = pyo.ConcreteModel(name="discs")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=-REACH, final=REACH, guess=lambda t: REACH * (2 * t / HORIZON - 1))
+    b.x = rcp.State(initial=-REACH, final=REACH, initial_guess=lambda t: REACH * (2 * t / HORIZON - 1))
     b.y = rcp.State(initial=0, final=0)
     for i, side in ((1, 1.0), (2, -1.0)):
         b.declare(f"x_{i}", rcp.State(initial=0))
         b.declare(
-            f"y_{i}", rcp.State(initial=side * ASIDE, guess=lambda t, side=side: side * (ASIDE + 0.4 * t / HORIZON))
+            f"y_{i}",
+            rcp.State(initial=side * ASIDE, initial_guess=lambda t, side=side: side * (ASIDE + 0.4 * t / HORIZON)),
         )
         b.declare(f"force_{i}", rcp.Algebraic(bounds=(0, None)))
-    b.u_x = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant", guess=0.5)
+    b.u_x = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant", initial_guess=0.5)
     b.u_y = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant")
 
     def offset(b, t, i):

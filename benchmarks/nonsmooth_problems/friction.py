@@ -26,12 +26,16 @@ def build(
 ) -> pyo.ConcreteModel:
     """Rest to rest over DISTANCE."""
     m = pyo.ConcreteModel(name="braking with friction")
-    duration = rcp.Duration(bounds=(0.5, 10), guess=3)
+    duration = rcp.Duration(bounds=(0.5, 10), initial_guess=3)
     m.phase = b = rcp.PhaseBlock(
-        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=duration,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t)
-    b.v = rcp.State(initial=0, final=0, guess=1)
+    b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t)
+    b.v = rcp.State(initial=0, final=0, initial_guess=1)
     b.u = rcp.Control(bounds=(-LARGEST, LARGEST), parametrization="piecewise_constant")
     add_step(b, "forward", lambda b, t: b.v[t])
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - FRICTION * (2 * b.forward[t] - 1)})

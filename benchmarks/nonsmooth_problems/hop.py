@@ -27,14 +27,18 @@ def build(
     """Forces per mass of the body and per 10 m/s^2, so that standing takes a force of one."""
     m = pyo.ConcreteModel(name="hop")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.y_b = rcp.State(initial=START, final=GOAL, guess=lambda t: START + (GOAL - START) * t / HORIZON)
+    b.y_b = rcp.State(initial=START, final=GOAL, initial_guess=lambda t: START + (GOAL - START) * t / HORIZON)
     b.v_b = rcp.State(initial=0)
-    b.y_f = rcp.State(initial=0, final=FOOT_GOAL, guess=lambda t: max(0.0, t - 0.3))
+    b.y_f = rcp.State(initial=0, final=FOOT_GOAL, initial_guess=lambda t: max(0.0, t - 0.3))
     b.v_f = rcp.State(initial=0)
-    b.u = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant", guess=1)
-    b.floor = rcp.Algebraic(bounds=(0, None), guess=1)
+    b.u = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant", initial_guess=1)
+    b.floor = rcp.Algebraic(bounds=(0, None), initial_guess=1)
 
     @b.ode
     def newton(b, t):
@@ -59,16 +63,16 @@ def build(
 def optimum() -> float:
     """Stance and flight as two smooth phases of free duration: no complementarity, high order."""
     m = pyo.ConcreteModel(name="hop in two phases")
-    free = rcp.Duration(bounds=(0.05, HORIZON), guess=HORIZON / 2)
+    free = rcp.Duration(bounds=(0.05, HORIZON), initial_guess=HORIZON / 2)
     m.stance = rcp.PhaseBlock(duration=free, elements=20)
     m.flight = rcp.PhaseBlock(duration=free, elements=20)
     for b, final in ((m.stance, None), (m.flight, GOAL)):
-        b.y_b = rcp.State(initial=START if b is m.stance else None, final=final, guess=0.8)
-        b.v_b = rcp.State(initial=0 if b is m.stance else None, guess=1)
-        b.u = rcp.Control(bounds=(-10, 10), guess=1)
+        b.y_b = rcp.State(initial=START if b is m.stance else None, final=final, initial_guess=0.8)
+        b.v_b = rcp.State(initial=0 if b is m.stance else None, initial_guess=1)
+        b.u = rcp.Control(bounds=(-10, 10), initial_guess=1)
     s, f = m.stance, m.flight
-    f.y_f = rcp.State(initial=0, final=FOOT_GOAL, guess=0.2)
-    f.v_f = rcp.State(initial=0, guess=1)
+    f.y_f = rcp.State(initial=0, final=FOOT_GOAL, initial_guess=0.2)
+    f.v_f = rcp.State(initial=0, initial_guess=1)
     s.ode(lambda b, t: {b.y_b: b.v_b[t], b.v_b: GRAVITY * (b.u[t] - 1)})
     f.ode(
         lambda b, t: {

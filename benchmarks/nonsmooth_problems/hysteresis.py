@@ -30,7 +30,7 @@ def add_delayed_relay(
     Returns the equation of the memory, ``equation(b, t) = {state: rate}``, to be merged into the phase's own.
     """
     z, rise, fall = f"{name}_memory", f"{name}_rise", f"{name}_fall"
-    b.declare(z, rcp.State(initial=memory, guess=memory))
+    b.declare(z, rcp.State(initial=memory, initial_guess=memory))
     b.declare(rise, rcp.Algebraic(bounds=(0, None)))
     b.declare(fall, rcp.Algebraic(bounds=(0, None)))
 
@@ -38,5 +38,5 @@ def add_delayed_relay(
     add_pair(
         b, f"{name}_drag_down", lambda b, t: signal(b, t) - off - getattr(b, z)[t], lambda b, t: getattr(b, fall)[t]
     )
-    add_step(b, name, lambda b, t: getattr(b, z)[t], guess=0.5)
+    add_step(b, name, lambda b, t: getattr(b, z)[t], initial_guess=0.5)
     return lambda b, t: {getattr(b, z): getattr(b, rise)[t] - getattr(b, fall)[t]}

@@ -29,10 +29,14 @@ def build(
     """The first tank holds a volume of one."""
     m = pyo.ConcreteModel(name="overflow")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.g = rcp.State(initial=0, guess=0.5)
-    b.h = rcp.State(initial=0, final=LEVEL, guess=lambda t: LEVEL * t / HORIZON)
+    b.g = rcp.State(initial=0, initial_guess=0.5)
+    b.h = rcp.State(initial=0, final=LEVEL, initial_guess=lambda t: LEVEL * t / HORIZON)
     b.u = rcp.Control(bounds=(0, 5), parametrization="piecewise_constant")
     b.over = rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.g: b.u[t] - b.over[t], b.h: b.over[t] - b.h[t]})

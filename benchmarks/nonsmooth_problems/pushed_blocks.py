@@ -24,10 +24,14 @@ def build(
     """The contact force exists only where there is no gap."""
     m = pyo.ConcreteModel(name="pushed blocks")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=0, guess=lambda t: 2 * t / HORIZON)
-    b.y = rcp.State(initial=2, final=3, guess=lambda t: 2 + t / HORIZON)
+    b.x = rcp.State(initial=0, initial_guess=lambda t: 2 * t / HORIZON)
+    b.y = rcp.State(initial=2, final=3, initial_guess=lambda t: 2 + t / HORIZON)
     b.u = rcp.Control(bounds=(-5, 5), parametrization="piecewise_constant")
     b.force = rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.u[t] - b.force[t], b.y: b.force[t]})

@@ -30,11 +30,15 @@ def build(
     """The gain is the only thing to choose."""
     m = pyo.ConcreteModel(name="relay feedback")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=1, guess=lambda t: np.exp(-t))
-    b.v = rcp.State(initial=0, guess=lambda t: -np.exp(-t))
-    b.gain = rcp.Parameter(bounds=GAINS, guess=1)
+    b.x = rcp.State(initial=1, initial_guess=lambda t: np.exp(-t))
+    b.v = rcp.State(initial=0, initial_guess=lambda t: -np.exp(-t))
+    b.gain = rcp.Parameter(bounds=GAINS, initial_guess=1)
     add_step(b, "push", lambda b, t: b.x[t] + b.gain * b.v[t])
     b.ode(lambda b, t: {b.x: b.v[t], b.v: 1 - 2 * b.push[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.v[t] ** 2))

@@ -30,9 +30,13 @@ def build(
     """The start is free; there is no control."""
     m = pyo.ConcreteModel(name="signum")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=(-2, 0), guess=0)
+    b.x = rcp.State(initial=(-2, 0), initial_guess=0)
     add_step(b, "positive", lambda b, t: b.x[t])
     b.ode(lambda b, t: {b.x: 3 - 2 * b.positive[t]})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2) + (b.x[b.time.last()] - TARGET) ** 2)

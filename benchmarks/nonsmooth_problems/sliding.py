@@ -34,12 +34,16 @@ def build(
 ) -> pyo.ConcreteModel:
     """In minimal time from START to (0, GOAL)."""
     m = pyo.ConcreteModel(name=f"sliding by {writing}")
-    duration = rcp.Duration(bounds=(0.5, 10), guess=3)
+    duration = rcp.Duration(bounds=(0.5, 10), initial_guess=3)
     m.phase = b = rcp.PhaseBlock(
-        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=duration,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=START[0], final=0, guess=lambda t: 1 - t)
-    b.y = rcp.State(initial=START[1], final=GOAL, guess=lambda t: GOAL * t)
+    b.x = rcp.State(initial=START[0], final=0, initial_guess=lambda t: 1 - t)
+    b.y = rcp.State(initial=START[1], final=GOAL, initial_guess=lambda t: GOAL * t)
     b.u = rcp.Control(bounds=(-LARGEST, LARGEST), parametrization="piecewise_constant")
     if writing == "step":
         add_step(b, "right", lambda b, t: b.x[t])

@@ -36,7 +36,7 @@ def add_step(b: rcp.PhaseBlock, name: str, switching: Rule, guess: float = 0.5) 
     Systems with Set-Valued Step Functions (2023), doi:10.48550/arXiv.2303.18066
     """
     above, below = f"{name}_above", f"{name}_below"
-    b.declare(name, rcp.Algebraic(bounds=(0, 1), guess=guess))
+    b.declare(name, rcp.Algebraic(bounds=(0, 1), initial_guess=guess))
     b.declare(above, rcp.Algebraic(bounds=(0, None)))
     b.declare(below, rcp.Algebraic(bounds=(0, None)))
 
@@ -64,7 +64,7 @@ def add_modes(b: rcp.PhaseBlock, name: str, indicators: Sequence[Rule]) -> None:
     excesses = [f"{name}_excess_{i}" for i in range(len(indicators))]
     smallest = f"{name}_smallest"
     for share, excess in zip(shares, excesses, strict=True):
-        b.declare(share, rcp.Algebraic(bounds=(0, 1), guess=1 / len(indicators)))
+        b.declare(share, rcp.Algebraic(bounds=(0, 1), initial_guess=1 / len(indicators)))
         b.declare(excess, rcp.Algebraic(bounds=(0, None)))
     b.declare(smallest, rcp.Algebraic())
 

@@ -27,9 +27,11 @@ def build(
     """Temperatures relative to 20 degrees, hours; the objective only measures the deviation from them."""
     m = pyo.ConcreteModel(name="thermostat")
     factors = MOVING if moving or detect else None
-    m.phase = b = rcp.PhaseBlock(duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=factors)
-    b.heat = rcp.State(initial=START - TARGET, guess=lambda t: min(0.0, 5 * t - 5))
-    b.radiator = rcp.State(initial=0, guess=5)
+    m.phase = b = rcp.PhaseBlock(
+        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, free_element_widths=factors
+    )
+    b.heat = rcp.State(initial=START - TARGET, initial_guess=lambda t: min(0.0, 5 * t - 5))
+    b.radiator = rcp.State(initial=0, initial_guess=5)
     high, low = HIGH - TARGET, LOW - TARGET
     memory = add_delayed_relay(b, "rested", lambda b, t: b.heat[t], high, low, memory=START - HIGH)
 

@@ -29,13 +29,17 @@ def build(
     """Forces per weight of the puck; the throw is its initial velocity."""
     m = pyo.ConcreteModel(name="throw")
     m.phase = b = rcp.PhaseBlock(
-        duration=HORIZON, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=HORIZON,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=0, final=DISTANCE, guess=lambda t: DISTANCE * t / HORIZON)
-    b.y = rcp.State(initial=0, guess=lambda t: 0.2)
-    b.v = rcp.State(initial=(0.1, 5), final=0, guess=1.5)
-    b.w = rcp.State(initial=(0.1, 5), guess=lambda t: max(0.0, 1.5 - 10 * t))
-    b.normal = rcp.Algebraic(bounds=(0, None), guess=0.5)
+    b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t / HORIZON)
+    b.y = rcp.State(initial=0, initial_guess=lambda t: 0.2)
+    b.v = rcp.State(initial=(0.1, 5), final=0, initial_guess=1.5)
+    b.w = rcp.State(initial=(0.1, 5), initial_guess=lambda t: max(0.0, 1.5 - 10 * t))
+    b.normal = rcp.Algebraic(bounds=(0, None), initial_guess=0.5)
     b.friction_up = rcp.Algebraic(bounds=(0, None))
     b.friction_down = rcp.Algebraic(bounds=(0, None))
     b.speed = rcp.Algebraic(bounds=(0, None))

@@ -23,12 +23,16 @@ def build(
 ) -> pyo.ConcreteModel:
     """Speeds in units of 10 m/s, distances in units of 100 m."""
     m = pyo.ConcreteModel(name="turbo car with hysteresis")
-    duration = rcp.Duration(bounds=(1, 40), guess=15)
+    duration = rcp.Duration(bounds=(1, 40), initial_guess=15)
     m.phase = b = rcp.PhaseBlock(
-        duration=duration, elements=elements, stages=stages, scheme=scheme, moving=MOVING if moving or detect else None
+        duration=duration,
+        elements=elements,
+        stages=stages,
+        scheme=scheme,
+        free_element_widths=MOVING if moving or detect else None,
     )
-    b.x = rcp.State(initial=0, final=DISTANCE / 100, guess=lambda t: DISTANCE / 100 * t)
-    b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST / 10), guess=1)
+    b.x = rcp.State(initial=0, final=DISTANCE / 100, initial_guess=lambda t: DISTANCE / 100 * t)
+    b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST / 10), initial_guess=1)
     b.u = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")
     memory = add_delayed_relay(b, "turbo", lambda b, t: b.v[t], ON / 10, OFF / 10, memory=-ON / 10)
 

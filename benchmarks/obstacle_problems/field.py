@@ -37,7 +37,7 @@ def field(obstacles: int = 20, elements: int = 100, seed: int = 0, **options: An
         rates = {b.x: b.x_rate[t], b.y: b.y_rate[t], b.theta: b.theta_rate[t]}
         return {**rates, b.x_rate: b.x_push[t], b.y_rate: b.y_push[t], b.theta_rate: b.theta_push[t]}
 
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.x_push[t] ** 2 + b.y_push[t] ** 2 + b.theta_push[t] ** 2))
     b.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,

@@ -36,7 +36,7 @@ def random_flight(seed: int, elements: int = 20, stages: int = 2, **options: Any
     m = build("low", elements, stages)
     m.name = f"flight {seed}"
     fix_ends(m.flight, start, goal)
-    m.flight.guess_straight_lines()
+    m.flight.initialize_straight_lines()
     restate(m.flight, obstacles=wall_with_window(width, height, *middle), **options)
     return m
 

@@ -41,7 +41,7 @@ def guess_quarter_circle(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
     b = m.drive
     last = b.time.last()
     x, y = pyo.value(b.x[last]), pyo.value(b.y[last])
-    b.set_guess(
+    b.initialize(
         x=lambda t: x * (1 - np.cos(np.pi / 2 * t / last)),
         y=lambda t: y * np.sin(np.pi / 2 * t / last),
         theta=lambda t: np.pi / 2 * t / last,

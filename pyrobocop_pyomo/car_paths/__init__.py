@@ -1,4 +1,4 @@
-"""Paths of cars among obstacles, as initial guesses: hybrid A* on Reeds-Shepp moves."""
+"""Paths of cars among obstacles, as initial guesses: hybrid A* with Reeds-Shepp paths."""
 
 from .car_path import CarPath, CarTiming
 from .hybrid_a_star import hybrid_a_star

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 from .car_kinematics import follow_arc
@@ -79,7 +79,7 @@ class CarPath:
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             When they are not positive.
         """
         turns = np.flatnonzero(np.diff(self.directions[:-1])) + 1
@@ -95,7 +95,7 @@ class CarPath:
         acceleration: float | None = None,
         names: Mapping[str, str] | None = None,
     ) -> dict[str, Function | float]:
-        """The path as an initial guess for ``phase.set_guess``; the speed vanishes at ends and cusps.
+        """The path as an initial guess for ``phase.initialize``; the speed vanishes at ends and cusps.
 
         A free duration gets the one of `timed`, moved into its bounds. Where the duration differs from it, speeds and
         accelerations are scaled.
@@ -116,7 +116,7 @@ class CarPath:
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             When names do not fit, and when the heading is fixed at the end whole turns away from that of the path.
         """
         return _initial_guess(self, phase, speed, acceleration, names)
@@ -173,14 +173,14 @@ class CarTiming:
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             When they are not positive.
         """
         lengths = np.diff(legs)
         most = 3.0 * speed**2 / float(lengths.max()) if acceleration is None else acceleration
         for name, number in (("speed", speed), ("acceleration", most)):
             if not (math.isfinite(number) and number > 0.0):
-                raise GuessError(f"path of a car: {name} = {number}; expected a positive number.")
+                raise InitialGuessError(f"path of a car: {name} = {number}; expected a positive number.")
         peaks = np.minimum(speed, np.sqrt(most * lengths))
         ramps = peaks / most
         spans = np.column_stack([ramps, np.maximum(lengths / peaks - ramps, 0.0), ramps])
@@ -262,16 +262,18 @@ def _names(phase: Any, names: Mapping[str, str] | None) -> dict[str, str]:
     if names is None:
         found = {quantity: quantity for quantity in QUANTITIES if phase.component(quantity) is not None}
         if not found:
-            raise GuessError(
+            raise InitialGuessError(
                 f"phase '{phase.name}' has none of {', '.join(QUANTITIES)}. Say what it calls them: "
                 "names={'x': 'position_x', ...}."
             )
         return found
     for quantity, name in names.items():
         if quantity not in QUANTITIES:
-            raise GuessError(f"names: '{quantity}' is not known of a car's path; known are {', '.join(QUANTITIES)}.")
+            raise InitialGuessError(
+                f"names: '{quantity}' is not known of a car's path; known are {', '.join(QUANTITIES)}."
+            )
         if phase.component(name) is None:
-            raise GuessError(f"names: '{quantity}' is to be '{name}', which phase '{phase.name}' does not have.")
+            raise InitialGuessError(f"names: '{quantity}' is to be '{name}', which phase '{phase.name}' does not have.")
     return dict(names)
 
 
@@ -280,7 +282,7 @@ def _whole_turns(path: CarPath, phase: Any, name: str | None) -> float:
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When the last heading then differs from a fixed one by whole turns: no model gets there by this path.
     """
     if name is None:
@@ -291,7 +293,7 @@ def _whole_turns(path: CarPath, phase: Any, name: str | None) -> float:
     turned = full * round((first.value - path.poses[0, 2]) / full) if first.fixed and first.value is not None else 0.0
     end = float(path.poses[-1, 2]) + turned
     if last.fixed and last.value is not None and round((last.value - end) / full) != 0:
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{phase.name}': this path ends with the heading {end:.6g}, and '{name}' is fixed at "
             f"{last.value:.6g} there, {abs(round((last.value - end) / full))} whole turn(s) away. State "
             f"final={end:.6g} for '{name}', or add whole turns to its initial value."

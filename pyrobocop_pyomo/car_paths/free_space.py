@@ -22,14 +22,14 @@ from pyrobocop_pyomo.geometry import Polytope
 
 Array = NDArray[np.float64]
 
-# A shape without end is cut off so many scene sizes away, for its corners seen from the body only.
+# An unbounded shape is cut off at this many scene sizes, for its corners only.
 FAR = 1e4
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSpace:
-    """Where a body may be among obstacles.
+    """Poses that a body may take among obstacles.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class FreeSpace:
         along_motion = np.minimum(gaps[:, :-1], gaps[:, 1:]).max(axis=3) - of_origin[:, None, None]
         best, apart = np.maximum(best, along_motion), np.maximum(apart, gaps.max(axis=3))
         needed = self.needed - ROUNDING
-        # Where no side separates wide enough the nearest corners may, unless the shapes overlap.
+        # Where no side gives a wide enough gap, the nearest corners may, unless the shapes overlap.
         motion, step, obstacle = np.nonzero((best < needed) & (np.minimum(apart[:, :-1], apart[:, 1:]) > -ROUNDING))
         if len(motion):
             start, end, other = corners[motion, step], corners[motion, step + 1], self.points[obstacle]

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
 
 from .best_first_search import BestFirstSearch, SearchEnd
@@ -86,7 +86,7 @@ def hybrid_a_star(
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When start or goal are out of bounds or too close to an obstacle (which is named, with its distance), and when
         no path is found.
     """
@@ -99,7 +99,7 @@ def hybrid_a_star(
     for which, pose in ends.items():
         _check_end(pose, which, body, shapes, limits, clearance)
     if np.array_equal(ends["start"], ends["goal"]):
-        raise GuessError("hybrid_a_star: start and goal are the same pose; there is no path to find.")
+        raise InitialGuessError("hybrid_a_star: start and goal are the same pose; there is no path to find.")
     scene = body.reach + float(np.abs([*limits[0], *limits[1]]).max())
     scene += max((float(np.abs(shape.vertices).max()) for shape in shapes), default=0.0)
     space = FreeSpace.around(body, shapes, clearance, scene)
@@ -127,14 +127,14 @@ def hybrid_a_star(
             if end is SearchEnd.FOUND:
                 return _path(ends["start"], ends["goal"], *current.search.arcs(), wheelbase, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
-                raise GuessError(
+                raise InitialGuessError(
                     f"hybrid_a_star: no path was found: from the {which}, {len(current.search.poses)} poses can be "
                     f"reached, none of which leads on. Try CarSearch(refinements={options.refinements + 1}), less "
                     "clearance, or wider bounds."
                 )
         if time.monotonic() > began + time_limit or budget >= options.max_nodes:
             reached = " and ".join(f"{len(one.search.poses)} from the {one.which}" for one in searches)
-            raise GuessError(
+            raise InitialGuessError(
                 f"hybrid_a_star: no path was found within {time_limit:g} seconds and {options.max_nodes} poses per "
                 f"search; reached were {reached}. Give more time, CarSearch(max_nodes=...), a coarser cell, or less "
                 "clearance."
@@ -153,7 +153,7 @@ class _EndSearch:
 
 def _check_disc(root: Array, cost_to_go: CostToGo) -> None:
     if math.isinf(cost_to_go.disc_path_length(root[None])[0]):
-        raise GuessError(
+        raise InitialGuessError(
             "hybrid_a_star: there is no path from start to goal: the obstacles and bounds leave no way even for a disc "
             "inside the car. Move an obstacle, widen the bounds or ask for less clearance."
         )
@@ -180,7 +180,7 @@ def _named_obstacles(obstacles: Mapping[str, Polytope] | Sequence[Polytope]) -> 
         obstacles = {f"obstacle {i}": shape for i, shape in enumerate(obstacles, 1)}
     for name, shape in obstacles.items():
         if not isinstance(shape, Polytope) or shape.dimension != 2:
-            raise GuessError(f"hybrid_a_star: obstacle '{name}' is {shape!r}; expected a Polytope in the plane.")
+            raise InitialGuessError(f"hybrid_a_star: obstacle '{name}' is {shape!r}; expected a Polytope in the plane.")
     return [shape.named(str(name)) for name, shape in obstacles.items()]
 
 
@@ -189,21 +189,25 @@ def _check_car(
 ) -> None:
     """Refuse a body, a steering, a clearance or a time that makes no sense."""
     if not isinstance(body, Polytope) or body.dimension != 2 or not body.is_bounded:
-        raise GuessError(f"hybrid_a_star: the body is {body!s}; expected a bounded Polytope in the plane.")
+        raise InitialGuessError(f"hybrid_a_star: the body is {body!s}; expected a bounded Polytope in the plane.")
     for name, number in (("wheelbase", wheelbase), ("time_limit", limit)):
         if not (math.isfinite(number) and number > 0.0):
-            raise GuessError(f"hybrid_a_star: {name} = {number}; expected a positive number.")
+            raise InitialGuessError(f"hybrid_a_star: {name} = {number}; expected a positive number.")
     if not 0.0 < steering_limit < 0.5 * math.pi:
-        raise GuessError(f"hybrid_a_star: steering_limit = {steering_limit}; expected radians between 0 and pi / 2.")
+        raise InitialGuessError(
+            f"hybrid_a_star: steering_limit = {steering_limit}; expected radians between 0 and pi / 2."
+        )
     if not (math.isfinite(clearance) and clearance >= 0.0):
-        raise GuessError(f"hybrid_a_star: clearance = {clearance}; expected a length that is not negative.")
+        raise InitialGuessError(f"hybrid_a_star: clearance = {clearance}; expected a length that is not negative.")
 
 
 def _checked_pose(pose: Sequence[float], which: str) -> Array:
     """Three finite numbers."""
     numbers = np.array(pose, dtype=float)
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise GuessError(f"hybrid_a_star: the {which} is {pose!r}; expected three finite numbers (x, y, heading).")
+        raise InitialGuessError(
+            f"hybrid_a_star: the {which} is {pose!r}; expected three finite numbers (x, y, heading)."
+        )
     return numbers
 
 
@@ -211,7 +215,9 @@ def _checked_bounds(bounds: Bounds) -> Bounds:
     """Two finite intervals that are not empty."""
     numbers = np.array(bounds, dtype=float)
     if numbers.shape != (2, 2) or not np.isfinite(numbers).all() or (numbers[:, 0] >= numbers[:, 1]).any():
-        raise GuessError(f"hybrid_a_star: bounds = {bounds!r}; expected ((x_min, x_max), (y_min, y_max)), finite.")
+        raise InitialGuessError(
+            f"hybrid_a_star: bounds = {bounds!r}; expected ((x_min, x_max), (y_min, y_max)), finite."
+        )
     (left, right), (bottom, top) = numbers.tolist()
     return (left, right), (bottom, top)
 
@@ -222,7 +228,7 @@ def _check_end(
     """Refuse an end out of bounds or too close to an obstacle, by the exact distance, independently of the search."""
     for axis, (low, high) in enumerate(bounds):
         if not low <= pose[axis] <= high:
-            raise GuessError(
+            raise InitialGuessError(
                 f"hybrid_a_star: the {which} has {'xy'[axis]} = {pose[axis]:g}, out of the bounds from {low:g} to "
                 f"{high:g}. Widen the bounds, or move the {which}."
             )
@@ -230,7 +236,7 @@ def _check_end(
         distance = signed_distance(body, obstacle, planar_pose(*pose.tolist())).distance
         if distance < clearance - 1e-9:
             how = f"overlaps it by {-distance:.6g}" if distance < 0 else f"is only {distance:.6g} away from it"
-            raise GuessError(
+            raise InitialGuessError(
                 f"hybrid_a_star: at the {which} ({pose[0]:g}, {pose[1]:g}, {pose[2]:g}) '{body.name}' collides with "
                 f"'{obstacle.name}': it {how}, and a clearance of {clearance:g} is asked for. Move the {which}, or ask "
                 "for less."

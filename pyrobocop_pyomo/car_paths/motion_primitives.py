@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 
 from .car_kinematics import follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
@@ -57,7 +57,7 @@ class CarSearch:
         for name in ("cell", "primitive_length", "cusp_cost", "steering_cost", "heuristic_weight"):
             number = getattr(self, name)
             if number is not None and not (math.isfinite(number) and number > 0.0):
-                raise GuessError(f"CarSearch: {name} = {number}; expected a positive number.")
+                raise InitialGuessError(f"CarSearch: {name} = {number}; expected a positive number.")
         if (
             self.headings < 8
             or self.steerings < 3
@@ -65,7 +65,7 @@ class CarSearch:
             or self.max_nodes < 1
             or self.refinements < 0
         ):
-            raise GuessError(
+            raise InitialGuessError(
                 f"CarSearch: headings = {self.headings}, steerings = {self.steerings}, max_nodes = {self.max_nodes}; "
                 "expected at least 8 headings, an odd number of steerings from 3 on, and a positive number of nodes."
             )

@@ -1,4 +1,4 @@
-"""Mathematical programs with complementarity constraints whose answers are known, for tests and benchmarks.
+"""Mathematical programs with complementarity constraints whose solutions are known, for tests and benchmarks.
 
 Not imported by the package itself::
 

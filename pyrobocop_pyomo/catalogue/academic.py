@@ -7,8 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 
-from .entries import MpccProblem
-from .stating import state_pairs
+from .entries import MpccProblem, state_pairs
 
 MACMPEC = "MacMPEC (S. Leyffer, Argonne National Laboratory), problem {}"
 ACADEMIC = frozenset({"academic", "convex"})
@@ -99,7 +98,7 @@ def _projection(dimension: int) -> Any:
 
 
 def projected(dimension: int) -> float:
-    """The answer of `_projection`: in each plane the smaller coordinate is given up."""
+    """The solution of `_projection`: in each plane the smaller coordinate is zero."""
     return float(sum(min(i % 5, i % 3) ** 2 for i in range(1, dimension + 1)))
 
 
@@ -129,27 +128,27 @@ def _three_in_a_row() -> Any:
 
 PROBLEMS = (
     MpccProblem("kth1", _kth1, 0.0, source=MACMPEC.format("kth1"), tags=ACADEMIC | {"linear", "biactive"},
-                answer={"x": 0, "y": 0}),
-    MpccProblem("kth2", _kth2, 0.0, source=MACMPEC.format("kth2"), tags=ACADEMIC, answer={"x": 0, "y": 1}),
-    MpccProblem("kth3", _kth3, 0.5, source=MACMPEC.format("kth3"), tags=ACADEMIC, answer={"x": 0, "y": 1},
+                solution={"x": 0, "y": 0}),
+    MpccProblem("kth2", _kth2, 0.0, source=MACMPEC.format("kth2"), tags=ACADEMIC, solution={"x": 0, "y": 1}),
+    MpccProblem("kth3", _kth3, 0.5, source=MACMPEC.format("kth3"), tags=ACADEMIC, solution={"x": 0, "y": 1},
                 notes="(1, 0) is a local solution with cost 1, and the origin is C-stationary."),
     MpccProblem("scholtes3", _scholtes3, 0.5, source=MACMPEC.format("scholtes3"), tags=ACADEMIC,
-                answer={"x": 0, "y": 1}, notes="Two global solutions; the origin is C-stationary, not a solution."),
-    MpccProblem("scale1", _scale1, 1.0, source=MACMPEC.format("scale1"), tags=SCALED, answer={"x": 0.01, "y": 0},
+                solution={"x": 0, "y": 1}, notes="Two global solutions; the origin is C-stationary, not a solution."),
+    MpccProblem("scale1", _scale1, 1.0, source=MACMPEC.format("scale1"), tags=SCALED, solution={"x": 0.01, "y": 0},
                 notes="(0, 1) and (0.01, 0) cost the same."),
-    MpccProblem("scale2", _scale2, 1.0, source=MACMPEC.format("scale2"), tags=SCALED, answer={"x": 1, "y": 0}),
-    MpccProblem("scale3", _scale3, 1.0, source=MACMPEC.format("scale3"), tags=SCALED, answer={"x": 1, "y": 0}),
-    MpccProblem("scale4", _scale4, 1.0, source=MACMPEC.format("scale4"), tags=SCALED, answer={"x": 1, "y": 0}),
-    MpccProblem("scale5", _scale5, 100.0, source=MACMPEC.format("scale5"), tags=SCALED, answer={"x": 1, "y": 0}),
-    MpccProblem("jr1", _jr1, 0.5, source=MACMPEC.format("jr1"), tags=ACADEMIC, answer={"x": 0.5, "y": 0.5}),
-    MpccProblem("jr2", _jr2, 0.5, source=MACMPEC.format("jr2"), tags=ACADEMIC, answer={"x": 0.5, "y": 0.5}),
+    MpccProblem("scale2", _scale2, 1.0, source=MACMPEC.format("scale2"), tags=SCALED, solution={"x": 1, "y": 0}),
+    MpccProblem("scale3", _scale3, 1.0, source=MACMPEC.format("scale3"), tags=SCALED, solution={"x": 1, "y": 0}),
+    MpccProblem("scale4", _scale4, 1.0, source=MACMPEC.format("scale4"), tags=SCALED, solution={"x": 1, "y": 0}),
+    MpccProblem("scale5", _scale5, 100.0, source=MACMPEC.format("scale5"), tags=SCALED, solution={"x": 1, "y": 0}),
+    MpccProblem("jr1", _jr1, 0.5, source=MACMPEC.format("jr1"), tags=ACADEMIC, solution={"x": 0.5, "y": 0.5}),
+    MpccProblem("jr2", _jr2, 0.5, source=MACMPEC.format("jr2"), tags=ACADEMIC, solution={"x": 0.5, "y": 0.5}),
     MpccProblem("df1", _df1, 0.0, source=MACMPEC.format("df1"), tags=frozenset({"academic", "biactive"}),
-                answer={"x": 1, "y": 0}, notes="Biactive at the solution; one side is not convex."),
+                solution={"x": 1, "y": 0}, notes="Biactive at the solution; one side is not convex."),
     MpccProblem("projection 5", _projection_5, projected(5), source="separable, by inspection", tags=ACADEMIC),
     MpccProblem("projection 500", _projection_500, projected(500), source="separable, by inspection",
                 tags=ACADEMIC | {"large"}, notes="2^500 branches, each pair alone trivial; many local solutions."),
-    MpccProblem("disk", _disk, -4.0, source="by inspection: (0, 2)", tags=ACADEMIC, answer={"x": 0, "y": 2}),
+    MpccProblem("disk", _disk, -4.0, source="by inspection: (0, 2)", tags=ACADEMIC, solution={"x": 0, "y": 2}),
     MpccProblem("stable set", _three_in_a_row, -5.0, source="by inspection: x2 = x4 = 1",
-                tags=ACADEMIC | {"linear"}, answer={"x[1]": 0, "x[2]": 1, "x[3]": 0, "x[4]": 1},
+                tags=ACADEMIC | {"linear"}, solution={"x[1]": 0, "x[2]": 1, "x[3]": 0, "x[4]": 1},
                 notes="The inner variables are in two pairs each; x1 and x3, or x1 and x4, are worth -4."),
 )  # fmt: skip

@@ -6,8 +6,7 @@ import difflib
 
 from . import (
     academic,
-    bilevel_linear,
-    bilevel_quadratic,
+    bilevel,
     contact,
     degenerate,
     equilibrium,
@@ -22,8 +21,7 @@ from .entries import MpccProblem
 _FAMILIES = (
     academic,
     degenerate,
-    bilevel_linear,
-    bilevel_quadratic,
+    bilevel,
     generated,
     equilibrium,
     forms,

@@ -8,8 +8,7 @@ import pyomo.environ as pyo
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 
-from .entries import MpccProblem
-from .stating import state_pairs
+from .entries import MpccProblem, state_pairs
 
 CONTACT = frozenset({"contact"})
 CONVEX = frozenset({"contact", "convex"})

@@ -1,4 +1,4 @@
-"""Where multipliers do not exist, are not unique or have the wrong sign, although the answer is plain."""
+"""Problems where multipliers do not exist, are not unique or have the wrong sign, although the solution is obvious."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import Any
 import pyomo.environ as pyo
 
 from .academic import MACMPEC, plane
-from .entries import MpccProblem
-from .stating import state_pairs
+from .entries import MpccProblem, state_pairs
 
 DEGENERATE = frozenset({"academic", "degenerate", "biactive"})
 
@@ -139,39 +138,40 @@ def _kojima_shindo() -> Any:
 
 
 PROBLEMS = (
-    MpccProblem("ralph1", _ralph1, 0.0, source=MACMPEC.format("ralph1"), answer={"x": 0, "y": 0},
+    MpccProblem("ralph1", _ralph1, 0.0, source=MACMPEC.format("ralph1"), solution={"x": 0, "y": 0},
                 tags=DEGENERATE | {"convex", "linear", "b-not-s"},
                 notes="B-stationary but not S: the product form has no multipliers."),
-    MpccProblem("ralph2", _ralph2, 0.0, source=MACMPEC.format("ralph2"), tags=DEGENERATE, answer={"x": 0, "y": 0},
+    MpccProblem("ralph2", _ralph2, 0.0, source=MACMPEC.format("ralph2"), tags=DEGENERATE, solution={"x": 0, "y": 0},
                 notes="Not convex, but strongly convex on each axis; the product form is unbounded for x y > 0."),
     MpccProblem("scholtes4", _scholtes4, 0.0, source=f"{MACMPEC.format('scholtes4')}; Scheel & Scholtes, "
-                "Math. Oper. Res. 25 (2000), doi:10.1287/moor.25.1.1.15213", answer={"x": 0, "y": 0, "z": 0},
+                "Math. Oper. Res. 25 (2000), doi:10.1287/moor.25.1.1.15213", solution={"x": 0, "y": 0, "z": 0},
                 tags=DEGENERATE | {"convex", "linear", "b-not-s"}, notes="B- and M-stationary but not S."),
-    MpccProblem("square at least one", _square_at_least_one, 1.0, answer={"x": 0, "y": 1},
+    MpccProblem("square at least one", _square_at_least_one, 1.0, solution={"x": 0, "y": 1},
                 source="Fletcher, Leyffer, Ralph & Scholtes, SIAM J. Optim. 17 (2006), doi:10.1137/S1052623402407382",
                 tags=frozenset({"academic"}), notes="Linearised at (1, 0) the product form is inconsistent."),
     MpccProblem("start in the corner", _from_the_corner, 1.0, tags=DEGENERATE | {"convex"} - {"biactive"},
                 source="by inspection", notes="Starts at a C-stationary point that symmetry keeps attractive."),
     MpccProblem("corner pulls", _corner_pulls, -0.5, tags=DEGENERATE - {"biactive"}, source="by inspection: (1, 0)",
                 notes="Both branches are convex; their union has a C-stationary point in the corner."),
-    MpccProblem("stated twice", _stated_twice, 1.0, tags=DEGENERATE | {"convex"}, answer={"x": 2, "y": 0},
+    MpccProblem("stated twice", _stated_twice, 1.0, tags=DEGENERATE | {"convex"}, solution={"x": 2, "y": 0},
                 source="by inspection", notes="The same pair three times: linear independence fails everywhere."),
     MpccProblem("three sides", _three_sides, 5.0, tags=DEGENERATE | {"convex"},
-                answer={"x[1]": 0, "x[2]": 0, "x[3]": 3}, source="by inspection"),
-    MpccProblem("flat side", _flat_side, 0.01, tags=DEGENERATE - {"biactive"}, answer={"x": 1, "y": 0},
+                solution={"x[1]": 0, "x[2]": 0, "x[3]": 3}, source="by inspection"),
+    MpccProblem("flat side", _flat_side, 0.01, tags=DEGENERATE - {"biactive"}, solution={"x": 1, "y": 0},
                 source="by inspection", notes="The gradient of y^2 vanishes at the solution."),
     MpccProblem("dempe", _dempe, 28.25, source=MACMPEC.format("dempe"), tags=DEGENERATE | {"not attained"},
                 notes="An infimum: z tends to 0 and the multiplier w to infinity; reached to any accuracy. z = 1 is "
                 "an inflection of the cost along the boundary, and stationary."),
     MpccProblem("only the corner", _only_the_corner, 0.0, tags=DEGENERATE | {"convex", "linear"},
-                answer={"x": 0, "y": 0}, source="by inspection", notes="One feasible point, hence no interior."),
+                solution={"x": 0, "y": 0}, source="by inspection", notes="One feasible point, hence no interior."),
     MpccProblem("two corners", _two_corners, 0.6875, tags=DEGENERATE - {"biactive"}, source="enumerated by hand",
                 notes="x1 pays only together with x3: 0.25 - 0.5 x3 + (x3 - 1)^2 + 1 at x3 = 1.25."),
     MpccProblem("redundant rows", _redundant_rows, 0.5, tags=DEGENERATE - {"biactive"} | {"convex"},
-                answer={"x": 0.5, "y": 0.5}, source="jr1 of MacMPEC with repeated rows"),
+                solution={"x": 0.5, "y": 0.5}, source="jr1 of MacMPEC with repeated rows"),
     MpccProblem("nothing to decide", _nothing_to_decide, 0.0, tags=DEGENERATE - {"biactive"} | {"convex", "linear"},
                 source="by inspection", notes="A continuum of solutions."),
-    MpccProblem("kojima-shindo", _kojima_shindo, -0.5, tags=DEGENERATE, answer={"x[1]": 1.5**0.5, "x[2]": 0, "x[3]": 0,
-                "x[4]": 0.5}, source="Kojima & Shindo, J. Oper. Res. Soc. Japan 29 (1986), doi:10.15807/jorsj.29.352",
+    MpccProblem("kojima-shindo", _kojima_shindo, -0.5, tags=DEGENERATE,
+                solution={"x[1]": 1.5**0.5, "x[2]": 0, "x[3]": 0, "x[4]": 0.5},
+                source="Kojima & Shindo, J. Oper. Res. Soc. Japan 29 (1986), doi:10.15807/jorsj.29.352",
                 notes="The other solution (1, 0, 3, 0) is strictly complementary; this one is biactive in the third."),
 )  # fmt: skip

@@ -7,8 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 
-from .entries import MpccProblem
-from .stating import state_follower, state_pairs
+from .entries import MpccProblem, state_follower, state_pairs
 
 EQUILIBRIUM = frozenset({"equilibrium"})
 MURPHY = "data of Murphy, Sherali & Soyster, Math. Programming 24 (1982)"

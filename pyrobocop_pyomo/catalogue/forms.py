@@ -1,4 +1,4 @@
-"""One truth in many statements: how people write pairs in Pyomo, each with an answer known by inspection."""
+"""The many ways of writing pairs in Pyomo, each in a problem whose solution is known by inspection."""
 
 from __future__ import annotations
 
@@ -151,20 +151,20 @@ def _nonlinear_sides() -> Any:
 
 PROBLEMS = (
     MpccProblem("largest in a disk", _largest_in_disk, 6.0, tags=CONVEX | {"maximise"}, source=INSPECTION,
-                answer={"x": 0, "y": 3}, notes="A local solution at x = 3 + sqrt(6) reaches 5.449."),
+                solution={"x": 0, "y": 3}, notes="A local solution at x = 3 + sqrt(6) reaches 5.449."),
     MpccProblem("named expressions", _named_expressions, 25 / 11, tags=CONVEX, source=INSPECTION),
-    MpccProblem("mutable bounds", _mutable_bounds, 4.0, tags=CONVEX, source=INSPECTION, answer={"x": 5, "y": 4}),
-    MpccProblem("plain variables", _plain_variables, 1.0, tags=CONVEX, source=INSPECTION, answer={"x": 1, "y": 1}),
+    MpccProblem("mutable bounds", _mutable_bounds, 4.0, tags=CONVEX, source=INSPECTION, solution={"x": 5, "y": 4}),
+    MpccProblem("plain variables", _plain_variables, 1.0, tags=CONVEX, source=INSPECTION, solution={"x": 1, "y": 1}),
     MpccProblem("relation of variables", _two_sided_relation, 0.5, tags=CONVEX, source=INSPECTION,
-                answer={"x": 1.5, "y": 1.5, "z": 2}),
+                solution={"x": 1.5, "y": 1.5, "z": 2}),
     MpccProblem("springs in blocks", _blocks, 0.7815652, tags=CONVEX, source="written for this catalogue"),
     MpccProblem("chain in a list", _complementarity_list, 0.2663889, tags=CONVEX, source="written for this catalogue"),
     MpccProblem("fixed sides", _fixed_side, 3.25, tags=CONVEX | {"fixed"}, source=INSPECTION),
     MpccProblem("murty without objective", _without_objective, 0.0, tags=CONVEX | {"linear", "no objective"},
                 source="Murty, Linear Complementarity, Linear and Nonlinear Programming (1988)"),
     MpccProblem("bard1 by core.kkt", _from_pyomo_kkt, 17.0, tags=FORMS | {"bilevel", "convex"},
-                source="MacMPEC (S. Leyffer), bard1", answer={"x": 1, "y": 0}),
+                source="MacMPEC (S. Leyffer), bard1", solution={"x": 1, "y": 0}),
     MpccProblem("nine orders of magnitude", _units_of_thousands, 1.0, tags=CONVEX | {"scaling"}, source=INSPECTION),
     MpccProblem("nonlinear sides", _nonlinear_sides, 9 - 4 * 5**0.5, tags=FORMS, source=INSPECTION,
-                answer={"x": 2 / 5**0.5, "y": 4 / 5**0.5}),
+                solution={"x": 2 / 5**0.5, "y": 4 / 5**0.5}),
 )  # fmt: skip

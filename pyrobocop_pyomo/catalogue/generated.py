@@ -1,7 +1,7 @@
 """Programs made from random numbers: quadratic ones with affine pairs, of many sizes, always the same for a seed.
 
 The pairs are ``0 <= y ⟂ N x + M y + q >= 0`` with M monotone, as in the generator of Jiang & Ralph, Comput. Optim.
-Appl. 13 (1999), 25-59. Two kinds have answers by construction: the "planted" ones, whose cost is
+Appl. 13 (1999), 25-59. Two kinds have solutions by construction: the "planted" ones, whose cost is
 the distance to a complementary point, so that the best value is zero; and the "aligned" ones, whose cost has its
 minimum over the relaxed set (pairs left out) at a complementary point, by multipliers that are chosen first.
 """
@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 
-from .entries import MpccProblem
-from .stating import state_pairs
+from .entries import MpccProblem, state_pairs
 
 
 def _data(leader: int, followers: int, seed: int) -> tuple[Any, ...]:
@@ -118,13 +117,13 @@ def _size(followers: int) -> frozenset[str]:
 PROBLEMS = (
     *(
         MpccProblem(f"planted qpec {n}x{k}", partial(_planted, n, k, seed), 0.0, tags=QPEC | _size(k),
-                    source=JIANG_RALPH, answer=_point(n, k, seed),
+                    source=JIANG_RALPH, solution=_point(n, k, seed),
                     notes="A third of the pairs is biactive at the solution; the cost is zero there.")
         for n, k, seed in PLANTED
     ),
     *(
         MpccProblem(f"aligned qpec {n}x{k}", partial(_aligned, n, k, seed), 0.0, tags=QPEC | _size(k),
-                    source=JIANG_RALPH, answer=_point(n, k, seed),
+                    source=JIANG_RALPH, solution=_point(n, k, seed),
                     notes="S-stationary with a third of the pairs biactive; all multipliers positive.")
         for n, k, seed in ALIGNED
     ),

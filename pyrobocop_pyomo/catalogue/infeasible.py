@@ -7,8 +7,7 @@ from typing import Any
 import pyomo.environ as pyo
 
 from .academic import plane
-from .entries import MpccProblem
-from .stating import state_follower, state_pairs
+from .entries import MpccProblem, state_follower, state_pairs
 
 INFEASIBLE = frozenset({"infeasible"})
 CONVEX = frozenset({"infeasible", "convex"})

@@ -7,8 +7,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 
-from .entries import MpccProblem
-from .stating import state_pairs
+from .entries import MpccProblem, state_pairs
 
 OBSTACLE = frozenset({"obstacle"})
 CONVEX = frozenset({"obstacle", "convex"})

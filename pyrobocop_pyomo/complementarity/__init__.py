@@ -1,6 +1,6 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
-from .canonical import CanonicalForm, CanonicalPair, Part
+from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .component import Complementarity, ComplementarityData
 from .disjunctions import ComplementarityToDisjunctions, DisjunctionToken
 from .forms import form_of
@@ -74,7 +74,6 @@ __all__ = [
     "LinFukushima",
     "ObjectiveTerm",
     "PairResidual",
-    "Part",
     "Penalty",
     "PerElement",
     "PerPair",
@@ -84,6 +83,7 @@ __all__ = [
     "RelaxationToken",
     "Schedule",
     "Scholtes",
+    "SidePart",
     "SideVariable",
     "SteffensenUlbrich",
     "Superlinear",

@@ -1,4 +1,4 @@
-"""What a statement of complementarity comes down to: pairs of nonnegative expressions, and rows beside them."""
+"""The canonical form of a statement: pairs of nonnegative expressions, and rows beside them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from enum import Enum
 from typing import Any
 
 
-class Part(Enum):
-    """How much of the expression ``b`` a pair is about."""
+class SidePart(Enum):
+    """Which part of the expression ``b`` is complementary to ``a``."""
 
     WHOLE = "b itself, which is nonnegative"
     POSITIVE = "max(b, 0)"
@@ -27,16 +27,16 @@ class CanonicalPair:
     a, b : Pyomo expression
         Nonnegative where the sides hold; a bare variable where its bound is zero.
     a_row, b_row : relational expression or None
-        What has to be a constraint for the side to hold; None where a variable's own bound does it.
+        The constraint that keeps the side nonnegative; None where a variable's own bound does it.
     group : hashable or None
         Label of the group that the pair belongs to.
     weight : number or Pyomo expression
         Measure of the pair in a penalty.
-    b_part : Part
-        Of which part of ``b`` the pair speaks: of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with
-        the positive part of H, the second u - F with the negative one. ``b`` is H in both, of any sign.
+    b_part : SidePart
+        Which part of ``b`` belongs to the pair. Of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with the
+        positive part of H, the second u - F with the negative one. ``b`` is H in both, of any sign.
     role : {"", "lower", "upper"}
-        What tells two pairs of one source apart.
+        Tells two pairs of one source apart.
     """
 
     source: Any
@@ -46,7 +46,7 @@ class CanonicalPair:
     b_row: Any
     group: Hashable
     weight: Any
-    b_part: Part = Part.WHOLE
+    b_part: SidePart = SidePart.WHOLE
     role: str = ""
 
     @property
@@ -58,7 +58,7 @@ class CanonicalPair:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CanonicalForm:
-    """All that one statement says.
+    """The pairs and rows of one statement.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class CanonicalForm:
         One; two for a range against a free side; none for an equality against a free side, and for a side that is
         paired with itself.
     rows : tuple of relational expressions
-        What has to be a constraint beyond the ``a_row`` and ``b_row`` of the pairs.
+        Constraints beyond the ``a_row`` and ``b_row`` of the pairs.
     between : tuple (l, F, u) or None
         The range itself where it stands against a free side, so that the two pairs are read as one choice of three.
     """

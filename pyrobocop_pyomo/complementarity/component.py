@@ -15,9 +15,8 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .side_checks import check_sides
-from .statement import Complements
-from .vector import check_families, is_family_pair, member
+from .sides import check_sides
+from .statement import Complements, check_families, is_family_pair, member
 
 
 class ComplementarityData(ActiveComponentData):

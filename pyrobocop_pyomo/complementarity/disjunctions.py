@@ -15,19 +15,18 @@ from pyomo.core.base import Transformation, TransformationFactory
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, deactivate, enclosing_blocks
 
-from .bounded_sides import BoundedSides
-from .branches import add_disjunctions, add_special_ordered_sets
+from .branches import BoundedSides, add_disjunctions, add_special_ordered_sets
 from .canonical import CanonicalForm, CanonicalPair
-from .pair_checks import refuse_leaves
-from .pairs import BLOCK_TYPES, active_sources, canonical_form, home_of, put_to_sleep
-from .preconditions import refuse_nothing, refuse_unusable
+from .pairs import active_sources, canonical_form, home_of
+from .preconditions import refuse_foreign_token, refuse_leaves, refuse_nothing, refuse_unusable
 from .residuals import PairResidual, pair_residuals
 
 BLOCK_NAME = "complementarity_disjunctions"
 
 
-class Choices(AutoSlots.Mixin):
+class DisjunctionRecord(AutoSlots.Mixin):
     """Private data of a generated block.
 
     Attributes
@@ -45,7 +44,7 @@ class Choices(AutoSlots.Mixin):
         self.sources = ComponentMap()
 
 
-Block.register_private_data_initializer(Choices)
+Block.register_private_data_initializer(DisjunctionRecord)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ class ComplementarityToDisjunctions(Transformation):
             fresh = [(home, _build(members, config)) for home, members in _by_home(model, forms)]
             for home, block in fresh:
                 home.add_component(unique_component_name(home, BLOCK_NAME), block)
-            put_to_sleep(sources)
+            deactivate(sources)
         return DisjunctionToken(model, tuple(block for _, block in fresh))
 
     def revert(self, model: Any, token: DisjunctionToken | None = None) -> None:
@@ -123,11 +122,7 @@ class ComplementarityToDisjunctions(Transformation):
         ComplementarityError
             If there is nothing to undo, or if the token is used up or belongs to another model.
         """
-        if token is not None and token.model is not model:
-            raise ComplementarityError(
-                f"'{model.name}': the token was made for another model, '{token.model.name}'. "
-                "On a clone, call revert(model) without a token."
-            )
+        refuse_foreign_token(model, token)
         present = list(_generated_on(model))
         wanted = present if token is None else [block for block in token.blocks if any(block is p for p in present)]
         if not wanted:
@@ -136,13 +131,13 @@ class ComplementarityToDisjunctions(Transformation):
             )
         for block in wanted:
             block.parent_block().del_component(block)
-            for source in _choices(block).forms:
+            for source in _record_of(block).forms:
                 source.activate()
 
     def source_of(self, component: Any) -> Any:
         """Return the pair, as declared, that a generated disjunction, disjunct, set, variable or row came from."""
-        for block in _blocks_above(component):
-            sources = _choices(block).sources
+        for block in filter(_is_generated, enclosing_blocks(component)):
+            sources = _record_of(block).sources
             while component is not block:
                 if component in sources:
                     return sources[component]
@@ -153,22 +148,19 @@ class ComplementarityToDisjunctions(Transformation):
 
     def choices_of(self, source: Any) -> list[Any]:
         """Return the disjunction, or the special ordered sets, of a pair; an equality has none."""
-        parent = source.parent_block()
-        while parent is not None:
-            for block in _generated_on(parent):
-                choices = _choices(block)
-                if source in choices.forms:
-                    kept = [block.component(name) for name in ("choices", "sets")]
-                    parts = [data for component in kept if component is not None for data in component.values()]
-                    return [data for data in parts if choices.sources[data] is source]
-            parent = parent.parent_block()
+        for block in (block for parent in enclosing_blocks(source) for block in _generated_on(parent)):
+            record = _record_of(block)
+            if source in record.forms:
+                components = [block.component(name) for name in ("choices", "sets")]
+                parts = [data for component in components if component is not None for data in component.values()]
+                return [data for data in parts if record.sources[data] is source]
         raise ComplementarityError(
             f"'{source.name}': is no disjunction. Apply pyrobocop.complementarity_to_disjunctions to its model first."
         )
 
     def pairs_of(self, model: Any) -> list[CanonicalPair]:
         """Return the pairs of a model that are disjunctions, in canonical form; a range has two, an equality none."""
-        forms = [form for block in _generated_on(model) for form in _choices(block).forms.values()]
+        forms = [form for block in _generated_on(model) for form in _record_of(block).forms.values()]
         return [pair for form in forms for pair in form.pairs]
 
     def residuals(self, model: Any) -> list[PairResidual]:
@@ -189,7 +181,7 @@ def _build(forms: list[CanonicalForm], config: Any) -> Block:
     for form in forms:
         for row in form.rows:
             sides.add_row(form.source, row)
-    choices = _choices(block)
+    choices = _record_of(block)
     choices.forms = ComponentMap((form.source, form) for form in forms)
     choices.sources.update([*generated, *sides.generated])
     return block
@@ -203,21 +195,15 @@ def _by_home(model: Any, forms: list[CanonicalForm]) -> list[tuple[Any, list[Can
     return list(found.values())
 
 
-def _choices(block: Any) -> Choices:
+def _record_of(block: Any) -> DisjunctionRecord:
     return block.private_data()
 
 
 def _generated_on(model: Any) -> Iterator[Any]:
     """The generated blocks of this model and of the disjuncts in it."""
-    for part in model.block_data_objects(active=None, descend_into=BLOCK_TYPES):
-        # The name is looked at first so that no private data appear on blocks of the user.
-        if part.local_name.startswith(BLOCK_NAME) and _choices(part).forms is not None:
-            yield part
+    return filter(_is_generated, model.block_data_objects(active=None, descend_into=BLOCK_TYPES))
 
 
-def _blocks_above(component: Any) -> Iterator[Any]:
-    block = component.parent_block()
-    while block is not None:
-        if block.local_name.startswith(BLOCK_NAME) and _choices(block).forms is not None:
-            yield block
-        block = block.parent_block()
+def _is_generated(block: Any) -> bool:
+    # The name is looked at first so that no private data appear on blocks of the user.
+    return block.local_name.startswith(BLOCK_NAME) and _record_of(block).forms is not None

@@ -1,7 +1,7 @@
-"""Putting two sides together: what the statement says, or why it says nothing.
+"""From two sides to the canonical form of a statement.
 
-Two finite bounds make a statement, as in Pyomo's own `pyomo.mpec`: one per side, or both on one side, of which
-the other is free then. Whatever has more or fewer is refused by name.
+Two finite bounds make a statement, as in Pyomo's own `pyomo.mpec`: one per side, or both on one side, while the other
+side is free. More or fewer bounds are refused.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Any
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.expressions import same_expression
 
-from .canonical import CanonicalForm, CanonicalPair, Part
-from .side_checks import check_sides, four_bounds, same_expression
-from .sides import Kind, Side, above_lower, below_upper, read_side
+from .canonical import CanonicalForm, CanonicalPair, SidePart
+from .sides import ParsedSide, SideKind, above_lower, below_upper, check_sides, four_bounds, read_side
 
 
 def form_of(
@@ -55,8 +55,8 @@ def form_of(
         pair = CanonicalPair(source, *_columns(_only(a), _only(b)), group, weight)
         return CanonicalForm(source, (pair,))
     check_sides(first, second, choices, source)
-    bounded, other = (b, a) if b.kind is Kind.EQUALITY or a.bounds < b.bounds else (a, b)
-    if bounded.kind is Kind.EQUALITY:
+    bounded, other = (b, a) if b.kind is SideKind.EQUALITY or a.bounds < b.bounds else (a, b)
+    if bounded.kind is SideKind.EQUALITY:
         return CanonicalForm(source, (), (bounded.given,))
     if bounded.bounds < 2:
         raise _too_few(other if bounded.bounds else min(a, b, key=_plainness), source)
@@ -68,7 +68,7 @@ def form_of(
     return _range(bounded, other.body, source, group, weight)
 
 
-def _range(side: Side, free: Any, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+def _range(side: ParsedSide, free: Any, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
     """``l <= F <= u ⟂ H``: F is at l where H > 0 and at u where H < 0."""
     if all(bound.__class__ in native_numeric_types for bound in (side.lower, side.upper)) and side.lower == side.upper:
         # Not for parameters, which may move apart.
@@ -78,16 +78,16 @@ def _range(side: Side, free: Any, source: Any, group: Hashable, weight: Any) -> 
     return CanonicalForm(
         source,
         (
-            CanonicalPair(source, lower, free, lower_row, None, group, weight, Part.POSITIVE, "lower"),
-            CanonicalPair(source, upper, free, upper_row, None, group, weight, Part.NEGATIVE, "upper"),
+            CanonicalPair(source, lower, free, lower_row, None, group, weight, SidePart.POSITIVE, "lower"),
+            CanonicalPair(source, upper, free, upper_row, None, group, weight, SidePart.NEGATIVE, "upper"),
         ),
         between=(side.lower, side.body, side.upper),
     )
 
 
-def _implied_side(side: Side, signed: Side, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+def _implied_side(side: ParsedSide, signed: ParsedSide, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
     """``l <= F <= u ⟂ H >= 0``: the sign of H says that only the lower bound can be the one that is met."""
-    if side.kind is Kind.VARIABLE:
+    if side.kind is SideKind.VARIABLE:
         raise ComplementarityError(
             f"'{source.name}': side '{side.given}' has two finite bounds, {value(side.lower):g} and "
             f"{value(side.upper):g}; one is meant. Write '{side.given} >= {value(side.lower):g}' or "
@@ -109,7 +109,7 @@ def _implied_side(side: Side, signed: Side, source: Any, group: Hashable, weight
     return CanonicalForm(source, (pair,), () if far[1] is None else (far[1],))
 
 
-def _only(side: Side) -> tuple[Any, Any]:
+def _only(side: ParsedSide) -> tuple[Any, Any]:
     return above_lower(side) if side.lower is not None else below_upper(side)
 
 
@@ -117,19 +117,19 @@ def _columns(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any, Any, Any
     return a[0], b[0], a[1], b[1]
 
 
-def _plainness(side: Side) -> bool:
+def _plainness(side: ParsedSide) -> bool:
     # Of two sides without bounds the plain variable is the one that a bound can be given to.
-    return side.kind is not Kind.VARIABLE
+    return side.kind is not SideKind.VARIABLE
 
 
-def _too_few(side: Side, source: Any) -> ComplementarityError:
+def _too_few(side: ParsedSide, source: Any) -> ComplementarityError:
     if side.infinite is not None:
         return ComplementarityError(
             f"'{source.name}': side '{side.body}' has the infinite bound {side.infinite}; a side needs a finite one."
         )
     remedy = (
         f"Set it, for example by {side.given}.setlb(0), or write a relation such as '{side.given} >= 0'."
-        if side.kind is Kind.VARIABLE
+        if side.kind is SideKind.VARIABLE
         else "Write expr >= 0."
     )
     return ComplementarityError(
@@ -137,7 +137,7 @@ def _too_few(side: Side, source: Any) -> ComplementarityError:
     )
 
 
-def _refuse_crossed(side: Side, source: Any) -> None:
+def _refuse_crossed(side: ParsedSide, source: Any) -> None:
     lower, upper = value(side.lower), value(side.upper)
     if lower > upper:
         raise ComplementarityError(
@@ -146,7 +146,7 @@ def _refuse_crossed(side: Side, source: Any) -> None:
         )
 
 
-def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
+def _refuse_contradiction(a: ParsedSide, b: ParsedSide, source: Any) -> None:
     """Refuse what the variables' own constant bounds make impossible."""
     if a.own is b.own is None:
         return
@@ -164,7 +164,7 @@ def _refuse_contradiction(a: Side, b: Side, source: Any) -> None:
         )
 
 
-def _decided_row(a: Side, b: Side) -> Any:
+def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
     """What a side that is paired with itself comes down to: it is at its bound, of two at the tighter one.
 
     None for all other sides, and for bounds that are different parameters: these may change places.
@@ -177,9 +177,9 @@ def _decided_row(a: Side, b: Side) -> Any:
     return a.body == bounds[0] if same_expression(*bounds) else None
 
 
-def _distance(side: Side, far: bool) -> float:
+def _distance(side: ParsedSide, far: bool) -> float:
     """Largest or least distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
-    if side.own is None or side.kind is Kind.VARIABLE:
+    if side.own is None or side.kind is SideKind.VARIABLE:
         return 0
     below = side.lower is not None
     end, bound = side.own[far == below], side.lower if below else side.upper

@@ -1,8 +1,4 @@
-"""The parts of a generated block: made and put there in bulk, and taken away again.
-
-Pyomo's ways to add one index look up sets, rules and names each time. Tens of thousands of rows are made here, so the
-data objects are made first, without an index, and put into their components when nothing can fail any more.
-"""
+"""The block that is generated for a relaxation: its components, and how parts are put into them."""
 
 from __future__ import annotations
 
@@ -10,20 +6,22 @@ from typing import Any
 
 from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.base.param import Param, ParamData
-from pyomo.core.base.set import NonNegativeIntegers, Reals
+from pyomo.core.base.set import NonNegativeIntegers
 from pyomo.core.base.var import Var, VarData
 from pyomo.core.expr.numvalue import native_numeric_types
 
-from .record import Record
+from pyrobocop_pyomo.modeling.bulk_parts import new_parameter, new_row, new_variable, put_part, remove_part
+
+from .record import RelaxationRecord
 from .relaxations.protocol import side_slack
 
-# Kind and purpose of what a generated block may hold.
+# Type and purpose of the components that a generated block may have.
 _COMPONENTS: dict[str, tuple[type, str]] = {
     "rows": (Constraint, "bound or fix the products"),
     "sides": (Constraint, "keep the signs of the sides"),
     "lifted": (Var, "stand for sides that are no variables"),
-    "definitions": (Constraint, "say what the lifted variables stand for"),
-    "shares": (Var, "what each product gets of delta"),
+    "definitions": (Constraint, "define the lifted variables"),
+    "shares": (Var, "share of each product in delta"),
     "budgets": (Constraint, "the shares of a group sum up to delta at most"),
     "states": (Param, "numbers of the relaxation that are updated between solves"),
 }
@@ -32,7 +30,7 @@ OCCASIONAL = ("lifted", "definitions", "shares", "budgets", "states")
 
 
 def component_of(block: Any, name: str) -> Any:
-    """Return the component of this name on a generated block; made when it is asked for first."""
+    """Return the component of this name on a generated block; it is made when it is needed first."""
     component = block.component(name)
     if component is None:
         kind, purpose = _COMPONENTS[name]
@@ -43,32 +41,30 @@ def component_of(block: Any, name: str) -> Any:
 
 
 class GeneratedBlock:
-    """A generated block while rows are added to it.
+    """A generated block while rows are added to it, with what is the same for all of its pairs.
 
-    It keeps what is the same for all pairs of the block, which would cost as much as a row to look up for each.
+    Looking that up for each pair would take as long as adding a row.
 
     Parameters
     ----------
-    record : Record
+    record : RelaxationRecord
         With the main block, its relaxation and its delta.
     block : Block
         Where the parts are put.
 
     Attributes
     ----------
-    record : Record
-    block : Block
     bound : ParamData or VarData
-        What the products are bounded by: delta, or the variable that the objective pays for.
+        Bound of the products: delta, or the variable of the penalty term.
     slack : number, Pyomo expression or None
         How far a side may fall below zero; None when no row is to keep its sign.
     exact : bool
-        Whether that is not at all.
+        Whether the slack is zero.
     """
 
     __slots__ = ("_components", "block", "bound", "exact", "record", "slack")
 
-    def __init__(self, record: Record, block: Any) -> None:
+    def __init__(self, record: RelaxationRecord, block: Any) -> None:
         self.record = record
         self.block = block
         main = record.main
@@ -85,38 +81,22 @@ class GeneratedBlock:
         return component
 
     def new_variable(self, name: str, lower: Any, start: float) -> VarData:
-        """Make a variable, not yet in its component; `lower` is None, a number or an expression of parameters."""
-        variable = VarData(self.component(name))
-        # The setters of the domain and of a bound check what is known here, and take longer than all the rest.
-        variable._domain = Reals
-        if lower.__class__ in native_numeric_types:
-            variable._lb = lower
-        elif lower is not None:
-            variable.setlb(lower)
-        variable.set_value(start, skip_validation=True)
-        return variable
+        """Make a variable that is not yet in its component."""
+        return new_variable(self.component(name), lower, start)
 
     def new_state(self, number: float) -> ParamData:
-        """Make a mutable parameter, not yet in its component."""
-        parameter = ParamData(self.component("states"))
-        parameter._value = number
-        return parameter
+        """Make a mutable parameter that is not yet in its component."""
+        return new_parameter(self.component("states"), number)
 
     def put_row(self, name: str, expression: Any, sources: list[Any]) -> ConstraintData:
-        """Make a row, put it into its component, and remember what it came from."""
-        component = self.component(name)
-        row = ConstraintData(expression, component)
+        """Make a row, put it into its component, and remember its sources."""
         position = self.record.take_position(name)
-        row._index = position
-        component._data[position] = row
         self.record.origins[name, position] = sources
-        return row
+        return new_row(self.component(name), position, expression)
 
     def put(self, name: str, data: Any) -> None:
         """Put a variable or a parameter into its component."""
-        position = self.record.take_position(name)
-        data._index = position
-        self.component(name)._data[position] = data
+        put_part(self.component(name), self.record.take_position(name), data)
 
 
 def is_zero(slack: Any) -> bool:
@@ -124,8 +104,7 @@ def is_zero(slack: Any) -> bool:
     return slack.__class__ in native_numeric_types and slack == 0
 
 
-def take_away(record: Record, data: Any) -> None:
+def take_away(record: RelaxationRecord, data: Any) -> None:
     """Delete a row, a variable or a parameter from its component."""
-    component = data.parent_component()
-    record.origins.pop((component.local_name, data.index()), None)
-    del component._data[data.index()]
+    record.origins.pop((data.parent_component().local_name, data.index()), None)
+    remove_part(data)

@@ -1,4 +1,4 @@
-"""Which products share a bound: each pair its own, or all pairs of one element together."""
+"""Which products share a bound: each has its own, or all products of an element have one, and so on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .canonical import CanonicalPair
 
 @runtime_checkable
 class Grouping(Protocol):
-    """What decides which pairs are relaxed together, and which products they form.
+    """Decides which pairs are relaxed together, and which products they form.
 
     One further member is optional:
 
@@ -137,7 +137,7 @@ class Crossed:
     left_end: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown words."""
+        """Refuse unknown values."""
         if self.summed not in ("none", "stage", "element"):
             raise ComplementarityError(f"{self}: summed is 'none', 'stage' or 'element'.")
         if self.left_end not in (None, "first", "second"):
@@ -205,17 +205,17 @@ GROUPINGS: dict[str, type] = {
 
 
 def as_grouping(choice: str | Grouping) -> Grouping:
-    """Turn a word such as "pair" or "element", or a grouping object, into the object.
+    """Return the grouping of a name such as "pair" or "element"; an object is returned as it is.
 
     Raises
     ------
     ValueError
-        If it is neither a known word nor an object with a method ``groups(pairs)``.
+        If it is neither a known name nor an object with a method ``groups(pairs)``.
     """
     if isinstance(choice, str):
         if choice not in GROUPINGS:
             raise ValueError(f"unknown grouping {choice!r}. Known: {', '.join(map(repr, GROUPINGS))}.")
         return GROUPINGS[choice]()
     if isinstance(choice, type) or not isinstance(choice, Grouping):
-        raise ValueError(f"{choice!r} is no grouping: it needs a method groups(pairs). Pass an object or a word.")
+        raise ValueError(f"{choice!r} is not a grouping: it needs a method groups(pairs). Pass an object or a name.")
     return choice

@@ -1,27 +1,26 @@
-"""The canonical form of a statement, and where the active ones of a model are found."""
+"""The canonical form of declared pairs, and the search for active ones."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from pyomo.core.base.block import Block
 from pyomo.core.base.enums import SortComponents
 from pyomo.core.expr import EqualityExpression, RangedExpression
 from pyomo.gdp import Disjunct
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, is_inside, outermost_inactive
+from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 
 from .canonical import CanonicalForm, CanonicalPair
 from .component import Complementarity
 from .forms import form_of
-from .side_checks import is_plain_variable
 from .sides import read_side
-from .vector import is_family_pair, member
+from .statement import is_family_pair, member
 
 PAIR_TYPES = (Complementarity, MpecComplementarity)
-BLOCK_TYPES = (Block, Disjunct)
 
 
 def canonical_form(source: Any) -> CanonicalForm:
@@ -115,21 +114,8 @@ def active_sources(model: Any, targets: Iterable[Any] | None = None) -> list[Any
     return list(found.values())
 
 
-def put_to_sleep(sources: Iterable[Any]) -> None:
-    """Deactivate pairs, and the components of which no pair is left."""
-    parents = {}
-    for source in sources:
-        source.deactivate()
-        parent = source.parent_component()
-        parents[id(parent)] = parent
-    for parent in parents.values():
-        # Pyomo leaves the flag of the component to whoever changes its parts.
-        if not any(source.active for source in parent.values()):
-            parent.deactivate()
-
-
 def home_of(block: Any, model: Any) -> Any:
-    """Where the rows go: on the model, but for pairs of a disjunct on the disjunct, which may not be chosen."""
+    """Where the rows are put: on the model, or on the disjunct of the pairs, so that they hold only if it is chosen."""
     while block is not model:
         if block.ctype is Disjunct:
             return block
@@ -156,7 +142,11 @@ def _at(target: Any, model: Any) -> Iterator[Any]:
         raise ComplementarityError(
             f"'{name}': a target is a Block, a Complementarity or one of its pairs, not a {type(target).__name__}."
         )
-    if not _all_active_up_to(target, model):
+    if target is not model and not is_inside(target, model):
+        raise ComplementarityError(
+            f"'{name}': is no part of '{model.name}'. Pass components of the model that is transformed."
+        )
+    if outermost_inactive(target, model) is not None:
         return
     for data in target.values() if target.is_indexed() else [target]:
         if not data.active:
@@ -165,17 +155,3 @@ def _at(target: Any, model: Any) -> Iterator[Any]:
             yield data
         else:
             yield from _below(data)
-
-
-def _all_active_up_to(target: Any, model: Any) -> bool:
-    """Whether all blocks between the target and the model are active; the target must lie in the model."""
-    active = True
-    part = target
-    while part is not None and part is not model:
-        active = active and part.active
-        part = part.parent_block()
-    if part is None:
-        raise ComplementarityError(
-            f"'{target.name}': is no part of '{model.name}'. Pass components of the model that is transformed."
-        )
-    return active

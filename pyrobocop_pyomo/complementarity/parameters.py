@@ -12,8 +12,8 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .formulation import Product, products
-from .record import Record, RelaxedPair, only_record
+from .group_rows import Product, products
+from .record import RelaxationRecord, RelaxedPair, only_record
 
 
 def finite_positive(number: Any) -> float:
@@ -71,7 +71,7 @@ def reset_parameters(model: Any, delta: float) -> None:
                     slack.set_value(delta)
 
 
-def _update_multipliers(record: Record, before: float, delta: float) -> bool:
+def _update_multipliers(record: RelaxationRecord, before: float, delta: float) -> bool:
     changed = False
     for group in record.groups:
         formed = [product for row in products(record, group.pairs) for product in row]
@@ -81,7 +81,7 @@ def _update_multipliers(record: Record, before: float, delta: float) -> bool:
     return changed
 
 
-def _update_bounds(record: Record, delta: float, multipliers: Mapping[Any, float]) -> bool:
+def _update_bounds(record: RelaxationRecord, delta: float, multipliers: Mapping[Any, float]) -> bool:
     changed = False
     relaxation = record.relaxation
     for group in record.groups:
@@ -113,7 +113,7 @@ def _set(parameter: Any, number: float) -> bool:
     return changed
 
 
-def _number(record: Record, side: Any) -> float:
+def _number(record: RelaxationRecord, side: Any) -> float:
     number = value(side, exception=False)
     if number is None:
         raise ComplementarityError(
@@ -122,7 +122,7 @@ def _number(record: Record, side: Any) -> float:
     return float(number)
 
 
-def _found(record: Record, multipliers: Mapping[Any, float] | None) -> Mapping[Any, float]:
+def _found(record: RelaxationRecord, multipliers: Mapping[Any, float] | None) -> Mapping[Any, float]:
     if multipliers is not None:
         return multipliers
     model = record.main.model()

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pyomo.core.base import Objective, SortComponents
+from pyomo.core.base.var import VarData
+from pyomo.core.expr.numvalue import native_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, outermost_inactive
+from pyrobocop_pyomo.modeling.expressions import new_leaves
 
-from .pairs import BLOCK_TYPES, as_targets
-from .record import Record, records_above, records_below
+from .canonical import CanonicalForm
+from .pairs import as_targets
+from .record import RelaxationRecord, records_above, records_below
 
 
 def refuse_unusable(model: Any) -> None:
-    """Refuse what is no constructed single block."""
+    """Refuse families of blocks, and blocks that are not constructed."""
     if model.is_indexed():
         raise ComplementarityError(
             f"'{model.name}': is a family of blocks. Apply to the model with targets= this component, "
@@ -24,15 +29,24 @@ def refuse_unusable(model: Any) -> None:
         raise ComplementarityError(f"'{model.name}': is not constructed. Apply to model.create_instance().")
 
 
+def refuse_foreign_token(model: Any, token: Any) -> None:
+    """Refuse a token of another model; without a token there is nothing to refuse."""
+    if token is not None and token.model is not model:
+        raise ComplementarityError(
+            f"'{model.name}': the token was made for another model, '{token.model.name}'. "
+            "On a clone, call revert(model) without a token."
+        )
+
+
 def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
     """Refuse a model, or targets, without an active pair."""
     if not sources:
         for target in as_targets(targets or ()):
-            asleep = _asleep(target, model)
-            if asleep is not None:
+            inactive = _inactive_part(target, model)
+            if inactive is not None:
                 raise ComplementarityError(
-                    f"'{target.name}': this target has no active pair, since '{asleep.name}' is deactivated. "
-                    f"Call {asleep.name}.activate() first."
+                    f"'{target.name}': this target has no active pair, since '{inactive.name}' is deactivated. "
+                    f"Call {inactive.name}.activate() first."
                 )
         where = "it" if targets is None else "the targets"
         raise ComplementarityError(
@@ -40,13 +54,9 @@ def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
         )
 
 
-def _asleep(target: Any, model: Any) -> Any:
+def _inactive_part(target: Any, model: Any) -> Any:
     """What is deactivated of a target and the blocks above it: the outermost, or the whole of the target itself."""
-    found = None
-    part = target
-    while part is not None and part is not model:
-        found = part if not part.active else found
-        part = part.parent_block()
+    found = outermost_inactive(target, model)
     if found is None and target.is_indexed() and len(target) and not any(data.active for data in target.values()):
         found = target
     return found
@@ -65,7 +75,7 @@ def refuse_second_delta(model: Any) -> None:
             )
 
 
-def refuse_other_options(model: Any, record: Record, options: dict[str, Any]) -> None:
+def refuse_other_options(model: Any, record: RelaxationRecord, options: dict[str, Any]) -> None:
     """Refuse a relaxation, a grouping or a lifting that differs from the one in use; None asks for none."""
     for option, wanted in options.items():
         known = getattr(record, option)
@@ -99,3 +109,30 @@ def _active_objectives(model: Any) -> list[Any]:
             Objective, active=True, descend_into=BLOCK_TYPES, sort=SortComponents.deterministic
         )
     )
+
+
+def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = False) -> None:
+    """Refuse NaN as a coefficient, parameter or value of a variable, and unfixed discrete variables."""
+    checked: set[int] = set()
+    for form in forms:
+        sides = [side for pair in form.pairs for side in (pair.a, pair.b)]
+        for leaf in new_leaves([*sides, *(argument for row in form.rows for argument in row.args)], checked):
+            number: Any = leaf
+            if leaf.__class__ not in native_types:
+                variable = isinstance(leaf, VarData) or leaf.is_variable_type()
+                if variable and not discrete_allowed and not (leaf.is_continuous() or leaf.fixed):
+                    raise ComplementarityError(
+                        f"'{form.source.name}': holds the discrete variable '{leaf.name}'. Ipopt solves continuous "
+                        "problems: relax its domain or fix it, or use pyrobocop.complementarity_to_disjunctions."
+                    )
+                number = leaf.value if variable else value(leaf, exception=False)
+            if number != number:  # true of NaN alone
+                raise ComplementarityError(f"'{form.source.name}': {_what_is_nan(leaf)}.")
+
+
+def _what_is_nan(leaf: Any) -> str:
+    if leaf.__class__ in native_types:
+        return "a coefficient is NaN. Correct the number that it was computed from"
+    if leaf.is_variable_type():
+        return f"the value of variable '{leaf.name}' is NaN. Give it a number, or None for no value"
+    return f"the parameter '{leaf.name}' is NaN. Give it a number"

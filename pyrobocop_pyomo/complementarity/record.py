@@ -1,4 +1,4 @@
-"""What a relaxed model remembers: which rows came from which pairs, and how to go back."""
+"""The record of a relaxed model: which rows came from which pairs, and how to revert."""
 
 from __future__ import annotations
 
@@ -11,26 +11,23 @@ from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, enclosing_blocks
 
 from .canonical import CanonicalForm, CanonicalPair
-from .pairs import BLOCK_TYPES
 
 BLOCK_NAME = "relaxed_complementarity"
 
 
 @dataclass(eq=False, slots=True)
 class RelaxedPair:
-    """A pair, and what stands for its sides in the generated rows.
+    """A pair, and the expressions of its sides in the generated rows.
 
     Attributes
     ----------
-    pair : CanonicalPair
     a, b : Pyomo expression
         The sides themselves, or generated variables.
-    group : Group
-        With which other pairs it is relaxed.
     a_slack, b_slack : ParamData or None
-        How far the side may be negative, where the relaxation decides that for each side.
+        How far the side may be negative, if the relaxation decides that for each side.
     """
 
     pair: CanonicalPair
@@ -42,10 +39,10 @@ class RelaxedPair:
 
 
 @dataclass(eq=False, slots=True)
-class Group:
+class PairGroup:
     """Pairs that are relaxed together, and all that was generated for them.
 
-    There may be as many groups as pairs: what stays empty is one shared tuple, and not a list for each group.
+    There may be as many groups as pairs, so empty attributes are one shared tuple and not a list for each group.
 
     Attributes
     ----------
@@ -53,13 +50,12 @@ class Group:
         The model or a disjunct.
     name : hashable or None
         None where no pair can join later.
-    pairs : sequence of RelaxedPair
     rows : sequence of ConstraintData
-        That relax, in the order of the products; none where the objective pays.
+        Relax the products, in their order; none where the products are in the penalty term.
     shares : sequence of VarData
-        What each product gets of delta, where residuals cannot be added up.
+        Share of each product in delta, where residuals cannot be added up.
     budgets : sequence of ConstraintData
-        Say that the shares sum up to delta at most.
+        The shares sum up to delta at most.
     states : sequence of ParamData
         A bound per row, or a multiplier per product, where the relaxation keeps one.
     """
@@ -84,19 +80,19 @@ class RelaxedStatement:
 
 
 @dataclass(eq=False)
-class Application:
-    """What one call of the transformation changed beyond the rows."""
+class AppliedRelaxation:
+    """What one call of `relax` changed beside the rows."""
 
     sources: list[Any]
     deactivated: list[Any]
     previous_delta: float | None
 
 
-class Record(AutoSlots.Mixin):
+class RelaxationRecord(AutoSlots.Mixin):
     """Private data of the generated block.
 
-    Components are kept as components, and maps as `ComponentMap`: a clone or an unpickled model then
-    carries a record of its own parts.
+    Components are kept as components, and maps as `ComponentMap`, so that a clone or an unpickled model has a record
+    of its own parts.
 
     Attributes
     ----------
@@ -106,32 +102,15 @@ class Record(AutoSlots.Mixin):
         From the model, and from each disjunct with pairs of its own, to the generated block there.
     abilities : Abilities
         Of the relaxation.
-    groups : list of Group
+    groups : list of PairGroup
         In the order of their first pairs.
     named_groups : dict
-        Of those groups that other pairs may join, from the name.
+        The groups that other pairs may join, by name.
     statements : ComponentMap
-        From the source to what became of it.
+        From the source to its `RelaxedStatement`.
     origins : dict
         From component and index of a generated row to the sources of its pairs.
     """
-
-    __slots__ = (
-        "abilities",
-        "applications",
-        "blocks",
-        "grouping",
-        "groups",
-        "lift",
-        "main",
-        "named_groups",
-        "next_application",
-        "next_positions",
-        "objective",
-        "origins",
-        "relaxation",
-        "statements",
-    )
 
     def __init__(self) -> None:
         self.main: Any = None
@@ -140,9 +119,9 @@ class Record(AutoSlots.Mixin):
         self.grouping: Any = None
         self.lift = False
         self.objective: Any = None
-        self.applications: dict[int, Application] = {}
-        self.groups: list[Group] = []
-        self.named_groups: dict[Hashable, Group] = {}
+        self.applications: dict[int, AppliedRelaxation] = {}
+        self.groups: list[PairGroup] = []
+        self.named_groups: dict[Hashable, PairGroup] = {}
         self.blocks = ComponentMap()
         self.statements = ComponentMap()
         self.origins: dict[tuple[str, int], list[Any]] = {}
@@ -150,27 +129,26 @@ class Record(AutoSlots.Mixin):
         self.next_positions: dict[str, int] = {}
 
     def take_position(self, component: str) -> int:
-        """Return an index that no part of this component had before, also not one that was taken away."""
+        """Return an index that no part of this component has ever had."""
         position = self.next_positions.get(component, 0)
         self.next_positions[component] = position + 1
         return position
 
     @property
     def relaxed_pairs(self) -> Iterator[RelaxedPair]:
-        """All pairs, in the order in which they came."""
-        for statement in self.statements.values():
-            yield from statement.pairs
+        """All pairs, in the order in which they were relaxed."""
+        return (pair for statement in self.statements.values() for pair in statement.pairs)
 
 
-Block.register_private_data_initializer(Record)
+Block.register_private_data_initializer(RelaxationRecord)
 
 
-def record_of(block: Any) -> Record:
+def record_of(block: Any) -> RelaxationRecord:
     """Return the record of a generated block; on another block, an empty one with ``main`` None."""
     return block.private_data()
 
 
-def record_on(block: Any) -> Record | None:
+def record_on(block: Any) -> RelaxationRecord | None:
     """Return the record of the relaxation that was applied to this very block, if any."""
     for component in block.component_objects(Block, descend_into=False):
         # The name is looked at first so that no private data appear on blocks of the user.
@@ -181,32 +159,19 @@ def record_on(block: Any) -> Record | None:
     return None
 
 
-def records_below(block: Any) -> Iterator[Record]:
-    """Yield the records of this block and of all blocks in it."""
-    for part in block.block_data_objects(active=None, descend_into=BLOCK_TYPES):
-        record = record_on(part)
-        if record is not None:
-            yield record
+def records_below(block: Any) -> Iterator[RelaxationRecord]:
+    """Return the records of this block and of all blocks in it."""
+    parts = block.block_data_objects(active=None, descend_into=BLOCK_TYPES)
+    return (record for part in parts if (record := record_on(part)) is not None)
 
 
-def records_above(component: Any) -> Iterator[Record]:
-    """Yield the records of all blocks that contain the component."""
-    block = component.parent_block()
-    while block is not None:
-        record = record_on(block)
-        if record is not None:
-            yield record
-        block = block.parent_block()
+def records_above(component: Any) -> Iterator[RelaxationRecord]:
+    """Return the records of all blocks that contain the component."""
+    return (record for block in enclosing_blocks(component) if (record := record_on(block)) is not None)
 
 
-def only_record(model: Any) -> Record:
-    """Return the record of the one relaxation in this block and in what it contains.
-
-    Raises
-    ------
-    ComplementarityError
-        If there is none, or if there are several.
-    """
+def only_record(model: Any) -> RelaxationRecord:
+    """Return the record of the one relaxation in this block and in what it contains; none or several are refused."""
     records = list(records_below(model))
     if len(records) != 1:
         names = ", ".join(f"'{record.main.name}'" for record in records) or "none"

@@ -11,22 +11,33 @@ from typing import Any
 from pyomo.common.gc_manager import PauseGC
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.activity import deactivate, is_inside, outermost_inactive
 
 from .canonical import CanonicalPair
-from .formulation import crossings
+from .group_rows import crossings
 from .grouping import Grouping, PerPair, as_grouping
 from .lifting import LiftedPair, SideVariable, side_variable
-from .pair_checks import refuse_leaves
-from .pairs import active_sources, canonical_form, put_to_sleep
+from .pairs import active_sources, canonical_form
 from .parameters import finite_positive
 from .preconditions import (
     only_objective,
+    refuse_foreign_token,
+    refuse_leaves,
     refuse_nothing,
     refuse_other_options,
     refuse_second_delta,
     refuse_unusable,
 )
-from .record import Application, Group, Record, only_record, record_of, record_on, records_above, records_below
+from .record import (
+    AppliedRelaxation,
+    PairGroup,
+    RelaxationRecord,
+    only_record,
+    record_of,
+    record_on,
+    records_above,
+    records_below,
+)
 from .relaxations import ObjectiveTerm, Relaxation, Scholtes, as_relaxation
 from .rows import add_statements, new_record, remove_statements
 
@@ -90,7 +101,7 @@ def relax(
     ComplementarityError
         If there is no active pair, if a pair cannot be relaxed, or if the options contradict what is in use.
     ValueError
-        If an option is none.
+        If an option has a value that does not exist.
     """
     options = {
         "relaxation": None if relaxation is None else as_relaxation(relaxation),
@@ -120,10 +131,10 @@ def relax(
         if delta is not None and record.applications:
             previous = record.main.delta.value
             record.main.delta.set_value(delta)
-        put_to_sleep(sources)
+        deactivate(sources)
     application = record.next_application
     record.next_application += 1
-    record.applications[application] = Application([form.source for form in forms], sources, previous)
+    record.applications[application] = AppliedRelaxation([form.source for form in forms], sources, previous)
     logger.debug("'%s': relaxed %d complementarity statements", model.name, len(forms))
     return RelaxationToken(model, record.main, application)
 
@@ -145,11 +156,7 @@ def revert(model: Any, token: RelaxationToken | None = None) -> None:
         If the model is not relaxed, or if the token is used up or belongs to another model.
     """
     record = record_on(model)
-    if token is not None and token.model is not model:
-        raise ComplementarityError(
-            f"'{model.name}': the token was made for another model, '{token.model.name}'. "
-            "On a clone, call revert(model) without a token."
-        )
+    refuse_foreign_token(model, token)
     if record is None or (token is not None and record.main is not token.block):
         raise ComplementarityError(f"'{model.name}': nothing to revert; it is not relaxed, or was reverted before.")
     if token is None:
@@ -178,7 +185,7 @@ def pairs_of(model: Any) -> list[CanonicalPair]:
         known.update(
             (id(source), statement.form.pairs)
             for source, statement in record.statements.items()
-            if _is_inside(source, model)
+            if is_inside(source, model)
         )
     for source in active_sources(model):
         if id(source) not in known:
@@ -298,29 +305,13 @@ def _as_variable(side: Any) -> SideVariable:
     return found
 
 
-def _groups_seen(record: Record, model: Any) -> list[Group]:
+def _groups_seen(record: RelaxationRecord, model: Any) -> list[PairGroup]:
     """The groups whose generated block a solver sees."""
-    seen = {id(home) for home, block in record.blocks.items() if _seen_by_a_solver(block, model)}
+    active = model.active
+    seen = {id(home) for home, block in record.blocks.items() if active and outermost_inactive(block, model) is None}
     return [group for group in record.groups if id(group.home) in seen]
 
 
-def _record_of_row(row: Any) -> Record | None:
+def _record_of_row(row: Any) -> RelaxationRecord | None:
     block = record_of(row.parent_block()).main
     return None if block is None else record_of(block)
-
-
-def _seen_by_a_solver(block: Any, model: Any) -> bool:
-    while block is not None:
-        if not block.active:
-            return False
-        if block is model:
-            return True
-        block = block.parent_block()
-    return True
-
-
-def _is_inside(component: Any, block: Any) -> bool:
-    parent = component.parent_block()
-    while parent is not None and parent is not block:
-        parent = parent.parent_block()
-    return parent is block

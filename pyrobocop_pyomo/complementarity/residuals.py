@@ -10,7 +10,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .canonical import CanonicalPair, Part
+from .canonical import CanonicalPair, SidePart
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def component_residuals(pairs: Iterable[CanonicalPair]) -> list[ComponentResidua
     found: dict[str, list[float]] = {}
     for pair in pairs:
         found.setdefault(pair.source.parent_component().name, []).append(abs(min(side_values(pair))))
-    return [ComponentResidual(name, len(each), max(each), sum(each)) for name, each in found.items()]
+    return [ComponentResidual(name, len(sizes), max(sizes), sum(sizes)) for name, sizes in found.items()]
 
 
 def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
@@ -88,9 +88,9 @@ def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
 def side_values(pair: CanonicalPair) -> tuple[float, float]:
     """Return the values of both sides, of a part of a range the value of that part; errors as `pair_residuals`."""
     a, b = _number(pair, pair.a), _number(pair, pair.b)
-    if pair.b_part is Part.WHOLE:
+    if pair.b_part is SidePart.WHOLE:
         return a, b
-    return a, max(b if pair.b_part is Part.POSITIVE else -b, 0.0)
+    return a, max(b if pair.b_part is SidePart.POSITIVE else -b, 0.0)
 
 
 def _number(pair: CanonicalPair, side: Any) -> float:

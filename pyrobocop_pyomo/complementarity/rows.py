@@ -11,16 +11,15 @@ from pyomo.core import Block, NonNegativeReals, Param, Var
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .canonical import CanonicalForm
-from .charge import charged_objective, set_objective
-from .formulation import Formulation, formulate
 from .generated import OCCASIONAL, GeneratedBlock, component_of, take_away
+from .group_rows import GroupRows, objective_with_penalty, rows_of_group, set_objective
+from .lifting import SideRows
 from .pairs import home_of
-from .record import BLOCK_NAME, Group, Record, RelaxedPair, RelaxedStatement, record_of
+from .record import BLOCK_NAME, PairGroup, RelaxationRecord, RelaxedPair, RelaxedStatement, record_of
 from .relaxations.protocol import Abilities
-from .side_rows import Preparation
 
 
-def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objective: Any) -> Record:
+def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objective: Any) -> RelaxationRecord:
     """Make a generated block that is in no model yet, with delta on it, and return its record."""
     block = Block(concrete=True)
     # Zero is allowed: products bounded by zero are the pairs themselves, and some solvers can hold them.
@@ -38,18 +37,18 @@ def new_record(delta: float, relaxation: Any, grouping: Any, lift: bool, objecti
     return record
 
 
-def add_statements(record: Record, model: Any, forms: Sequence[CanonicalForm]) -> None:
-    """Add rows (or the objective's terms) for the statements.
+def add_statements(record: RelaxationRecord, model: Any, forms: Sequence[CanonicalForm]) -> None:
+    """Add rows, or terms of the objective, for the statements.
 
-    Whatever can fail is computed before the first component of the model is touched.
+    Everything that can fail is computed before the first component of the model is touched.
     """
     fresh: list[tuple[Any, Any]] = []
     _block_on(record, model, model, fresh)
     try:
-        statements, preparations, formulations = _planned(record, model, forms, fresh)
+        statements, planned_sides, planned_groups = _planned(record, model, forms, fresh)
         objective = None
         if record.abilities.has_penalty:
-            objective = charged_objective(record, formulations)
+            objective = objective_with_penalty(record, planned_groups)
     except BaseException:
         for home, _ in fresh:
             del record.blocks[home]
@@ -57,18 +56,18 @@ def add_statements(record: Record, model: Any, forms: Sequence[CanonicalForm]) -
         raise
     for statement in statements:
         record.statements[statement.form.source] = statement
-    for preparation in preparations:
-        _put_sides(preparation)
-    for formulation in formulations:
-        _put_group(record, formulation)
+    for sides in planned_sides:
+        _put_sides(sides)
+    for planned in planned_groups:
+        _put_group(record, planned)
     if objective is not None:
         set_objective(record, objective)
     for home, block in fresh:
         home.add_component(unique_component_name(home, BLOCK_NAME), block)
 
 
-def remove_statements(record: Record, sources: Sequence[Any]) -> None:
-    """Take away what was generated for these sources; where nothing is left, everything generated goes."""
+def remove_statements(record: RelaxationRecord, sources: Sequence[Any]) -> None:
+    """Remove what was generated for these sources; with the last source the generated blocks are removed as well."""
     gone = {id(source) for source in sources}
     if len(gone) == len(record.statements):
         for block in record.blocks.values():
@@ -76,7 +75,7 @@ def remove_statements(record: Record, sources: Sequence[Any]) -> None:
         if record.objective is not None:
             record.objective.activate()
         return
-    groups: dict[int, Group] = {}
+    groups: dict[int, PairGroup] = {}
     for source in sources:
         statement = record.statements.pop(source)
         for data in (*statement.rows, *statement.variables):
@@ -91,7 +90,7 @@ def remove_statements(record: Record, sources: Sequence[Any]) -> None:
         left = [pair for pair in group.pairs if id(pair.pair.source) not in gone]
         # A group without pairs has no rows either: formulating it takes the old ones away.
         place = GeneratedBlock(record, record.blocks[group.home])
-        _put_group(record, formulate(place, group, left) if left else Formulation(place, group, []))
+        _put_group(record, rows_of_group(place, group, left) if left else GroupRows(place, group, []))
         if not left:
             dissolved.add(id(group))
             if group.name is not None:
@@ -99,42 +98,42 @@ def remove_statements(record: Record, sources: Sequence[Any]) -> None:
     record.groups = [group for group in record.groups if id(group) not in dissolved]
     _drop_empty(record)
     if record.abilities.has_penalty:
-        set_objective(record, charged_objective(record, ()))
+        set_objective(record, objective_with_penalty(record, ()))
 
 
 def _planned(
-    record: Record, model: Any, forms: Sequence[CanonicalForm], fresh: list[tuple[Any, Any]]
-) -> tuple[list[RelaxedStatement], list[Preparation], list[Formulation]]:
-    """Say what each statement and each group that changes or appears needs."""
+    record: RelaxationRecord, model: Any, forms: Sequence[CanonicalForm], fresh: list[tuple[Any, Any]]
+) -> tuple[list[RelaxedStatement], list[SideRows], list[GroupRows]]:
+    """Plan the parts of each statement, and of each group that changes or appears."""
     statements = []
-    by_home: dict[int, tuple[Any, Preparation]] = {}
-    by_parent: dict[int, Preparation] = {}
+    by_home: dict[int, tuple[Any, SideRows]] = {}
+    by_parent: dict[int, SideRows] = {}
     for form in forms:
         parent = form.source.parent_block()
-        preparation = by_parent.get(id(parent))
-        if preparation is None:
+        sides = by_parent.get(id(parent))
+        if sides is None:
             home = home_of(parent, model)
             if id(home) not in by_home:
                 place = GeneratedBlock(record, _block_on(record, model, home, fresh))
-                by_home[id(home)] = (home, Preparation(place))
-            preparation = by_parent[id(parent)] = by_home[id(home)][1]
-        statements.append(preparation.add(form))
-    formulations = []
-    for home, preparation in by_home.values():
-        members = preparation.pairs
+                by_home[id(home)] = (home, SideRows(place))
+            sides = by_parent[id(parent)] = by_home[id(home)][1]
+        statements.append(sides.add(form))
+    planned_groups = []
+    for home, sides in by_home.values():
+        members = sides.pairs
         if members and home is not model and record.abilities.penalises_products:
             raise ComplementarityError(
                 f"'{members[0].pair.name}': lies in the disjunct '{home.name}', and a term of the objective would "
                 "count whether or not the disjunct is chosen. Bound the products instead, for example by 'scholtes'."
             )
         for group, pairs in _grouped(record, model, home, members):
-            formulations.append(formulate(preparation.place, group, pairs))
-    return statements, [preparation for _, preparation in by_home.values()], formulations
+            planned_groups.append(rows_of_group(sides.place, group, pairs))
+    return statements, [sides for _, sides in by_home.values()], planned_groups
 
 
 def _grouped(
-    record: Record, model: Any, home: Any, members: list[RelaxedPair]
-) -> list[tuple[Group, Sequence[RelaxedPair]]]:
+    record: RelaxationRecord, model: Any, home: Any, members: list[RelaxedPair]
+) -> list[tuple[PairGroup, Sequence[RelaxedPair]]]:
     """Ask the grouping; returns the groups, known or new, with all their pairs."""
     relaxed = {id(member.pair): member for member in members}
     groups = record.grouping.groups([member.pair for member in members])
@@ -145,21 +144,21 @@ def _grouped(
             f"'{model.name}': {record.grouping} put {count} pairs into groups, "
             f"of {len(members)} pairs. A grouping returns every pair once."
         )
-    found: list[tuple[Group, Sequence[RelaxedPair]]] = []
+    found: list[tuple[PairGroup, Sequence[RelaxedPair]]] = []
     for name, added in groups:
         if name is not None and home is not model:
             # A grouping of somebody else may give one name to pairs of several disjuncts.
             name = (home.name, name)
         group = None if name is None else record.named_groups.get(name)
         if group is None:
-            group = Group(home, name)
+            group = PairGroup(home, name)
         joined = [relaxed[id(pair)] for pair in added]
         found.append((group, [*group.pairs, *joined] if group.pairs else joined))
     return found
 
 
-def _block_on(record: Record, model: Any, home: Any, fresh: list[tuple[Any, Any]]) -> Any:
-    """The generated block of a home; a missing one is made, and attached when it is complete."""
+def _block_on(record: RelaxationRecord, model: Any, home: Any, fresh: list[tuple[Any, Any]]) -> Any:
+    """The generated block of a home; a missing one is made, and is added to the model when it is complete."""
     block = record.blocks.get(home)
     if block is None:
         block = record.main if home is model else Block(concrete=True)
@@ -171,8 +170,8 @@ def _block_on(record: Record, model: Any, home: Any, fresh: list[tuple[Any, Any]
     return block
 
 
-def _drop_empty(record: Record) -> None:
-    """Take away components that were made for something and hold nothing (any more)."""
+def _drop_empty(record: RelaxationRecord) -> None:
+    """Remove the occasional components that are empty."""
     for block in record.blocks.values():
         for name in OCCASIONAL:
             component = block.component(name)
@@ -180,36 +179,36 @@ def _drop_empty(record: Record) -> None:
                 block.del_component(component)
 
 
-def _put_sides(preparation: Preparation) -> None:
-    """Put what the statements of one home need beyond their products into the components."""
-    place = preparation.place
-    for variable in preparation.variables:
+def _put_sides(sides: SideRows) -> None:
+    """Put the variables, slacks and rows of the sides into the components."""
+    place = sides.place
+    for variable in sides.variables:
         place.put("lifted", variable)
-    for slack in preparation.slacks:
+    for slack in sides.slacks:
         place.put("states", slack)
-    for name, rows in (("sides", preparation.sides), ("definitions", preparation.definitions)):
+    for name, rows in (("sides", sides.sides), ("definitions", sides.definitions)):
         for statement, expression in rows:
             statement.rows += (place.put_row(name, expression, [statement.form.source]),)
 
 
-def _put_group(record: Record, formulation: Formulation) -> None:
-    """Give a group its rows: those that it has are rewritten, what is missing is added, what is left over goes."""
-    group, place = formulation.group, formulation.place
+def _put_group(record: RelaxationRecord, planned: GroupRows) -> None:
+    """Give a group its rows: present ones are rewritten, missing ones are added, and superfluous ones are removed."""
+    group, place = planned.group, planned.place
     if not group.pairs:
         record.groups.append(group)
         if group.name is not None:
             record.named_groups[group.name] = group
-    for pair in formulation.pairs:
+    for pair in planned.pairs:
         pair.group = group
-    group.pairs = formulation.pairs
-    group.rows = _rewritten(place, "rows", group.rows, formulation.rows)
-    if formulation.shares or group.shares:
-        group.shares = _kept(place, "shares", group.shares, formulation.shares)
-        for share, lower in zip(group.shares, formulation.share_bounds, strict=True):
+    group.pairs = planned.pairs
+    group.rows = _rewritten(place, "rows", group.rows, planned.rows)
+    if planned.shares or group.shares:
+        group.shares = _kept(place, "shares", group.shares, planned.shares)
+        for share, lower in zip(group.shares, planned.share_bounds, strict=True):
             share.setlb(lower)
-        group.budgets = _rewritten(place, "budgets", group.budgets, formulation.budgets)
-    if formulation.states or group.states:
-        group.states = _kept(place, "states", group.states, formulation.states)
+        group.budgets = _rewritten(place, "budgets", group.budgets, planned.budgets)
+    if planned.states or group.states:
+        group.states = _kept(place, "states", group.states, planned.states)
 
 
 def _rewritten(

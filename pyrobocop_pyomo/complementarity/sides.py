@@ -1,8 +1,8 @@
 """One side of a statement: reading a relation, a plain variable or an expression into "between these bounds".
 
-The bound is found by the *structure* of the relation: what can never hold a variable is the bound. Asking
-whether an expression is fixed at the moment would turn ``x >= 0`` into a bound on a constant as soon as
-somebody fixes ``x``, and would be wrong again after unfixing it.
+Impossible sides are refused where they are written, by structure alone. The bound of a relation is found by structure
+as well: it is the part that can never hold a variable. The test whether an expression is fixed at the moment would turn
+``x >= 0`` into a bound on a constant as soon as somebody fixes ``x``, and would be wrong again after unfixing it.
 """
 
 from __future__ import annotations
@@ -11,16 +11,134 @@ import math
 from enum import Enum
 from typing import Any, NamedTuple
 
+from pyomo.core.base.indexed_component_slice import IndexedComponent_slice
 from pyomo.core.expr import EqualityExpression, InequalityExpression, RangedExpression
 from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.expressions import (
+    holds_variable,
+    is_bare_expression,
+    is_indexed_component,
+    is_plain_variable,
+    never_changes,
+)
 
-from .side_checks import check_side, holds_variable, is_plain_variable
+BOUND_CHOICES = (None, "lower", "upper", "free")
 
 
-class Kind(Enum):
-    """What the user wrote as a side."""
+def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None], pair: Any) -> None:
+    """Refuse sides that can never make a statement, whatever the bounds and parameters will be when it is used.
+
+    Refused are objects that are not sides, two equalities, two relations with two bounds, and sides without a bound.
+    The parameters are those of `forms.form_of`; the pair is asked for its name only when a message is written.
+    """
+    check_side(first, choices[0], pair)
+    check_side(second, choices[1], pair)
+    for side, other in ((first, second), (second, first)):
+        if is_bare_expression(side) and (is_bare_expression(other) or other.__class__ is InequalityExpression):
+            raise ComplementarityError(
+                f"'{pair.name}': side '{side}' is a bare expression without a bound. Write expr >= 0; a side without "
+                "a bound belongs to a range lower <= expr <= upper, or to an equality."
+            )
+        if side.__class__ is EqualityExpression:
+            refuse_equality_with_bounds(side, other, pair)
+        if side.__class__ is other.__class__ is RangedExpression:
+            raise four_bounds(side, other, pair)
+
+
+def refuse_equality_with_bounds(side: Any, other: Any, pair: Any) -> None:
+    """Refuse what would silently be left out: an equality is met whatever the other side does."""
+    if other.__class__ in (EqualityExpression, InequalityExpression, RangedExpression):
+        count = "three" if other.__class__ is InequalityExpression else "four"
+        raise ComplementarityError(
+            f"'{pair.name}': side '{side}' is an equality, which leaves nothing to complement in '{other}': {count} "
+            "finite bounds, where two are needed. Make it a Constraint of its own, or drop the bound of the other side."
+        )
+
+
+def four_bounds(first: Any, second: Any, pair: Any) -> ComplementarityError:
+    """Return the refusal of a range against a range."""
+    return ComplementarityError(
+        f"'{pair.name}': sides '{first}' and '{second}' have four finite bounds, where two are needed. A range "
+        "lower <= F <= upper stands against a free side: pass first_bound= or second_bound='free' for a plain variable "
+        "whose bounds are just bounds, or make the bounds of that side a Constraint."
+    )
+
+
+def check_side(side: Any, choice: str | None, pair: Any) -> None:
+    """Refuse what can never be a side; parameters as for `check_sides`."""
+    if choice not in BOUND_CHOICES:
+        raise ComplementarityError(
+            f"'{pair.name}': unknown bound {choice!r} of a side. Say 'lower', 'upper', 'free' or None."
+        )
+    kind = side.__class__
+    if kind in (InequalityExpression, EqualityExpression, RangedExpression):
+        _check_relation(side, pair)
+        if choice is not None:
+            raise ComplementarityError(
+                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its own. "
+                "The choice is for a plain variable: leave it out, or pass the variable alone."
+            )
+    elif is_bare_expression(side):
+        if not holds_variable(side):
+            raise ComplementarityError(f"'{pair.name}': {_no_variable(side)}")
+        if choice is not None:
+            raise ComplementarityError(
+                f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which has none. "
+                "The choice is for a plain variable: leave it out."
+            )
+    elif not is_plain_variable(side):
+        raise ComplementarityError(f"'{pair.name}': {_why_no_side(side)}")
+
+
+def _check_relation(side: Any, pair: Any) -> None:
+    # An equality knows no strictness, and a range has one for either end.
+    strict = getattr(side, "strict", False)
+    if strict is True or (strict.__class__ is tuple and any(strict)):
+        raise ComplementarityError(
+            f"'{pair.name}': side '{side}' is a strict inequality; a solver cannot hold one. Write >= or <=."
+        )
+    if side.__class__ is RangedExpression:
+        lower, body, upper = side.args
+        if not holds_variable(body):
+            raise ComplementarityError(f"'{pair.name}': {_no_variable(side)}")
+        for bound in (lower, upper):
+            if holds_variable(bound):
+                raise ComplementarityError(
+                    f"'{pair.name}': the bound '{bound}' of side '{side}' holds a variable; bounds of a range are "
+                    "numbers and parameters. Write two pairs with a multiplier each, one for 'expr >= lower' and one "
+                    "for 'expr <= upper'."
+                )
+    elif not any(map(holds_variable, side.args)):
+        raise ComplementarityError(f"'{pair.name}': {_no_variable(side)}")
+
+
+def _no_variable(side: Any) -> str:
+    return f"side '{side}' holds no variable, so there is nothing to decide. Leave the pair out."
+
+
+def _why_no_side(side: Any) -> str:
+    kind = side.__class__
+    if side is None:
+        return (
+            "a side is None; a pair needs two sides such as 'x >= 0'. To leave a pair out, return Complementarity.Skip."
+        )
+    if kind in native_types:
+        return (
+            f"a side is the constant {side!r}; a pair needs two sides such as 'x >= 0' that hold a variable. "
+            "To leave a pair out, return Complementarity.Skip."
+        )
+    if isinstance(side, IndexedComponent_slice) or is_indexed_component(side):
+        return (
+            f"side '{side}' stands for many variables. Index the Complementarity over the same set and pass both "
+            "sides whole as expr=complements(x, y), or pass one variable of it per pair."
+        )
+    return f"a side is {side!r} of type {kind.__name__}; expected a relation such as 'x >= 0' or a variable."
+
+
+class SideKind(Enum):
+    """The kinds of sides that a user can write."""
 
     RELATION = "a relation with one bound"
     RANGE = "a relation with two bounds"
@@ -29,27 +147,25 @@ class Kind(Enum):
     EXPRESSION = "a bare expression"
 
 
-class Side(NamedTuple):
+class ParsedSide(NamedTuple):
     """A side as it was read.
 
     Attributes
     ----------
-    kind : Kind
-        What it was written as.
     given : object
-        As it was written.
+        The side as it was written.
     body : Pyomo expression
-        What is bounded.
+        The bounded expression.
     lower, upper : number, Pyomo expression or None
         Its bounds; None where there is none, or an infinite one.
     infinite : float or None
         The infinite bound that was stated and counts as none, for messages.
     own : tuple of two, or None
-        The bounds that the variable has where the body is a plain one. They are read once: Pyomo puts them together
+        The variable's own bounds where the body is a plain variable. They are read once, since Pyomo computes them
         from the bounds and the domain each time.
     """
 
-    kind: Kind
+    kind: SideKind
     given: Any
     body: Any
     lower: Any = None
@@ -63,22 +179,13 @@ class Side(NamedTuple):
         return (self.lower is not None) + (self.upper is not None)
 
 
-def read_side(side: Any, choice: str | None, pair: Any) -> Side:
-    """Read one side.
-
-    Parameters
-    ----------
-    side : relational expression, variable or expression
-        As the user wrote it.
-    choice : {None, "lower", "upper", "free"}
-        Which bound of a plain variable is meant.
-    pair : component data
-        Whose side it is; asked for its name only when a message is written.
+def read_side(side: Any, choice: str | None, pair: Any) -> ParsedSide:
+    """Read one side as the user wrote it; `choice` says which bound of a plain variable is meant.
 
     Raises
     ------
     ComplementarityError
-        If it can be no side, if a bound is NaN, has no value or can never be met, or if the chosen bound of a
+        If it cannot be a side, if a bound is NaN, has no value or can never be met, or if the chosen bound of a
         plain variable does not exist.
     """
     kind = side.__class__
@@ -86,32 +193,34 @@ def read_side(side: Any, choice: str | None, pair: Any) -> Side:
         return _read_relation(side, pair)
     check_side(side, choice, pair)
     if kind is EqualityExpression:
-        return Side(Kind.EQUALITY, side, side.arg(0) - side.arg(1), 0, 0)
+        return ParsedSide(SideKind.EQUALITY, side, side.arg(0) - side.arg(1), 0, 0)
     if kind is RangedExpression:
         lower, body, upper = side.args
         lower = _bound(lower, "lower", side, pair)
-        return Side(Kind.RANGE, side, body, lower, _bound(upper, "upper", side, pair), None, _own(body))
+        return ParsedSide(SideKind.RANGE, side, body, lower, _bound(upper, "upper", side, pair), None, _own(body))
     if is_plain_variable(side):
         return _read_variable(side, choice, pair)
-    return Side(Kind.EXPRESSION, side, side)
+    return ParsedSide(SideKind.EXPRESSION, side, side)
 
 
-def _read_relation(side: Any, pair: Any) -> Side:
+def _read_relation(side: Any, pair: Any) -> ParsedSide:
     left, right = side.args
     left_varies, right_varies = holds_variable(left), holds_variable(right)
     if left_varies and right_varies:
-        return Side(Kind.RELATION, side, right - left, lower=0)
+        return ParsedSide(SideKind.RELATION, side, right - left, lower=0)
     if right_varies:
         bound = _bound(left, "lower", side, pair)
-        return Side(Kind.RELATION, side, right, bound, None, -math.inf if bound is None else None, _own(right))
+        return ParsedSide(
+            SideKind.RELATION, side, right, bound, None, -math.inf if bound is None else None, _own(right)
+        )
     if left_varies:
         bound = _bound(right, "upper", side, pair)
-        return Side(Kind.RELATION, side, left, None, bound, math.inf if bound is None else None, _own(left))
+        return ParsedSide(SideKind.RELATION, side, left, None, bound, math.inf if bound is None else None, _own(left))
     check_side(side, None, pair)
     raise AssertionError("check_side refuses a relation without variables")
 
 
-def _read_variable(variable: Any, choice: str | None, pair: Any) -> Side:
+def _read_variable(variable: Any, choice: str | None, pair: Any) -> ParsedSide:
     own = (variable.lower, variable.upper)
     lower = _bound(own[0], "lower", variable, pair) if choice not in ("upper", "free") else None
     upper = _bound(own[1], "upper", variable, pair) if choice not in ("lower", "free") else None
@@ -120,14 +229,14 @@ def _read_variable(variable: Any, choice: str | None, pair: Any) -> Side:
             f"'{pair.name}': side '{variable}' has no finite {choice} bound, which was chosen. "
             f"Set it, for example by {variable}.set{choice[0]}b(0), or write a relation such as '{variable} >= 0'."
         )
-    return Side(Kind.VARIABLE, variable, variable, lower, upper, None, own)
+    return ParsedSide(SideKind.VARIABLE, variable, variable, lower, upper, None, own)
 
 
 def _own(body: Any) -> tuple[Any, Any] | None:
     return (body.lower, body.upper) if is_plain_variable(body) else None
 
 
-def above_lower(side: Side) -> tuple[Any, Any]:
+def above_lower(side: ParsedSide) -> tuple[Any, Any]:
     """Return ``body - lower`` and the row that keeps it nonnegative, None where the variable's own bound does.
 
     Where the bound is the number zero the expression is the bare body, so that the product of two plain
@@ -136,15 +245,15 @@ def above_lower(side: Side) -> tuple[Any, Any]:
     return _difference(side.body, side.lower), _row(side, "lower")
 
 
-def below_upper(side: Side) -> tuple[Any, Any]:
+def below_upper(side: ParsedSide) -> tuple[Any, Any]:
     """Return ``upper - body`` and the row that keeps it nonnegative, as `above_lower` does."""
     return _difference(side.upper, side.body), _row(side, "upper")
 
 
-def _row(side: Side, which: str) -> Any:
-    if side.kind is Kind.VARIABLE or _implied(side, which):
+def _row(side: ParsedSide, which: str) -> Any:
+    if side.kind is SideKind.VARIABLE or _implied(side, which):
         return None
-    if side.kind is Kind.RELATION:
+    if side.kind is SideKind.RELATION:
         return side.given
     return side.body >= side.lower if which == "lower" else side.body <= side.upper
 
@@ -183,18 +292,12 @@ def _bound(bound: Any, which: str, side: Any, pair: Any) -> Any:
 
 def _simplified(bound: Any) -> Any:
     """Turn what can never change into its number: a domain and a bound together make a max(0, 0)."""
-    if bound.__class__ in native_numeric_types or not _never_changes(bound):
+    if bound.__class__ in native_numeric_types or not never_changes(bound):
         return bound
     return value(bound)
 
 
-def _never_changes(bound: Any) -> bool:
-    if bound.__class__ in native_types or not bound.is_expression_type():
-        return bound.__class__ in native_types or bound.is_constant()
-    return all(map(_never_changes, bound.args))
-
-
-def _implied(side: Side, which: str) -> bool:
+def _implied(side: ParsedSide, which: str) -> bool:
     """True when the side is a plain variable whose own bound enforces the stated one, now and later."""
     if side.own is None:
         return False

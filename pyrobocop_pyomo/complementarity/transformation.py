@@ -29,7 +29,7 @@ from .residuals import PairResidual, pair_residuals
 
 
 @TransformationFactory.register(
-    "pyrobocop.relax_complementarity", doc="Bound (or charge) the products of complementarity pairs, reversibly."
+    "pyrobocop.relax_complementarity", doc="Bound (or penalise) the products of complementarity pairs, reversibly."
 )
 class RelaxComplementarity(Transformation):
     """Replace complementarity pairs by rows ``a * b <= delta`` that any nonlinear solver can hold.

@@ -23,11 +23,11 @@ from pyomo.dae import DerivativeVar
 from pyrobocop_pyomo.errors import TranscriptionError
 
 from .record import Discretisation
-from .structure import PAIRS, Spot, axes_of, variables_of
+from .structure import PAIRS, Spot, axes_of, variables_of_row
 
 
 class AbsentValues:
-    """What has no place on the grids of a model's discretised sets.
+    """The variables without a value on the grids of a model's discretised sets, and the rows that hold them.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ class AbsentValues:
             for rows in discretisation.generated_constraints()
         }
         self._absent: dict[int, tuple[Any, Any, float]] = {}
-        self._fixed: dict[int, Any] = {}  # derivatives that the user fixed where nothing else is
+        self._fixed: dict[int, Any] = {}  # derivatives that the user fixed at such points
         self._along: set[Any] | None = None
         self._find()
 
     def _outside(self, points: Iterable[tuple[Any, Any]]) -> tuple[Any, float] | None:
-        """The first set, and its point, that is no collocation point."""
+        """The first set with a point that is no collocation point, and that point."""
         for domain, time in points:
             if id(domain) in self._points and time not in self._points[id(domain)]:
                 return domain, time
@@ -80,7 +80,7 @@ class AbsentValues:
     # ---------------------------------------------------------------- rows
 
     def deactivate_rows(self, deactivated: list[Any]) -> None:
-        """Deactivate the rows and pairs that do not hold, and put them on the list; delete the generated ones.
+        """Deactivate the rows and pairs that do not hold, and append them to the list; delete the generated ones.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class AbsentValues:
                 variables = (
                     []
                     if generated and outside is None and len(self._discretisations) == 1
-                    else list(variables_of(data))
+                    else list(variables_of_row(data))
                 )
                 absent = next((variable for variable in variables if id(variable) in self._absent), None)
                 if generated:
@@ -119,7 +119,7 @@ class AbsentValues:
         self._check_equations(seen)
 
     def _follows(self, data: Any, family: Any, outside: tuple[Any, float]) -> bool:
-        """True for a pair, or an equation of states, that holds at collocation points and so need not here."""
+        """True for a pair or an equation of states: it holds at the collocation points, so it need not hold here."""
         domain, time = outside
         if data.ctype in PAIRS:
             return True
@@ -178,7 +178,7 @@ class AbsentValues:
     # ---------------------------------------------------------------- variables
 
     def clear_variables(self) -> list[tuple[Any, float | None]]:
-        """Fix to None what has no value; returns the variables with the values that they had."""
+        """Fix the absent variables to None; returns them with their previous values."""
         cleared = [(data, data.value) for data, _, _ in self._absent.values()]
         for data, _ in cleared:
             data.fix(None, skip_validation=True)

@@ -34,11 +34,11 @@ from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .record import Discretisation, Substitution
-from .structure import PAIRS, Axis, Spot, axis_on, variables_in, variables_of
+from .structure import PAIRS, Axis, Spot, axis_on, variables_in, variables_of_row
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
-    """Every variable with derivatives along a set, and these by their order.
+    """Every variable with derivatives along a set, and the derivatives by their order.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def remove_collocation(discretisation: Discretisation) -> None:
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
-    """The generated block beside the derivatives of one block: what deactivates them deactivates their rows."""
+    """The generated block beside the derivatives of one block: both are deactivated together."""
     if id(parent) not in homes:
         home = homes[id(parent)] = Block(concrete=True)
         parent.add_component(unique_component_name(parent, f"{discretisation.domain.local_name}_collocation"), home)
@@ -99,7 +99,7 @@ def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) ->
 
 def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     name = unique_component_name(home, f"{variable.local_name}_derivative_{order}")
-    # Of some unit in between: nobody else sees this variable, so the raw numbers of the rows decide.
+    # Its unit does not matter: only the generated rows hold this variable.
     added = Var(derivative.index_set())
     home.add_component(name, added)
     return added
@@ -175,7 +175,7 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
 
 
 def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
-    """Put right-hand sides in the place of all derivatives that are given explicitly."""
+    """Replace all derivatives that are given explicitly by their right-hand sides."""
     candidates = {
         id(data): data
         for _, derivative in discretisation.derivatives
@@ -207,7 +207,7 @@ def restore_derivatives(discretisation: Discretisation) -> None:
 
 
 def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int]) -> dict[int, tuple[Any, Any]]:
-    """For each candidate that one row gives and nothing else holds: the row and the right-hand side."""
+    """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
     explicit: dict[int, tuple[Any, Any]] = {}
     elsewhere: set[int] = set()
     for spot in found:
@@ -231,7 +231,7 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
                     explicit[id(left)] = (data, right)
                     elsewhere.update(id(variable) for variable in variables_in(right) if id(variable) in candidates)
                     continue
-            elsewhere.update(id(variable) for variable in variables_of(data) if id(variable) in candidates)
+            elsewhere.update(id(variable) for variable in variables_of_row(data) if id(variable) in candidates)
     return {key: value for key, value in explicit.items() if key not in elsewhere}
 
 

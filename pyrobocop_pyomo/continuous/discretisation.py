@@ -22,7 +22,7 @@ from .derivatives import (
     substitute_derivatives,
 )
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
-from .record import Discretisation, DiscretisationRecord, discretisations_of, record_of
+from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .structure import Spot, axes_of, axis_on, continuous_sets, spots
 from .sums_over_sets import find_possible_sums
 from .values import PreviousValues
@@ -72,14 +72,14 @@ def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -
 
 
 def discretisations_on(root: Any) -> list[Discretisation]:
-    """What was done for each set of a model."""
+    """The discretisations of all sets of a model."""
     return list(discretisations_of(continuous_sets(list(spots(root)))))
 
 
 def _discretise(
     domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, previous: PreviousValues | None
 ) -> Discretisation:
-    root, record = domain.model(), record_of(domain)
+    root, record = domain.model(), discretisation_record_of(domain)
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
     derivatives_along(found, domain)
@@ -105,7 +105,7 @@ def _discretise(
             previous.give_to(list(spots(root)), discretisation)
         for one in everything:
             for integral in integrals_along(found, one.domain):
-                integrate(integral, one, record_of(one.domain))
+                integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
             possible_sum.check(domain)
         absent_values = AbsentValues(list(spots(root)), everything)
@@ -140,7 +140,7 @@ def undo_discretisation(discretisation: Discretisation) -> None:
                 del spot.component._data[index]
     for time in [time for time in domain if time not in kept]:
         domain.discard(time)
-    record_of(domain).discretisations.pop(domain, None)
+    discretisation_record_of(domain).discretisations.pop(domain, None)
 
 
 def _states_of(found: list[Spot], domain: Any) -> list[Any]:
@@ -175,7 +175,7 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
 
 
 def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
-    """Tell pairs their element, their family and their quadrature weight, where the user has not."""
+    """Set the element, the family and the quadrature weight of pairs, where the user has not."""
     elements, weights = discretisation.grid.element_of, discretisation.grid.quadrature_weights
     for spot in found:
         if spot.component.ctype is not Complementarity:
@@ -192,8 +192,8 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
                         data.set_weight(weights[time])
 
 
-class _Strong:
-    """What a variable knows its derivative by: a reference that a pickle can hold and a clone follows."""
+class _ReferenceToDerivative:
+    """The reference from a variable to its derivative: a pickle can hold it, and a clone follows it."""
 
     def __init__(self, component: Any) -> None:
         self.component = component
@@ -221,7 +221,9 @@ def finalise(discretisation: Discretisation) -> None:
         component = spot.component
         if isinstance(component, DerivativeVar):
             known = component.get_state_var()._derivative
-            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _Strong(component)
+            known[tuple(sorted(str(along) for along in component.get_continuousset_list()))] = _ReferenceToDerivative(
+                component
+            )
             if component.ctype is DerivativeVar and component.is_fully_discretized():
                 component.parent_block().reclassify_component_type(component, Var)
     for integral in integrals_along(found, domain):
@@ -238,7 +240,7 @@ def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
 
 
 def remember_integrands(spots: list[Spot], record: DiscretisationRecord) -> None:
-    """Keep the user's own rules: those of the components are wrapped in the trapezoidal rule.
+    """Keep the user's own rules: pyomo.dae wraps them in the trapezoidal rule.
 
     Raises
     ------
@@ -275,8 +277,8 @@ def integrate(integral: Any, discretisation: Discretisation, record: Discretisat
 
 
 def become_expression(integral: Any) -> None:
-    """An integral whose set is discretised is an expression like any other, as pyomo.dae has it."""
+    """Make an integral whose set is discretised a plain expression, as pyomo.dae does."""
     if integral.ctype is Integral:
         integral.parent_block().reclassify_component_type(integral, Expression)
-    # The wrapped rule has done its work, and no pickle can hold it.
+    # The wrapped rule is not needed any more, and no pickle can hold it.
     integral._rule = None

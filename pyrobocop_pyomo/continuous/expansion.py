@@ -35,7 +35,7 @@ from pyrobocop_pyomo.errors import PyRobocopError, TranscriptionError
 
 from .structure import PAIRS, Spot, axis_on
 
-# In this order: what rules ask for comes before what asks. Blocks and expressions that are asked for earlier are made
+# In this order: a rule uses components that come before its own. Blocks and expressions that are used earlier are made
 # on demand by Pyomo.
 ORDER = (Param, Var, DerivativeVar, Block, Expression, Constraint, Complementarity, MpecComplementarity)
 LEFT_ALONE = (Integral, Set, SetOf, Suffix)
@@ -75,7 +75,7 @@ def expand(spots: list[Spot], domain: Any) -> None:
             if component.ctype is not ctype or component.is_reference():
                 continue
             axis = axis_on(component, domain)
-            # What is empty and has a rule may get rows at new points that it had not at the first ones.
+            # An empty component with a rule may get rows at new points.
             if axis is None or (ctype in (Constraint, *PAIRS) and _without_rule(component)):
                 continue
             known = {axis.others(index) for index in component}
@@ -83,7 +83,7 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 getattr(data, "active", True) for data in component._data.values()
             )
             create = _CREATORS.get(ctype, _by_asking)
-            # The set of a product does not change while it is walked: no rule of a model adds points.
+            # The index set does not change in this loop: no rule of a model adds points.
             missing = [
                 index
                 for index in component.index_set()
@@ -114,7 +114,7 @@ def _naming(component: Any, index: Any) -> Any:
 
 
 def _by_asking(component: Any, index: Any) -> None:
-    """Pyomo's own way: looking up an index that is not there yet runs the rule."""
+    """As Pyomo does: looking up a missing index runs the rule."""
     if index not in component._data:
         component._getitem_when_not_present(index)
 
@@ -282,7 +282,7 @@ class Family:
 
 
 def declaration_of(component: Any) -> Callable[[Any, str], Any]:
-    """What the declaration of an indexed variable says at each of its points."""
+    """A function that returns the declared bounds, domain or initial value of an indexed variable at a point."""
 
     def declared(data: Any, attribute: str) -> Any:
         parent, index = component.parent_block(), data.index()
@@ -298,14 +298,14 @@ def declaration_of(component: Any) -> Callable[[Any, str], Any]:
         bound, implied = (given or (None, None))[side], data.domain.bounds()[side]
         if bound is None or implied is None:
             return implied if bound is None else bound
-        # What Pyomo shows as the bound of a variable is the tighter of both.
+        # Pyomo shows the tighter one of both as the bound of a variable.
         return (max, min)[side](bound, implied, key=value)
 
     return declared
 
 
 def set_initial_value(data: Any, number: float) -> None:
-    """Give a variable a value to start from, moved onto the nearest bound if it lies outside."""
+    """Set the initial value of a variable, projected onto its bounds."""
     lower, upper = data.bounds
     if lower is not None and number < lower:
         number = lower

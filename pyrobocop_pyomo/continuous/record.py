@@ -28,7 +28,7 @@ class Substitution:
 
 @dataclass(eq=False)
 class Discretisation:
-    """What was done for one continuous set, and what is needed to do it afresh.
+    """The discretisation of one continuous set, with all that is needed to undo it.
 
     Attributes
     ----------
@@ -102,18 +102,18 @@ class DiscretisationRecord(AutoSlots.Mixin):
 Block.register_private_data_initializer(DiscretisationRecord)
 
 
-def record_of(domain: Any) -> DiscretisationRecord:
+def discretisation_record_of(domain: Any) -> DiscretisationRecord:
     """The record of the block on which a continuous set lives."""
     return domain.parent_block().private_data()
 
 
 def discretisation_of(domain: Any) -> Discretisation | None:
-    """What was done for a continuous set; None if nothing was."""
-    return record_of(domain).discretisations.get(domain)
+    """The discretisation of a continuous set; None if there is none."""
+    return discretisation_record_of(domain).discretisations.get(domain)
 
 
 def discretisations_of(domains: Any) -> Iterator[Discretisation]:
-    """What was done for those of the sets that are discretised by this package."""
+    """The discretisations of those sets that this package has discretised."""
     for domain in domains:
         discretisation = discretisation_of(domain)
         if discretisation is not None:

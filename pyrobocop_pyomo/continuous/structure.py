@@ -1,4 +1,4 @@
-"""Where the components of a model sit with respect to its continuous sets."""
+"""The components of a model with respect to its continuous sets, and the variables of their expressions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Axis(NamedTuple):
         return index[self.position] if index.__class__ is tuple else index
 
     def others(self, index: Any) -> Any:
-        """What is left of an index without the point; None if nothing is."""
+        """The rest of an index without the point; None if nothing is left."""
         if index.__class__ is not tuple:
             return None
         return index[: self.position] + index[self.position + 1 :]
@@ -40,7 +40,7 @@ class Axis(NamedTuple):
 
 
 class Spot(NamedTuple):
-    """A component, and what the blocks around it say.
+    """A component, with the blocks around it and their points.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Spot(NamedTuple):
     active: bool
 
     def family(self, index: Any, axes: tuple[Axis, ...], domain: Any = None) -> tuple[Any, ...]:
-        """What identifies all that differs only in points of one continuous set, or of any."""
+        """The key of all data that differ only in points of one continuous set, or of any."""
         parts = (*self.path, (self.component.local_name, index, axes))
         return tuple((name, _without(part_index, along, domain)) for name, part_index, along in parts)
 
@@ -99,14 +99,14 @@ def axes_of(component: Any) -> tuple[Axis, ...]:
 
 
 def axis_on(component: Any, domain: Any) -> Axis | None:
-    """Where one continuous set is among the index sets of a component; None if it is not."""
+    """The axis of a component along one continuous set; None if it has none."""
     return next((axis for axis in axes_of(component) if axis.domain is domain), None)
 
 
 def spots(
     block: Any, path: tuple[Any, ...] = (), outer: tuple[tuple[Any, Any], ...] = (), active: bool = True
 ) -> Iterator[Spot]:
-    """Every component below a block, in the order of declaration; blocks come before what is in them."""
+    """Every component below a block, in the order of declaration; blocks come before their contents."""
     for component in list(block.component_map().values()):
         is_active = active and getattr(component, "active", True)
         yield Spot(component, path, outer, is_active)
@@ -135,7 +135,7 @@ def label(family: tuple[Any, ...]) -> str:
 
 def variables_in(expression: Any, leaves: Collection[int] = ()) -> Iterator[Any]:
     """Every variable of an expression, some perhaps more than once; a leaf, given by its id, stands for itself."""
-    # Several times faster than Pyomo's general walker, and asked for every row of a model.
+    # Several times faster than Pyomo's general walker, and called for every row of a model.
     stack, entered = [expression], set()
     while stack:
         part = stack.pop()
@@ -154,7 +154,7 @@ def variables_in(expression: Any, leaves: Collection[int] = ()) -> Iterator[Any]
             yield part
 
 
-def variables_of(data: Any) -> Iterable[Any]:
+def variables_of_row(data: Any) -> Iterable[Any]:
     """Every variable of a row, an objective, an expression or a pair."""
     if data.ctype is MpecComplementarity:
         sides = data._args or ()

@@ -50,7 +50,7 @@ class PossibleSum:
 
 
 def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
-    """What has to be looked at again after the set has grown.
+    """The expressions to check again after the set has grown.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[PossibleSum]:
     """
     points = tuple(domain)
     place = dict(_places(spots, domain))
-    # Expressions of their own are looked at by themselves.
+    # Named expressions are checked by themselves.
     named = [spot.component for spot in spots if spot.component.ctype in (Integral, Expression)]
     leaves = frozenset(id(data) for component in named for data in component.values())
     possible_sums = []
@@ -115,7 +115,7 @@ def _refusal(component: Any, index: Any, domain: Any) -> TranscriptionError:
 
 
 def repeated_times(expression: Any, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]) -> set[float]:
-    """Times at which the same term comes again and again in one sum: what a sum over a set looks like afterwards.
+    """Times at which the same term is repeated in one sum: the trace of a sum over a set.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class _Reader:
         self.repeated: set[float] = set()
 
     def read(self, part: Any) -> tuple[Any, frozenset[float]]:
-        """What a term is up to times and sizes, None for a number; and its times."""
+        """The form of a term up to times and coefficients, None for a number; and its times."""
         if part.__class__ in native_types or not part.is_potentially_variable():
             return None, frozenset()
         if id(part) in self._leaves or not part.is_expression_type():

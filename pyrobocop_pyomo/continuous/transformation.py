@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 # As users of pyomo.dae write them.
 DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss"}
-# Boundaries that are meant to be equal but were computed in two ways would enclose an element of no width.
+# Relative width below which two boundaries count as one number with rounding.
 LEAST_WIDTH = 1e-9
 
 
@@ -126,7 +126,7 @@ def _undo(domain: Any, discretisation: Any) -> None:
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
-    """The sets that are meant, all of them within the model."""
+    """The sets to discretise, all of them within the model."""
     found = list(spots(model))
     own = continuous_sets(found)
     used = [axis.domain for spot in found for axis in axes_of(spot.component)]
@@ -219,7 +219,7 @@ def make_grid(domain: Any, points: Sequence[float], scheme: Scheme, elements: in
 
 
 def _refined(domain: Any, points: Sequence[float], elements: int) -> list[float]:
-    """The points, and between them as many more as elements are missing: equal parts, the widest gap first."""
+    """The points, and further ones between them: the widest gap is divided first, into equal parts."""
     given = len(points) - 1
     if given > elements:
         logger.warning(

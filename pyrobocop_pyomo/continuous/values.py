@@ -78,7 +78,7 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
 
 
 def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
-    """Each variable along the set: what identifies it, whether it is a state, and the variable at each time."""
+    """Each variable along the set: its key, whether it is a state, and the variable at each time."""
     along: dict[Any, dict[float, Any]] = {}
     everything = (discretisation, *discretisations_of(continuous_sets(found)))
     put_aside = {id(s.derivative) for one in everything for s in one.substitutions}
@@ -175,7 +175,7 @@ class PreviousValues:
         self._values = values_of(found, discretisation)
 
     def give_to(self, found: list[Spot], discretisation: Discretisation) -> None:
-        """Interpolate onto the new mesh; what is fixed keeps its value."""
+        """Interpolate onto the new mesh; fixed variables keep their values."""
         for family, _, data in families(found, discretisation):
             if family in self._values:
                 free = {time: variable for time, variable in data.items() if not variable.fixed}

@@ -1,31 +1,30 @@
-"""`diagnose`: everything that can be said about a model before it is solved."""
+"""`diagnose`: what is wrong with a model, before a solver is asked."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from pyomo.core.base.block import BlockData
+from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
 
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import Control, phases_of
 
-from .appearance import appearance_findings
-from .boundaries import boundary_findings, decided_findings
-from .degrees import degrees_of_freedom
-from .dependence import dependence_findings
-from .findings import Diagnosis, Finding, Severity
-from .finite import data_findings, rate_findings, row_findings, values_missing
-from .linearisation import Linearisation
+from .determinacy import appearance_findings, dependence_findings
+from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
+from .linearised_rows import LinearisedRows
 from .scaling import scaling_advice
-from .statements import statement_findings
+from .statements import statement_findings, unit_findings
 from .structure import structural_findings
-from .unit_consistency import unit_findings
+from .values import boundary_findings, data_findings, decided_findings, rate_findings, row_findings, values_missing
 
 _ORDER = list(Severity)
 
 
 def diagnose(model: Any) -> Diagnosis:
-    """Look at a model before a solve: structure, numbers at the guess, units and scaling.
+    """Look at a model before a solve: structure, numbers at the initial guess, units and scaling.
 
     Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions,
     which takes some seconds for ten thousand rows; `rcp.solve` only asks each phase's `check`.
@@ -57,22 +56,56 @@ def diagnose(model: Any) -> Diagnosis:
         findings += rate_findings(phase)
         findings += boundary_findings(phase, remarks)
     reported = {
-        f"{name}_{kind}" for each in findings for name in each.components for kind in ("collocation", "equation")
+        f"{name}_{kind}" for finding in findings for name in finding.components for kind in ("collocation", "equation")
     }
     missing = values_missing(model)
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
-    linearisation = Linearisation(model)
+    linearised = LinearisedRows(model)
     findings += data_findings(model)
-    findings += row_findings(linearisation, reported)
+    findings += row_findings(linearised, reported)
     findings += decided_findings(model)
-    findings += appearance_findings(model, {name for each in findings for name in each.components})
-    findings += dependence_findings(model, linearisation)
+    findings += appearance_findings(model, {name for finding in findings for name in finding.components})
+    findings += dependence_findings(model, linearised)
     findings += unit_findings(model)
-    advice, factors = scaling_advice(linearisation, phases)
+    advice, factors = scaling_advice(linearised, phases)
     findings += advice
     degrees = [degrees_of_freedom(phase) for phase in phases]
     if len(phases) != 1 or phases[0] is not model:
         degrees.append(degrees_of_freedom(model))
-    findings.sort(key=lambda each: _ORDER.index(each.severity))
+    findings.sort(key=lambda finding: _ORDER.index(finding.severity))
     return Diagnosis(model.name, tuple(findings), tuple(degrees), factors, tuple(remarks))
+
+
+def degrees_of_freedom(block: Any) -> DegreesOfFreedom:
+    """Count a block with all its active blocks."""
+    # By identity: a zero-order hold is the same variable under two names.
+    variables = {id(data): data for data in block.component_data_objects(Var, active=True, descend_into=Block)}
+    rows = list(block.component_data_objects(Constraint, active=True, descend_into=Block))
+    equalities = sum(row.equality for row in rows)
+    # Relaxed pairs are deactivated, but still pairs; those on deactivated blocks are not counted.
+    pairs = sum(
+        len(component)
+        for part in block.block_data_objects(active=True, descend_into=Block)
+        for ctype in PAIR_TYPES
+        for component in part.component_objects(ctype, descend_into=False)
+    )
+    return DegreesOfFreedom(
+        name=block.name,
+        variables=len(variables),
+        fixed=sum(data.fixed for data in variables.values()),
+        equalities=equalities,
+        inequalities=len(rows) - equalities,
+        pairs=pairs,
+        controls=len(_controls(block)),
+    )
+
+
+def _controls(block: Any) -> set[int]:
+    return {
+        id(data)
+        for phase in phases_of(block)
+        for name in phase.record.names(Control)
+        for data in phase.record.nodes(name).variables(phase)
+        if not data.fixed
+    }

@@ -1,4 +1,4 @@
-"""What a diagnosis says: findings with a severity, names and a remedy, for people and for programs."""
+"""The result of a diagnosis: findings with a severity, names and a remedy."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class Diagnosis:
     scaling_factors : mapping of component name to float
         Powers of ten by which variables and rows could be multiplied to be of size one; only components that need it.
     remarks : tuple of str
-        What could not be judged, and why.
+        What could not be checked, and why.
     """
 
     name: str
@@ -177,10 +177,10 @@ class Diagnosis:
 
     def __str__(self) -> str:
         worst = f"{len(self.errors)} errors, {len(self.findings) - len(self.errors)} other findings"
-        lines = [f"Diagnosis of '{self.name}': {worst}", *(f"  {each}" for each in self.degrees_of_freedom)]
+        lines = [f"Diagnosis of '{self.name}': {worst}", *(f"  {counts}" for counts in self.degrees_of_freedom)]
         for finding in self.findings:
             lines += [
                 f"- {finding.severity.value}, {finding.subject.value}: {finding.message}",
                 f"    {finding.remedy}",
             ]
-        return "\n".join([*lines, *(f"  not judged: {remark}" for remark in self.remarks)])
+        return "\n".join([*lines, *(f"  not checked: {remark}" for remark in self.remarks)])

@@ -10,23 +10,23 @@ import numpy as np
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
 from .findings import Finding, Severity, Subject
-from .linearisation import Linearisation, Row, equilibrate
+from .linearised_rows import LinearisedRows, Row, equilibrate
 
 # Ipopt scales gradients above 100 down by itself: what is off by less than three orders of magnitude hardly matters.
 ORDERS = 3
 
 
-def scaling_advice(linearisation: Linearisation, phases: list[Any]) -> tuple[list[Finding], dict[str, float]]:
+def scaling_advice(linearised: LinearisedRows, phases: list[Any]) -> tuple[list[Finding], dict[str, float]]:
     """Findings, and powers of ten by which components could be multiplied."""
-    rows = [row for row in linearisation.rows if row.gradient and row.is_finite]
+    rows = [row for row in linearised.rows if row.gradient and row.is_finite]
     if not rows:
         return [], {}
-    jacobian = linearisation.jacobian(rows)
-    row_factors, column_factors = equilibrate(_of_rates(jacobian, rows, linearisation, phases))
+    jacobian = linearised.jacobian(rows)
+    row_factors, column_factors = equilibrate(_of_rates(jacobian, rows, linearised, phases))
     used = np.flatnonzero(np.diff(jacobian.tocsc().indptr))
     by_component = _by_component((row.data for row in rows), row_factors)
     # A variable of typical size 1000 is multiplied by 0.001: the inverse of its column's factor.
-    by_component |= _by_component((linearisation.variables[j] for j in used), 1.0 / column_factors[used])
+    by_component |= _by_component((linearised.variables[j] for j in used), 1.0 / column_factors[used])
     factors = {name: 10.0**order for name, order in by_component.items() if abs(order) >= ORDERS}
     if not factors:
         return [], {}
@@ -47,7 +47,7 @@ def scaling_advice(linearisation: Linearisation, phases: list[Any]) -> tuple[lis
     return [finding], factors
 
 
-def _of_rates(jacobian: Any, rows: list[Row], linearisation: Linearisation, phases: list[Any]) -> Any:
+def _of_rates(jacobian: Any, rows: list[Row], linearised: LinearisedRows, phases: list[Any]) -> Any:
     """The Jacobian with right-hand sides not multiplied by the width of an element.
 
     ``D x - h f = 0`` holds the controls with a factor ``h``: a fine mesh would look like a badly scaled control.
@@ -62,7 +62,7 @@ def _of_rates(jacobian: Any, rows: list[Row], linearisation: Linearisation, phas
     changed = jacobian.tocoo()
     for entry, (i, j) in enumerate(zip(changed.row.tolist(), changed.col.tolist(), strict=True)):
         width, own = width_of.get(id(rows[i].data), (1.0, set()))
-        if id(linearisation.variables[j]) not in own:
+        if id(linearised.variables[j]) not in own:
             changed.data[entry] /= width
     return changed.tocsr()
 
@@ -70,6 +70,6 @@ def _of_rates(jacobian: Any, rows: list[Row], linearisation: Linearisation, phas
 def _by_component(data: Any, factors: np.ndarray) -> dict[str, int]:
     """Mean order of magnitude per component."""
     collected: dict[str, list[float]] = {}
-    for each, factor in zip(data, factors.tolist(), strict=True):
-        collected.setdefault(each.parent_component().name, []).append(math.log10(factor))
+    for part, factor in zip(data, factors.tolist(), strict=True):
+        collected.setdefault(part.parent_component().name, []).append(math.log10(factor))
     return {name: round(sum(orders) / len(orders)) for name, orders in collected.items()}

@@ -1,4 +1,4 @@
-"""What no interior-point method can take: several objectives, discrete variables, pairs without a canonical form."""
+"""Statements that are refused or misread later: objectives, discrete variables, pairs, states, and units."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ from collections.abc import Iterator
 from typing import Any
 
 from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
+from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
 from pyomo.core.base.var import Var
+from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import canonical_form
-from pyrobocop_pyomo.complementarity.pairs import active_sources
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases.structure import sides_of
 
 from .findings import Finding, Severity, Subject
 
@@ -20,7 +24,7 @@ from .findings import Finding, Severity, Subject
 def statement_findings(block: Any) -> Iterator[Finding]:
     """Statements that are refused, or misread, later on."""
     objectives = [
-        each.name for each in block.model().component_data_objects(Objective, active=True, descend_into=Block)
+        objective.name for objective in block.model().component_data_objects(Objective, active=True, descend_into=Block)
     ]
     if len(objectives) > 1:
         yield _error(
@@ -51,7 +55,7 @@ def statement_findings(block: Any) -> Iterator[Finding]:
             yield Finding(
                 Severity.WARNING,
                 Subject.STATEMENT,
-                f"phase '{phase.name}' has no state: its instants have nothing to do with each other.",
+                f"phase '{phase.name}' has no state: nothing connects its points in time.",
                 (phase.name,),
                 "Declare what has a derivative as State.",
             )
@@ -59,3 +63,35 @@ def statement_findings(block: Any) -> Iterator[Finding]:
 
 def _error(message: str, names: tuple[str, ...], remedy: str) -> Finding:
     return Finding(Severity.ERROR, Subject.STATEMENT, message, names, remedy)
+
+
+def unit_findings(block: Any) -> Iterator[Finding]:
+    """Rows and objectives whose terms have different units, one finding per component; nothing without units."""
+    if not any(_has_units(component) for component in block.component_objects(Var, active=True, descend_into=Block)):
+        return
+    for component in block.component_objects((Constraint, Objective), active=True, descend_into=Block):
+        try:
+            assert_units_consistent(component)
+        except (InconsistentUnitsError, UnitsError) as error:
+            yield _finding(component, error)
+    for component in block.component_objects(PAIR_TYPES, active=True, descend_into=Block):
+        try:
+            for data in component.values():
+                for side in sides_of(data):
+                    assert_units_consistent(side)
+        except (InconsistentUnitsError, UnitsError) as error:
+            yield _finding(component, error)
+
+
+def _has_units(component: Any) -> bool:
+    return any(data.get_units() is not None for data in component.values())
+
+
+def _finding(component: Any, error: Exception) -> Finding:
+    return Finding(
+        Severity.ERROR,
+        Subject.UNITS,
+        f"'{component.name}': {str(error).strip().rstrip('.')}.",
+        (component.name,),
+        "Give constants their units (9.81 * units.m / units.s**2), or correct the units of a declaration.",
+    )

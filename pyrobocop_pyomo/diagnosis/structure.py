@@ -1,4 +1,4 @@
-"""The structure of every phase, point by point: what `check` refuses, and what it lets through with a doubt."""
+"""The structure of every phase, point by point: what `check` refuses, and what it accepts although it is doubtful."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
 from .findings import Finding, Severity, Subject
-from .linearisation import gradient
+from .linearised_rows import gradient
 
 SINGULAR = 1e-8
 POINTS_LOOKED_AT = 5
@@ -32,7 +32,7 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
         )
         return
     structures = [PointStructure(phase, phase.record, time) for time in phase.record.grid.points]
-    higher = next((each for each in structures if each.has_higher_index), None)
+    higher = next((point for point in structures if point.has_higher_index), None)
     if higher is not None:
         allowed = phase.record.allow_higher_index
         yield Finding(
@@ -49,52 +49,52 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
 
 
 def _doubts(phase: Any, structures: list[PointStructure]) -> Iterator[Finding]:
-    for each in structures:
-        if each.leftover_rows:
+    for point in structures:
+        if point.leftover_rows:
             yield Finding(
                 Severity.WARNING,
                 Subject.INDEX,
-                f"phase '{phase.name}': at t = {each.time:g} {_quoted(each.leftover_rows)} can determine "
+                f"phase '{phase.name}': at t = {point.time:g} {_quoted(point.leftover_rows)} can determine "
                 "controls only.",
-                _names(phase, each.leftover_rows),
+                _names(phase, point.leftover_rows),
                 "Declare as Algebraic what an equation determines, or state the equation as a 'constraint'.",
-                each.time,
+                point.time,
             )
             break
     # Without rows and helpers there is nothing to look at: a structure that is square by rows alone is fine.
-    for each in structures:
-        if each.of_rows.unmatched_columns and each.undetermined:
+    for point in structures:
+        if point.of_rows.unmatched_columns and point.undetermined:
             yield Finding(
                 Severity.WARNING,
                 Subject.UNDETERMINED,
-                f"phase '{phase.name}': at t = {each.time:g} no equation and no pair is left to determine "
-                f"{_quoted(each.undetermined)}.",
-                _names(phase, each.undetermined),
+                f"phase '{phase.name}': at t = {point.time:g} no equation and no pair is left to determine "
+                f"{_quoted(point.undetermined)}.",
+                _names(phase, point.undetermined),
                 "Add an equation or a pair that holds it, or declare it as Control: the optimiser chooses it.",
-                each.time,
+                point.time,
             )
             break
 
 
 def _singular(phase: Any, structures: list[PointStructure]) -> Iterator[Finding]:
     chosen = np.unique(np.linspace(0, len(structures) - 1, POINTS_LOOKED_AT).astype(int))
-    for each in (structures[i] for i in chosen):
-        if not each.rows or each.leftover_rows:
+    for point in (structures[i] for i in chosen):
+        if not point.rows or point.leftover_rows:
             continue
-        dependent = dependent_rows(_jacobian(each))
+        dependent = dependent_rows(_jacobian(point))
         if not dependent:
             continue
-        names = [list(each.rows)[row] for row in dependent]
-        everywhere = _singular_around(each)
+        names = [list(point.rows)[row] for row in dependent]
+        everywhere = _singular_around(point)
         yield Finding(
             Severity.ERROR if everywhere else Severity.WARNING,
             Subject.DEPENDENT,
-            f"phase '{phase.name}': at t = {each.time:g} the equations {_quoted(names)} do not determine "
-            f"{_quoted(list(each.unknowns))}: their Jacobian is singular "
-            f"{'at the guess and around it' if everywhere else 'at the guess, though not around it'}.",
+            f"phase '{phase.name}': at t = {point.time:g} the equations {_quoted(names)} do not determine "
+            f"{_quoted(list(point.unknowns))}: their Jacobian is singular "
+            f"{'at the initial guess and around it' if everywhere else 'at the initial guess, though not around it'}.",
             _names(phase, names),
-            "One of them follows from the others: replace it." if everywhere else "Start from another guess.",
-            each.time,
+            "One of them follows from the others: replace it." if everywhere else "Start from another initial guess.",
+            point.time,
         )
         return
 
@@ -103,8 +103,8 @@ def _jacobian(structure: PointStructure) -> np.ndarray:
     column = {id(variable): j for j, variable in enumerate(structure.unknowns.values())}
     matrix = np.zeros((len(structure.rows), len(column)))
     for i, row in enumerate(structure.rows.values()):
-        held = [v for v in identify_variables(row.body, include_fixed=True) if id(v) in column]
-        for variable, entry in gradient(row.body, held):
+        own = [v for v in identify_variables(row.body, include_fixed=True) if id(v) in column]
+        for variable, entry in gradient(row.body, own):
             matrix[i, column[id(variable)]] = entry
     return matrix
 
@@ -126,9 +126,9 @@ def dependent_rows(matrix: np.ndarray) -> list[int]:
 
 def _singular_around(structure: PointStructure) -> bool:
     """Is the Jacobian singular at other values, too? The model keeps its own."""
-    held = {id(v): v for row in structure.rows.values() for v in identify_variables(row.body, include_fixed=True)}
+    variables = {id(v): v for row in structure.rows.values() for v in identify_variables(row.body, include_fixed=True)}
     random = np.random.default_rng(0)
-    with values_restored(held.values()) as values:
+    with values_restored(variables.values()) as values:
         for _ in range(3):
             for variable, before in zip(values.variables, values.taken, strict=True):
                 centre = before or 0.0

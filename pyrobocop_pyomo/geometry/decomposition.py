@@ -90,7 +90,7 @@ def _convex_polygons(polygon: Any) -> list[np.ndarray]:
     parts: dict[int, list[int]] = {}
     for k, (ring, rows) in enumerate(zip(rings, inverse.reshape(-1, 3).tolist(), strict=True)):
         parts[k] = rows if _turn(*ring) > 0.0 else rows[::-1]
-    # Long diagonals first: parts then are chunky rather than long.
+    # Long diagonals first: this gives compact parts.
     sides = {(a, b): k for k, rows in parts.items() for a, b in _around(rows)}
     diagonals = [(a, b) for a, b in sides if a < b and (b, a) in sides]
     for a, b in sorted(diagonals, key=lambda ends: -float(np.linalg.norm(corners[ends[0]] - corners[ends[1]]))):
@@ -194,7 +194,7 @@ def _reach_inside(triangles: np.ndarray, normals: np.ndarray, offsets: np.ndarra
 
 
 def _is_cut_by_all(triangle: np.ndarray, normals: np.ndarray, offsets: np.ndarray, tolerance: float) -> bool:
-    """Whether something is left of a triangle that each plane in turn cuts off."""
+    """Whether a part of a triangle is left after clipping it by all planes."""
     polygon = triangle
     for normal, offset in zip(normals, offsets, strict=True):
         heights = polygon @ normal - (offset - tolerance)

@@ -22,7 +22,7 @@ APART = 1e-14
 
 @dataclass(frozen=True)
 class SignedDistance:
-    """How two bodies lie to each other.
+    """Signed distance of two bodies, with its normal and its points.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def distance_of_points(
         nowhere = np.full(p.shape[1], np.nan)
         return SignedDistance(-np.inf, nowhere, nowhere, nowhere)
     normal = directions[best]
-    # Two corners this close: no normal is known well enough for its gap to be the distance, which is known.
+    # Two corners this close give no normal that is accurate enough for its gap to be the distance.
     distance = max(nearest.norm if is_apart else -np.inf, float(widths[best]))
     on_second = _point_of_contact(p, q, rays, of_first, normal, scale) + origin
     return SignedDistance(distance, normal, on_second + distance * normal, on_second)
@@ -164,7 +164,7 @@ def distances_of_points(
 def _point_of_contact(
     p: np.ndarray, q: np.ndarray, rays: np.ndarray | None, of_first: int, normal: np.ndarray, scale: float
 ) -> np.ndarray:
-    """A point of q where p, moved along the normal until both touch, touches it."""
+    """A point of q that p touches when it is moved along the normal until both touch."""
     along_p, along_q = p @ normal, q @ normal
     top = float(along_q.max())
     p_face = p[along_p <= along_p.min() + LEVEL * scale]

@@ -1,8 +1,8 @@
 """The point nearest to the origin among the differences of two point sets: Wolfe's method, on supports only.
 
 The differences ``p_i - q_j`` are never formed: the method asks which is lowest along a direction, which is one product
-with each set. It keeps few of them, at most one more than there are dimensions. Their combination is the answer, and
-the method ends after finitely many steps. A ray is kept like a point, but its weight is free.
+with each set. It keeps few of them, at most one more than there are dimensions, and the nearest point is a combination
+of these. It ends after finitely many steps. A ray is kept like a point, but its weight is free.
 
 One pair is solved with floats in lists, many pairs at once in whole arrays, the same steps for all. The inner problem,
 the nearest point of an affine hull, is the same code for both.
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# Relative to the scene, a little above rounding: nothing nearer than this can be told from what was found.
+# Relative to the scene, a little above rounding: smaller improvements cannot be distinguished.
 EXACT = 1e-15
 # Unit rays that point this little towards the origin are taken as level.
 LEVEL = 1e-14
@@ -183,7 +183,7 @@ def _lowest_of_each(first: np.ndarray, second: np.ndarray, directions: np.ndarra
 
 
 def _best_combination(kept: list[_Kept], weights: list[float]) -> tuple[list[_Kept], list[float], list[float]]:
-    """Wolfe's minor cycle: the affine hull's nearest point; where that is outside, drop what is in the way."""
+    """Wolfe's minor cycle: the affine hull's nearest point; where that is outside, drop the points that prevent it."""
     while True:
         base = next(k for k, one in enumerate(kept) if one.is_point)
         origin = kept[base].at
@@ -195,7 +195,7 @@ def _best_combination(kept: list[_Kept], weights: list[float]) -> tuple[list[_Ke
         falling = [k for k, weight in enumerate(target) if weight <= 0.0]
         if not falling:
             return kept, target, point
-        # The last point is never dropped: rays alone are no place.
+        # The last point is never dropped: a combination of rays alone is a direction.
         if sum(one.is_point for one in kept) == 1:
             falling = [k for k in falling if not kept[k].is_point]
         steps = [weights[k] / max(weights[k] - target[k], 1e-300) for k in falling]

@@ -143,7 +143,7 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _met_by_planes(corners: np.ndarray, normals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """The corners, seen from inside, moved to where the planes through them meet: in thin sets, rounding shows."""
+    """The corners, relative to the centre, moved to where their planes meet: in thin sets, rounding shows."""
     extent = float(np.abs(corners).max())
     met = corners.copy()
     for k, corner in enumerate(corners):
@@ -166,7 +166,7 @@ class EmptyInterior(ArithmeticError):
 
 
 def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre and radius of the largest ball inside (of a limited one where there is no largest); unit rows."""
+    """Centre and radius of the largest ball inside (of a large one where there is no largest); unit rows."""
     dimension = normals.shape[1]
     whole = scale = float(np.abs(offsets).max()) or 1.0
     center = np.zeros(dimension)
@@ -185,7 +185,7 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
         radius = float((offsets - normals @ center).min())
         if radius > 1e-4 * scale or scale < ZERO * whole:
             break
-        # Small compared with how far the planes are from the origin: once more, seen from near.
+        # Small compared with the distance of the planes from the origin: again, from a point nearby.
         scale *= 1e-4
     if solution.x is None or radius <= 1e-3 * ZERO * whole:
         raise EmptyInterior(-np.inf if solution.x is None else radius / whole)
@@ -193,7 +193,7 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
 
 
 def in_cone(target: np.ndarray, generators: np.ndarray, tolerance: float = ZERO) -> bool:
-    """Whether a vector is a sum of generators (rows) with weights that are not negative."""
+    """Whether a vector is a combination of generators (rows) with nonnegative weights."""
     # Not by scipy.optimize.nnls, which has been seen to return wrong weights with a residual of zero.
     lengths = np.linalg.norm(generators, axis=1)
     apart = nearest_difference(-target[None, :], np.zeros((1, len(target))), 1.0, generators / lengths[:, None])
@@ -207,7 +207,7 @@ def _lines(rays: np.ndarray) -> np.ndarray:
 
 
 def complement(basis: np.ndarray, dimension: int) -> np.ndarray:
-    """Orthonormal rows that span what is perpendicular to orthonormal rows."""
+    """Orthonormal rows that span the orthogonal complement of orthonormal rows."""
     if len(basis) == 0:
         return np.eye(dimension)
     return np.linalg.svd(basis, full_matrices=True)[2][len(basis) :]

@@ -74,7 +74,7 @@ class Polytope:
 
     @classmethod
     def hull(cls, points: Any, *, radius: float = 0.0, allow_flat: bool = False, name: str = "polytope") -> Polytope:
-        """Convex hull of points in any order; what lies between them is filled on purpose."""
+        """Convex hull of points in any order; notches between them are filled."""
         return cls._of_points(
             read_points(points, name, "points"), (), radius, name, allow_flat=allow_flat, ordered=False
         )

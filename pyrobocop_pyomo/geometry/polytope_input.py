@@ -39,7 +39,7 @@ def read_points(points: Any, name: str, what: str = "vertices") -> np.ndarray:
 
 
 def read_rays(rays: Any, dimension: int, name: str) -> np.ndarray:
-    """Unit directions (k, dimension), those left out that others span already."""
+    """Unit directions (k, dimension) without those that others span."""
     if len(rays) == 0:
         return np.zeros((0, dimension))
     array = read_points(rays, name, "rays")
@@ -94,7 +94,7 @@ def corners_of_list(points: np.ndarray, rays: np.ndarray, *, allow_flat: bool, o
 
 def _without_repeated(points: np.ndarray, name: str) -> np.ndarray:
     closed = len(points) > 1 and np.array_equal(points[0], points[-1])
-    if closed:  # a ring, as other programs write it: nothing to talk about
+    if closed:  # a closed ring, as other programs write it: no warning
         points = points[:-1]
     tolerance = SAME_POINT * float(np.ptp(points, axis=0).max())
     kept: list[int] = []
@@ -133,7 +133,7 @@ def _on_boundary(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _in_hull(points: np.ndarray, rays: np.ndarray, i: int, others: list[int]) -> bool:
-    """Whether point i is a convex combination of others plus rays: a cone's question, one dimension up."""
+    """Whether point i is a convex combination of others plus rays; a cone of one dimension more answers this."""
     if not others:
         return False
     extent = float(np.abs(points - points[i]).max()) or 1.0
@@ -143,7 +143,7 @@ def _in_hull(points: np.ndarray, rays: np.ndarray, i: int, others: list[int]) ->
 
 
 def _needed(spanned_by_others: list) -> list[int]:
-    """Indices that are left after those that the remaining others span are taken out, one after the other."""
+    """Indices that remain after removing, one by one, what the others span."""
     kept = list(range(len(spanned_by_others)))
     for i, is_spanned in enumerate(spanned_by_others):
         others = [j for j in kept if j != i]
@@ -153,7 +153,7 @@ def _needed(spanned_by_others: list) -> list[int]:
 
 
 def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and rays of ``{y : normals @ y <= offsets}``; redundant rows are told in the log.
+    """Corners and rays of ``{y : normals @ y <= offsets}``; redundant rows are named in the log.
 
     Raises
     ------
@@ -186,11 +186,13 @@ def corners_of_halfspaces(normals: Any, offsets: Any, *, bounded: bool, name: st
             "Check that normals point outwards and that no side is missing; "
             "for a half-space or a wedge say bounded=False."
         )
-    _tell_redundant_rows(rows, sides, corners, rays, name)
+    _warn_of_redundant_rows(rows, sides, corners, rays, name)
     return corners, rays
 
 
-def _tell_redundant_rows(rows: np.ndarray, sides: np.ndarray, corners: np.ndarray, rays: np.ndarray, name: str) -> None:
+def _warn_of_redundant_rows(
+    rows: np.ndarray, sides: np.ndarray, corners: np.ndarray, rays: np.ndarray, name: str
+) -> None:
     # Between the extent of the set and what rounding leaves of it, far from the origin.
     tolerance = ON_PLANE * float(np.ptp(corners, axis=0).max()) + 1e-14 * float(np.abs(sides).max())
     facets: list[int] = []

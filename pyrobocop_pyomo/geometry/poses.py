@@ -1,4 +1,4 @@
-"""Where a body is: a rotation and a translation whose entries are numbers or Pyomo expressions alike."""
+"""Poses: a rotation and a translation whose entries are numbers or Pyomo expressions alike."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 Entry = Any  # a number, or a Pyomo expression
 
-# Two turns: angles wind up, but what is larger than this was most likely given in degrees.
+# Two turns: angles wind up, but a larger one was most likely given in degrees.
 LARGEST_USUAL_ANGLE = 4.0 * math.pi
 
 
@@ -57,7 +57,7 @@ class Pose:
         return all(_is_number(entry) for entry in self._entries())
 
     def apply(self, point: Sequence[Entry]) -> tuple[Entry, ...]:
-        """The world's coordinates of a point of the body; products with zeros and ones are left out."""
+        """World coordinates of a point of the body; products with zeros and ones are left out."""
         if len(point) != self.dimension:
             raise GeometryError(
                 f"a pose in {self.dimension} dimensions was applied to a point with {len(point)} coordinates. "
@@ -103,7 +103,7 @@ def spatial_pose(
     quaternion: Sequence[Entry] | None = None,
     matrix: Sequence[Sequence[Entry]] | None = None,
 ) -> Pose:
-    """Pose in space, its rotation given in one of three ways, or none for no rotation.
+    """Pose in space; the rotation is given in one of three ways, or left out.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def spatial_pose(
 
 
 def check_pose(pose: Pose, name: str, *, tolerance: float = 1e-6) -> None:
-    """Refuse a pose whose rotation is none at the current values: stretched, sheared or mirrored.
+    """Refuse a pose whose matrix is no rotation at the current values: stretched, sheared or mirrored.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Directions that may separate two bodies, and how wide the gap along each is."""
+"""Directions that may separate two bodies, and the width of the gap along them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PARALLEL = 1e-9
 def gap(
     normal: np.ndarray, p: np.ndarray, q: np.ndarray, p_rays: np.ndarray | None = None, q_rays: np.ndarray | None = None
 ) -> float:
-    """Width of the gap from q to p along a normal: the least of p along it, less the most of q; minus infinity if none.
+    """Width of the gap from q to p along a normal: least height of p minus largest of q; minus infinity if none.
 
     Parameters
     ----------
@@ -65,12 +65,12 @@ def separating_directions(
     if len(basis) < p.shape[1]:
         normals = complement(basis, p.shape[1])
         return np.vstack([normals, -normals])
-    # Outward normals of the differences point towards where p and q come apart, seen from q: inwards is from q to p.
+    # Outward normals of the differences point from p to q.
     return -(halfspaces_of(differences, rays)[0] if len(rays) else convex_hull(differences).normals)
 
 
 def candidate_normals(p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """What `separating_directions` returns, quickly, and more: repeated ones, and others that do no harm.
+    """The directions of `separating_directions`, found faster, with repetitions and some that are not needed.
 
     A facet of the differences is spanned by edges of p and of q and by rays. Where these are few, all that any
     two of them span are taken, and no hull is needed; else Qhull's facets, triangle by triangle.

@@ -1,4 +1,4 @@
-"""The ways to Ipopt on this machine, best first."""
+"""The backends to Ipopt that are present on this machine, best first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ or, for an Ipopt that is there already, one of these environment variables:
 
 
 class Backend(enum.Enum):
-    """A way to Ipopt; the value is a description."""
+    """Where Ipopt runs, and where its derivatives come from; the value is a description."""
 
     IN_PROCESS_ASL = "Ipopt in this process, derivatives by ASL through PyNumero"
     IN_PROCESS_CASADI = "Ipopt in this process, derivatives by CasADi"

@@ -54,28 +54,28 @@ def _not_by_descriptor(stream: TextIO) -> TextIO:
 
 
 @contextlib.contextmanager
-def c_output_kept() -> Iterator[list[str]]:
-    """Keep what C code prints from the terminal; the list holds it, as one text, when the context ends.
+def c_output_captured() -> Iterator[list[str]]:
+    """Capture what C code prints; the list holds it, as one text, when the context ends.
 
-    For calls of microseconds: what another thread prints meanwhile is kept as well. Pyomo's ``capture_output``
+    For calls of microseconds: what another thread prints meanwhile is captured as well. Pyomo's ``capture_output``
     starts threads and passes on what arrives, which is right for a whole solve and too much here.
     """
-    kept: list[str] = []
+    captured: list[str] = []
     with contextlib.suppress(ValueError, OSError):
         sys.stdout.flush()
     flush_c_streams()
     try:
         original = os.dup(1)
     except OSError:  # no standard output at all, as in a service
-        yield kept
+        yield captured
         return
     with tempfile.TemporaryFile() as file:
         try:
             os.dup2(file.fileno(), 1)
-            yield kept
+            yield captured
         finally:
             flush_c_streams()
             os.dup2(original, 1)
             os.close(original)
             file.seek(0)
-            kept.append(file.read().decode(errors="replace"))
+            captured.append(file.read().decode(errors="replace"))

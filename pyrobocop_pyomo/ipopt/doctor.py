@@ -1,4 +1,4 @@
-"""What of the solver stack is present and works on this machine, and how to get the rest."""
+"""Which backends are present and work on this machine, and how to get the others."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _NOT_ON_PATH = "Pyomo's own SolverFactory finds it after pyrobocop_pyomo.ipopt.c
 
 @dataclasses.dataclass(frozen=True)
 class BackendDiagnosis:
-    """One way to Ipopt.
+    """What is known of one backend to Ipopt.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class BackendDiagnosis:
 
 
 def examine_backends() -> list[BackendDiagnosis]:
-    """Look for every way to Ipopt and solve a small problem on each."""
+    """Look for every backend to Ipopt and solve a small problem on it."""
     casadi = _installed("casadi") if casadi_available() else ""
     return [
         *(_executable_backend(name) for name in ("ipopt", "ipopt_v2")),
@@ -79,7 +79,7 @@ def examine_backends() -> list[BackendDiagnosis]:
 
 
 def report() -> tuple[str, bool]:
-    """The diagnosis as text, and whether at least one way to Ipopt works."""
+    """The diagnosis as text, and whether at least one backend works."""
     lines = [f"pyrobocop_pyomo {__version__}", ""]
     lines.append(f"  {'python':<12}{platform.python_version()}  {sys.executable}")
     packages = ["pyomo", "numpy", "scipy", "networkx", "casadi", "highspy", "matplotlib", "pandas"]
@@ -93,7 +93,7 @@ def report() -> tuple[str, bool]:
         if not backend.works:
             lines.append(f"  {'remedy':<12}{backend.remedy}")
     works = any(backend.works for backend in backends)
-    lines += ["", "At least one way to Ipopt works." if works else NO_IPOPT]
+    lines += ["", "At least one backend to Ipopt works." if works else NO_IPOPT]
     return "\n".join(lines), works
 
 

@@ -138,14 +138,14 @@ class InProcessIpopt(SolverBase):
         StaleFlagManager.mark_all_as_stale()
         try:
             with _timed(timer, "write_and_build"):
-                written = CompiledModel(model, config.derivatives)
+                compiled = CompiledModel(model, config.derivatives)
         except InfeasibleConstraintException as error:
             _report_proven_infeasible(results, model, str(error))
         else:
-            logger.info("'%s': %s, derivatives by %s", model.name, library, written.nlp.derivatives)
+            logger.info("'%s': %s, derivatives by %s", model.name, library, compiled.nlp.derivatives)
             with _timed(timer, "ipopt"):
-                outcome = _run(written, config)
-            _report(results, written, outcome)
+                outcome = _run(compiled, config)
+            _report(results, compiled, outcome)
         _raise_or_load(results, config)
         results.timing_info.timer = timer
         results.timing_info.wall_time = default_timer() - started
@@ -161,29 +161,29 @@ def _timed(timer: HierarchicalTimer, name: str) -> Iterator[None]:
         timer.stop(name)
 
 
-def _run(written: CompiledModel, config: InProcessIpoptConfig) -> IpoptOutcome:
+def _run(compiled: CompiledModel, config: InProcessIpoptConfig) -> IpoptOutcome:
     options = dict(config.solver_options.value())
     if config.threads and config.threads != 1:
         logger.warning("threads=%d has no effect: Ipopt's linear solvers decide by themselves.", config.threads)
     return run_ipopt(
-        written.nlp,
+        compiled.nlp,
         options,
-        starting_point(written),
+        starting_point(compiled),
         deadline=Deadline.after(config.time_limit),
-        scaling=scaling_factors(written) if options.get("nlp_scaling_method") == "user-scaling" else None,
+        scaling=scaling_factors(compiled) if options.get("nlp_scaling_method") == "user-scaling" else None,
         on_iteration=config.on_iteration,
         output=config.tee,
     )
 
 
-def _report(results: Results, written: CompiledModel, outcome: IpoptOutcome) -> None:
+def _report(results: Results, compiled: CompiledModel, outcome: IpoptOutcome) -> None:
     failure = (TerminationCondition.error, SolutionStatus.unknown)
     results.termination_condition, results.solution_status = CONDITIONS.get(outcome.status, failure)
-    results.solution_loader = InProcessSolutionLoader(written, outcome)
+    results.solution_loader = InProcessSolutionLoader(compiled, outcome)
     results.solver_log = outcome.log
-    results.extra_info.derivatives = written.nlp.derivatives
-    if results.solution_status is SolutionStatus.optimal and written.objective is not None:
-        results.incumbent_objective = written.sign * outcome.objective
+    results.extra_info.derivatives = compiled.nlp.derivatives
+    if results.solution_status is SolutionStatus.optimal and compiled.objective is not None:
+        results.incumbent_objective = compiled.sign * outcome.objective
     results.extra_info.solver_message = outcome.status.value
     results.extra_info.ipopt_status = outcome.status
     results.extra_info.iteration_count = outcome.iterations

@@ -1,10 +1,13 @@
-"""Between Ipopt's C callbacks and a nonlinear program in Python."""
+"""Between Ipopt's C callbacks and a nonlinear program in Python, and Ctrl-C meanwhile."""
 
 from __future__ import annotations
 
 import ctypes
+import signal
+import threading
 import time
 from collections.abc import Callable
+from types import FrameType, TracebackType
 from typing import Any
 
 import numpy as np
@@ -12,9 +15,48 @@ import numpy as np
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
-from .interruption import Interruption
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate
 from .ipopt_outcome import IterationRecord
+
+
+class Interruption:
+    """Context that turns the first Ctrl-C into a request, which the callbacks of the run look at.
+
+    The second Ctrl-C finds the handler that was there before (usually the one that raises `KeyboardInterrupt`).
+    Outside of the main thread Python gives no access to signals, and the context does nothing.
+
+    Attributes
+    ----------
+    requested : bool
+        Whether Ctrl-C was pressed inside the context.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        self._previous: Any = None
+
+    def __enter__(self) -> Interruption:
+        """Watch for Ctrl-C from here on."""
+        in_main_thread = threading.current_thread() is threading.main_thread()
+        # None: a handler that C code installed, which Python could not put back. Ignored: leave it ignored.
+        if in_main_thread and signal.getsignal(signal.SIGINT) not in (None, signal.SIG_IGN):
+            self._previous = signal.signal(signal.SIGINT, self._request)
+        return self
+
+    def _request(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+        self._restore()
+
+    def _restore(self) -> None:
+        if self._previous is not None:
+            signal.signal(signal.SIGINT, self._previous)
+            self._previous = None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the former handler back."""
+        self._restore()
 
 
 class IpoptCallbacks:

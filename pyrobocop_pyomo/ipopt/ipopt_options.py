@@ -8,7 +8,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import SolverOptionError
 
-from .c_output import c_output_kept
+from .c_output import c_output_captured
 from .ipopt_library import IpoptLibrary
 
 
@@ -37,7 +37,7 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
         settings |= {"print_level": 0, "sb": "yes"}
     refused = None
     # Ipopt prints an explanation of each refused attempt, also of those that merely guessed the wrong type.
-    with c_output_kept() as explanations:
+    with c_output_captured() as explanations:
         for name, value in settings.items():
             if not _set(library, problem, name, value):
                 refused = name

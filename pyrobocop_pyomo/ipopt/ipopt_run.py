@@ -16,8 +16,7 @@ from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
 from .c_output import c_output_sent_to, flush_c_streams
-from .interruption import Interruption
-from .ipopt_callbacks import IpoptCallbacks
+from .ipopt_callbacks import Interruption, IpoptCallbacks
 from .ipopt_library import IpoptLibrary, load_ipopt_library
 from .ipopt_options import set_options
 from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord

@@ -30,32 +30,32 @@ from .ipopt_outcome import IpoptOutcome
 from .ipopt_run import ProblemScaling
 
 
-def starting_point(written: CompiledModel) -> PrimalDualPoint:
+def starting_point(compiled: CompiledModel) -> PrimalDualPoint:
     """The values on the model, with multipliers from its suffixes ``dual``, ``ipopt_zL_in`` and ``ipopt_zU_in``.
 
     Only suffixes that are declared for export count. Entries that one leaves out are 0, as the ``ipopt`` executable
     reads them.
     """
-    sign, model = written.sign, written.model
-    lower = _exported(model, "ipopt_zL_in", written.variables)
-    upper = _exported(model, "ipopt_zU_in", written.variables)
-    rows = _exported(model, "dual", written.constraints)
+    sign, model = compiled.sign, compiled.model
+    lower = _exported(model, "ipopt_zL_in", compiled.variables)
+    upper = _exported(model, "ipopt_zU_in", compiled.variables)
+    rows = _exported(model, "dual", compiled.constraints)
     return PrimalDualPoint(
-        x=written.current_point(),
+        x=compiled.current_point(),
         g_multipliers=None if rows is None else -sign * rows,
         lower_multipliers=None if lower is None else sign * lower,
         upper_multipliers=None if upper is None else -sign * upper,
     )
 
 
-def scaling_factors(written: CompiledModel) -> ProblemScaling:
+def scaling_factors(compiled: CompiledModel) -> ProblemScaling:
     """Read the export suffix ``scaling_factor`` of variables, constraints and objective; 1 where it has none."""
-    name, model = "scaling_factor", written.model
-    objective = None if written.objective is None else _exported(model, name, [written.objective], missing=1.0)
+    name, model = "scaling_factor", compiled.model
+    objective = None if compiled.objective is None else _exported(model, name, [compiled.objective], missing=1.0)
     return ProblemScaling(
         objective=1.0 if objective is None else float(objective[0]),
-        x=_exported(model, name, written.variables, missing=1.0),
-        g=_exported(model, name, written.constraints, missing=1.0),
+        x=_exported(model, name, compiled.variables, missing=1.0),
+        g=_exported(model, name, compiled.constraints, missing=1.0),
     )
 
 
@@ -83,15 +83,15 @@ class InProcessSolutionLoader(SolutionLoader):
 
     Parameters
     ----------
-    written : CompiledModel
+    compiled : CompiledModel
         What was solved.
     outcome : IpoptOutcome
         What Ipopt returned.
     """
 
-    def __init__(self, written: CompiledModel, outcome: IpoptOutcome) -> None:
-        self._pyomo_model = written.model
-        self._written = written
+    def __init__(self, compiled: CompiledModel, outcome: IpoptOutcome) -> None:
+        self._pyomo_model = compiled.model
+        self._compiled = compiled
         self._outcome = outcome
 
     def get_number_of_solutions(self) -> int:
@@ -101,25 +101,25 @@ class InProcessSolutionLoader(SolutionLoader):
     def load_vars(self, vars_to_load: Sequence[VarData] | None = None) -> None:
         """Put values into the model's variables."""
         if vars_to_load is None:
-            self._written.load_point(self._outcome.x)
+            self._compiled.load_point(self._outcome.x)
         else:
             super().load_vars(vars_to_load)
 
     def get_vars(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
         """Values of variables."""
-        return _selected(self._written.variables, self._outcome.x, vars_to_load)
+        return _selected(self._compiled.variables, self._outcome.x, vars_to_load)
 
     def get_duals(self, cons_to_load: Sequence[ConstraintData] | None = None) -> Mapping[ConstraintData, float]:
         """Multipliers of constraints, in the sign of Pyomo's ``dual``."""
-        duals = -self._written.sign * self._outcome.g_multipliers
+        duals = -self._compiled.sign * self._outcome.g_multipliers
         if cons_to_load is None:
-            return dict(zip(self._written.constraints, duals.tolist(), strict=True))
-        return {constraint: float(duals[self._written.row_of[constraint]]) for constraint in cons_to_load}
+            return dict(zip(self._compiled.constraints, duals.tolist(), strict=True))
+        return {constraint: float(duals[self._compiled.row_of[constraint]]) for constraint in cons_to_load}
 
     def get_reduced_costs(self, vars_to_load: Sequence[VarData] | None = None) -> Mapping[VarData, float]:
         """Multipliers of bounds: that of the lower or of the upper one, whichever is larger in size."""
         lower, upper = self._bound_multipliers()
-        return _selected(self._written.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load)
+        return _selected(self._compiled.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load)
 
     def load_import_suffixes(self) -> None:
         """Fill ``dual``, ``rc``, ``ipopt_zL_out`` and ``ipopt_zU_out`` where they are declared for import."""
@@ -130,12 +130,12 @@ class InProcessSolutionLoader(SolutionLoader):
         if "rc" in suffixes:
             suffixes["rc"].update(self.get_reduced_costs())
         if "ipopt_zL_out" in suffixes:
-            suffixes["ipopt_zL_out"].update(_selected(self._written.variables, lower, None))
+            suffixes["ipopt_zL_out"].update(_selected(self._compiled.variables, lower, None))
         if "ipopt_zU_out" in suffixes:
-            suffixes["ipopt_zU_out"].update(_selected(self._written.variables, upper, None))
+            suffixes["ipopt_zU_out"].update(_selected(self._compiled.variables, upper, None))
 
     def _bound_multipliers(self) -> tuple[FloatArray, FloatArray]:
-        sign = self._written.sign
+        sign = self._compiled.sign
         # Adding zero turns -0.0 into 0.0, which reads better in a report.
         return sign * self._outcome.lower_multipliers + 0.0, -sign * self._outcome.upper_multipliers + 0.0
 

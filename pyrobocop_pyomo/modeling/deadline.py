@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from pyrobocop_pyomo.errors import TimeLimitReached
+
 
 @dataclass(frozen=True)
 class Deadline:
@@ -32,6 +34,22 @@ class Deadline:
     def has_passed(self) -> bool:
         """Whether no new work may be started."""
         return self.end is not None and time.perf_counter() >= self.end
+
+    def check(self, work: str) -> None:
+        """Go on where time is left.
+
+        Parameters
+        ----------
+        work : str
+            What has no answer before its end, for the message.
+
+        Raises
+        ------
+        TimeLimitReached
+            When the deadline has passed.
+        """
+        if self.has_passed:
+            raise TimeLimitReached(f"{work}: the time limit was reached before there was an answer. Raise time_limit.")
 
     def within(self, seconds: float | None) -> Deadline:
         """The earlier one of this deadline and the one in so many seconds."""

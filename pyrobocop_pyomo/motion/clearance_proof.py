@@ -83,15 +83,15 @@ def verify_clearance(
         mismatches = {name: [shape.mismatch(motion) for shape in parts] for name, parts in shapes.items()}
     times = node_times(motion)
     ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in motion.intervals])
-    found = []
+    results = []
     for (first, second), clearance in clearances.items():
         settings = ProofSettings(_tolerance(tolerance, clearance), depth, max_subintervals)
-        found += [
+        results += [
             _prove_pair(p, q, clearance, ends, settings, p_mismatch + q_mismatch)
             for p, p_mismatch in zip(shapes[first], mismatches[first], strict=True)
             for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True)
         ]
-    return SafetyReport(tuple(found))
+    return SafetyReport(tuple(results))
 
 
 def _check_pair(bodies: Mapping[str, Body], pair: tuple[str, str], clearance: float, tolerance: float | None) -> None:
@@ -123,7 +123,7 @@ def _at_points(
             if pose is not None:
                 check_pose(pose, name)
             poses[name, point] = pose
-    found = []
+    results = []
     for (first, second), clearance in clearances.items():
         for p_name, p in bodies[first].named_parts(first):
             for q_name, q in bodies[second].named_parts(second):
@@ -131,7 +131,7 @@ def _at_points(
                     [signed_distance(p, q, poses[first, at], poses[second, at]).distance for at in motion.points]
                 )
                 worst = int(np.argmin(distances))
-                found.append(
+                results.append(
                     BodyPairSafety(
                         first=p_name,
                         second=q_name,
@@ -147,7 +147,7 @@ def _at_points(
                         subintervals=len(distances),
                     )
                 )
-    return SafetyReport(tuple(found), between=False)
+    return SafetyReport(tuple(results), between=False)
 
 
 # ----------------------------------------------------------------------------------------------- proof of a single pair

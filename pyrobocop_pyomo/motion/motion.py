@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.expr import LinearExpression
-from pyomo.core.expr.numvalue import is_potentially_variable
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.continuous.record import discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
 from pyrobocop_pyomo.phases import PhaseBlockData
 
@@ -131,16 +131,12 @@ class _SignalsAtPoint(Signals):
         self._interpolation.check(signal)
         weights = self._interpolation.weights(signal, self._interval, self._fraction)[0].tolist()
         leaves = self._interpolation.leaves(signal, self._interval)
-        if all(_is_plain_variable(leaf) for leaf in leaves):
+        if all(map(is_plain_variable, leaves)):
             return LinearExpression(linear_vars=leaves, linear_coefs=weights)
         return sum(weight * leaf for weight, leaf in zip(weights, leaves, strict=True))
 
     def time_at(self, block: Any) -> Any:
         return block.time_at(self.index)
-
-
-def _is_plain_variable(leaf: Any) -> bool:
-    return is_potentially_variable(leaf) and not leaf.is_expression_type()
 
 
 def motion_of(point_set: Any, parent_block: Any) -> Motion:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_kept
+from pyrobocop_pyomo.ipopt.c_output import c_output_captured
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
@@ -51,7 +51,7 @@ def minimise(
     """
     rows = [scipy.optimize.LinearConstraint(*each) for each in constraints if each[0].shape[0]]
     # HiGHS prints a line of its own now and then, whatever it is told.
-    with c_output_kept():
+    with c_output_captured():
         answer = scipy.optimize.milp(
             cost,
             integrality=binary,

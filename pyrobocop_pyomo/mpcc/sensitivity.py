@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import SensitivityError
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
@@ -52,7 +53,11 @@ class Derivatives:
 
 
 def derivatives(
-    nlp: NonlinearProgram, x: FloatArray, parameters: NDArray[np.intp], describe: Callable[[int], str]
+    nlp: NonlinearProgram,
+    x: FloatArray,
+    parameters: NDArray[np.intp],
+    describe: Callable[[int], str],
+    deadline: Deadline = NO_DEADLINE,
 ) -> Derivatives:
     """Differentiate a local solution with respect to some variables that stand for parameters.
 
@@ -66,9 +71,12 @@ def derivatives(
         Numbers of the variables that are parameters.
     describe : callable
         From the number of a constraint (rows first, then bounds of variables) to its name, for messages.
+    deadline : Deadline, optional
 
     Raises
     ------
+    TimeLimitReached
+        When the deadline has passed.
     SensitivityError
         If the point is not stationary, an active constraint has no multiplier, active constraints are linearly
         dependent, or the Lagrangian is flat in a direction that they leave.
@@ -78,7 +86,7 @@ def derivatives(
     Fiacco (1976), Sensitivity analysis for nonlinear programming using penalty methods,
     doi:10.1007/BF01580677
     """
-    constraints = _Constraints(nlp, parameters, describe)
+    constraints = _Constraints(nlp, parameters, describe, deadline)
     active, multipliers = _guess_active(constraints, x)
     x, multipliers = _refined(constraints, x, active, multipliers)
     _check_strict(constraints, x, active, multipliers)
@@ -98,8 +106,14 @@ def derivatives(
 class _Constraints:
     """Rows and bounds of the free variables in one list, with their first and second derivatives."""
 
-    def __init__(self, nlp: NonlinearProgram, parameters: NDArray[np.intp], describe: Callable[[int], str]) -> None:
-        self.nlp, self.parameters, self.describe = nlp, parameters, describe
+    def __init__(
+        self,
+        nlp: NonlinearProgram,
+        parameters: NDArray[np.intp],
+        describe: Callable[[int], str],
+        deadline: Deadline,
+    ) -> None:
+        self.nlp, self.parameters, self.describe, self.deadline = nlp, parameters, describe, deadline
         self.free = np.setdiff1d(np.arange(nlp.n), parameters)
         lower, upper = nlp.x_lower.copy(), nlp.x_upper.copy()
         lower[parameters], upper[parameters] = -np.inf, np.inf
@@ -111,6 +125,7 @@ class _Constraints:
         return np.concatenate([self.nlp.constraints(x), x])
 
     def jacobian(self, x: FloatArray) -> Any:
+        self.deadline.check("derivatives of a solution")  # each step of the computation begins with a Jacobian
         rows = Linearisation.at(self.nlp, x).jacobian
         return scipy.sparse.vstack([rows, scipy.sparse.eye_array(self.nlp.n)], format="csr")
 

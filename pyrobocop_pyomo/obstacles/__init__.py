@@ -4,7 +4,7 @@ from .avoidance_block import ObstacleAvoidanceBlock, ObstacleAvoidanceBlockData
 from .containment import Containment, ContainmentData
 from .formulations import Dual, Formulation, Mixed, Offset, Optimality, Plane
 from .pictures import animate_avoidance, draw_avoidance
-from .waypoint_guess import waypoint_guess
+from .waypoint_initial_guess import waypoint_initial_guess
 
 __all__ = [
     "Containment",
@@ -19,5 +19,5 @@ __all__ = [
     "Plane",
     "animate_avoidance",
     "draw_avoidance",
-    "waypoint_guess",
+    "waypoint_initial_guess",
 ]

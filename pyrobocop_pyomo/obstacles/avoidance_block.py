@@ -22,7 +22,7 @@ from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
 
 from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
-from .building import set_of_points, sort_arguments
+from .block_arguments import set_of_points, sort_arguments
 from .formulations import SeparationIndex
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
 from .initial_separations import apply_broad_phase, is_far, start_all, start_one
@@ -366,7 +366,7 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
     ...     obstacles={"wall": rcp.Polytope.box(1, 2, center=(2, 0))},
     ...     clearance=0.05,
     ... )
-    >>> m.move.guess_straight_lines()  # through the wall: an initial guess may overlap
+    >>> m.move.initialize_straight_lines()  # through the wall: an initial guess may overlap
     >>> m.move.avoid.initialize()
     >>> len(m.move.avoid.separations)  # one per interval
     10

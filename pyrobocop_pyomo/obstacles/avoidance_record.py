@@ -141,10 +141,10 @@ class AvoidanceRecord:
 
     def segments_of(self, first: str, second: str) -> list[MotionSegment]:
         """Segments of a pair of convex parts, along time."""
-        found = [segment for segment in self.segments.values() if (segment.first, segment.second) == (first, second)]
-        return (
-            sorted(found, key=lambda segment: (segment.interval, segment.fractions[0])) if self.per_interval else found
-        )
+        segments = [segment for segment in self.segments.values() if (segment.first, segment.second) == (first, second)]
+        if self.per_interval:
+            segments.sort(key=lambda segment: (segment.interval, segment.fractions[0]))
+        return segments
 
     def concerns(self, segment: MotionSegment, pair: BodyPair, interval: Hashable) -> bool:
         """True when a segment is one of a body pair, in an interval (or at a time, for a separation of one time)."""

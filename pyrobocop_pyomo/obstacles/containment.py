@@ -23,7 +23,7 @@ from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .building import set_of_points, sort_arguments
+from .block_arguments import set_of_points, sort_arguments
 from .formulations.rows import dot
 from .snapshot import variables_of
 
@@ -188,7 +188,7 @@ class Containment(BuiltBlock, data=ContainmentData):
     ...     pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
     ...     region=rcp.Polytope.box(6, 1, center=(2, 0)),
     ... )
-    >>> m.move.guess_straight_lines()
+    >>> m.move.initialize_straight_lines()
     >>> m.move.inside.verify().safe
     True
     """

@@ -73,12 +73,12 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
             available = near.distance - first.shape.radius - second.shape.radius
             if available < asked - NEARLY * max(1.0, float(np.abs(p).max())):
                 if available > 0:
-                    found, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
+                    distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
                 else:
-                    found, remedy = f"{-available:.6g} into each other", "Move"
+                    distance_text, remedy = f"{-available:.6g} into each other", "Move"
                 raise ObstacleError(
-                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {found} at {time}, where both poses are "
-                    f"fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+                    f"{snapshot.what}: '{first.name}' and '{second.name}' are {distance_text} at {time}, where both "
+                    f"poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
                 )
 
 

@@ -99,9 +99,9 @@ def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
     missing = np.zeros(len(intervals))
     for pair in report.body_pairs if intervals else ():
         # Where no instant is too close, only the proof is missing, by at most the tolerance.
-        found = np.fmin(np.nan_to_num(pair.interval_distance, nan=np.inf), pair.clearance - pair.tolerance)
+        distance = np.fmin(np.nan_to_num(pair.interval_distance, nan=np.inf), pair.clearance - pair.tolerance)
         unproven = pair.interval_proven < pair.clearance - pair.tolerance
-        missing = np.maximum(missing, np.where(unproven, pair.clearance - found, 0.0))
+        missing = np.maximum(missing, np.where(unproven, pair.clearance - distance, 0.0))
     for interval in np.flatnonzero(missing).tolist():
         before = max(value(region.margin[time]) for time in intervals[interval])
         region.set_margin(interval, before + DEVIATION_FACTOR * float(missing[interval]))

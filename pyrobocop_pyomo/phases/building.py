@@ -28,7 +28,7 @@ def add_generated(block: Any, name: str, component: Any) -> None:
 
 
 def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, what: str) -> None:
-    """Add a variable over times, with its bounds and its guess moved onto them."""
+    """Add a variable over times, with its bounds and its initial guess moved onto them."""
     if callable(declaration.bounds):
         each_bounds = [declaration.bounds_at(time, what) for time in index]
         variable = Var(index, bounds=dict(zip(index, each_bounds, strict=True)), units=declaration.units)

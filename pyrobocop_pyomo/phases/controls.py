@@ -19,7 +19,7 @@ from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
-from pyrobocop_pyomo.transcription import stage_guess
+from pyrobocop_pyomo.transcription import initial_stage_values
 
 from .building import add_generated, add_indexed, rate_units, within
 from .declarations import Bounds, Control, check_bounds
@@ -33,8 +33,8 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
 
     Raises
     ------
-    DeclarationError, GuessError
-        When knots, bounds or the guess do not fit.
+    DeclarationError, InitialGuessError
+        When knots, bounds or the initial guess do not fit.
     """
     what = f"{what} (declared at {control.declared_at})"
     nodes = control.nodes(name, record.grid, what)
@@ -43,7 +43,9 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
     elif isinstance(nodes, KnotNodes):
         _add_piecewise_linear(block, record, name, control, nodes, what)
     else:
-        add_indexed(block, name, control, block.points, stage_guess(control.guess, record.grid, what), what)
+        add_indexed(
+            block, name, control, block.points, initial_stage_values(control.initial_guess, record.grid, what), what
+        )
     if control.rate_bounds is not None:
         _bound_rate(block, record, name, control, nodes, check_bounds(control.rate_bounds, what, "rate bounds"))
 
@@ -105,12 +107,12 @@ def _add_piecewise_linear(
 
 
 def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, what: str) -> None:
-    if record.moving and nodes.knots != record.grid.mesh.boundaries:
-        raise DeclarationError(f"{what}: knots of its own do not go with moving elements. Leave 'knots' out.")
+    if record.free_widths and nodes.knots != record.grid.mesh.boundaries:
+        raise DeclarationError(f"{what}: knots of its own do not go with free element widths. Leave 'knots' out.")
 
 
 def _add_values(block: Any, control: Control, nodes: Nodes, bounds: list[Bounds], what: str) -> Any:
-    guess = nodes.from_guess(control.guess, what)
+    guess = nodes.from_guess(control.initial_guess, what)
     values = {i: within(value, bounds[i]) for i, value in enumerate(guess.tolist())}
     variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values, units=control.units)
     add_generated(block, nodes.component, variable)

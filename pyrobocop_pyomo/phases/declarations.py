@@ -17,7 +17,7 @@ from typing import Any, Union
 from pyrobocop_pyomo.errors import DeclarationError, TrajectoryError
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.transcription import Guess
+from pyrobocop_pyomo.transcription import InitialGuess
 
 from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
 
@@ -51,7 +51,7 @@ class Declaration:
     ----------
     bounds : (lower, upper), or function of the time index that returns such a pair
         None where there is no bound.
-    guess : number, array, function of the time index, or None
+    initial_guess : number, array, function of the time index, or None
         Where the solver starts; 0 by default.
     units : Pyomo unit or None
         Units of the variable, such as ``pyo.units.m``; numbers of this declaration are meant in them.
@@ -60,7 +60,7 @@ class Declaration:
     """
 
     bounds: BoundsInTime = UNBOUNDED
-    guess: Guess = None
+    initial_guess: InitialGuess = None
     units: Any = None
     declared_at: str = field(default_factory=_call_site, repr=False, compare=False)
 
@@ -86,10 +86,10 @@ class Declaration:
         raise DeclarationError(f"{what}: a {type(self).__name__} has no values over time.")
 
     def __getstate__(self) -> dict[str, Any]:
-        # The variables are built: a guess has done its work, and bounds are only asked again by a verification.
+        # The variables are built: only a verification asks for bounds again, and nothing for an initial guess.
         state = dict(self.__dict__)
-        if callable(self.guess):
-            state["guess"] = picklable_or_none(self.guess)
+        if callable(self.initial_guess):
+            state["initial_guess"] = picklable_or_none(self.initial_guess)
         if callable(self.bounds):
             state["bounds"] = picklable_or_none(self.bounds) or _lost_bounds
         return state

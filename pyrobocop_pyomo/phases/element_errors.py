@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 from pyrobocop_pyomo.numerics import radau
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -72,10 +72,10 @@ def _unknowns(block: Any, record: PhaseRecord) -> Unknowns:
     """Algebraics are found anew where residual equations determine them all, else taken from the trajectory."""
     try:
         return find_unknowns(block, record, {})
-    except GuessError:
+    except InitialGuessError:
         try:
             return find_unknowns(block, record, dict.fromkeys(record.names(Algebraic)))
-        except GuessError as error:
+        except InitialGuessError as error:
             raise TrajectoryError(
                 f"phase '{block.name}': the error of its elements cannot be estimated, since its residual equations "
                 "determine neither all algebraics nor the derivatives alone."

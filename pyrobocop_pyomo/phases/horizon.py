@@ -18,35 +18,35 @@ from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import DeclarationError, GuessError, MeshError
+from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError
 from pyrobocop_pyomo.numerics import Grid, Mesh
-from pyrobocop_pyomo.transcription import number_guess
+from pyrobocop_pyomo.transcription import initial_number
 
 from .building import within
 from .declarations import Bounds, Duration, Start, check_bounds
 from .record import PhaseRecord
 
 
-def add_horizon(block: Any, record: PhaseRecord, start: Any, moving: Bounds | None) -> None:
+def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths: Bounds | None) -> None:
     """Add start, duration and, where elements may move, their boundaries to a phase block.
 
     Raises
     ------
-    DeclarationError, GuessError
+    DeclarationError, InitialGuessError
         When bounds or guesses do not fit.
     """
     what = f"phase '{block.name}'"
     _add_duration(block, record, f"{what}: duration")
     if isinstance(start, Start):
         bounds = check_bounds(start.bounds, f"{what}: start", "bounds")
-        guess = number_guess(start.guess, f"{what}: start")
+        guess = initial_number(start.initial_guess, f"{what}: start")
         block.start = Var(bounds=bounds, initialize=guess, units=record.time_units)
     elif isinstance(start, float):
         block.start = with_units(record, start)
     else:
         block.start = Expression(expr=start)
-    if moving is not None:
-        _add_boundaries(block, record.grid.mesh, moving, what)
+    if free_element_widths is not None:
+        _add_boundaries(block, record.grid.mesh, free_element_widths, what)
 
 
 def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
@@ -55,22 +55,22 @@ def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
         block.duration = with_units(record, float(duration))
         return
     lower, upper = check_bounds(duration.bounds, what, "bounds")
-    if duration.guess is None:
+    if duration.initial_guess is None:
         assert lower is not None  # the caller has refused a duration without positive lower bound
         guess = lower if upper is None else math.sqrt(lower * upper)  # durations spread over magnitudes
     else:
-        guess = number_guess(duration.guess, what)
+        guess = initial_number(duration.initial_guess, what)
         if guess <= 0:
-            raise GuessError(f"{what}: the guess is {guess:g}; it must be positive.")
+            raise InitialGuessError(f"{what}: the initial guess is {guess:g}; it must be positive.")
     block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=record.time_units)
 
 
-def _add_boundaries(block: Any, mesh: Mesh, moving: Bounds, what: str) -> None:
-    lower, upper = check_bounds(moving, what, "moving bounds")
+def _add_boundaries(block: Any, mesh: Mesh, factors: Bounds, what: str) -> None:
+    lower, upper = check_bounds(factors, what, "free_element_widths")
     if lower is None or upper is None or not 0 < lower <= 1 <= upper:
         raise DeclarationError(
-            f"{what}: moving = {moving!r}; expected (smallest, largest) factor of each element's width with "
-            "0 < smallest <= 1 <= largest, for example (0.2, 3)."
+            f"{what}: free_element_widths = {factors!r}; expected (smallest, largest) factor of each element's "
+            "width with 0 < smallest <= 1 <= largest, for example (0.2, 3)."
         )
     inner = range(1, mesh.elements)
     block.boundary = Var(
@@ -96,7 +96,7 @@ def element_widths(block: Any, record: PhaseRecord) -> list[Any]:
     """Width of each element in real time: numbers, or expressions where something is to be found."""
     if not record.normalised:
         return [with_units(record, width) for width in record.grid.mesh.widths.tolist()]
-    if record.moving:
+    if record.free_widths:
         return [block.duration * (block.boundary[i + 1] - block.boundary[i]) for i in range(record.grid.mesh.elements)]
     return [block.duration * width for width in record.grid.mesh.widths.tolist()]
 
@@ -105,7 +105,7 @@ def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float
     """A common factor, and the weight of each collocation point, of an integral over real time."""
     grid = record.grid
     scale = block.duration if record.normalised else with_units(record, 1.0)
-    if not record.moving:
+    if not record.free_widths:
         return scale, grid.quadrature_weights
     weights: dict[float, Any] = {}
     for i, times in enumerate(grid.stage_times):
@@ -119,7 +119,7 @@ def real_time(block: Any, record: PhaseRecord, t: float) -> Any:
     """The time that an index stands for."""
     if not record.normalised:
         return with_units(record, t)
-    if not record.moving:
+    if not record.free_widths:
         return block.start + block.duration * t
     boundaries = record.grid.mesh.boundaries
     i = min(max(bisect_right(boundaries, t) - 1, 0), record.grid.mesh.elements - 1)
@@ -141,11 +141,13 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When it is no `PhaseBlock`.
     """
     if not hasattr(phase, "time_at") or not hasattr(phase, "time"):
-        raise GuessError(f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; a guess along a path needs one.")
+        raise InitialGuessError(
+            f"'{getattr(phase, 'name', phase)}' is no PhaseBlock; an initial guess along a path needs one."
+        )
     start, end = (float(value(phase.time_at(t))) for t in (phase.time.first(), phase.time.last()))
     return lambda t: (float(value(phase.time_at(t))) - start) / (end - start)
 
@@ -171,7 +173,7 @@ def check_horizon(what: str, start: Any, duration: Any) -> None:
         if lower is None or lower <= 0:
             raise DeclarationError(
                 f"{what}: the lower bound of the duration is {lower}; it must be positive. "
-                "Give Duration(bounds=(0.1, 10), guess=1)."
+                "Give Duration(bounds=(0.1, 10), initial_guess=1)."
             )
     elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
         raise DeclarationError(f"{what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...).")
@@ -200,6 +202,6 @@ def make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mes
     if abs(made.boundaries[0] - first) > close or abs(made.boundaries[-1] - last) > close:
         raise DeclarationError(
             f"the mesh runs from {made.boundaries[0]:g} to {made.boundaries[-1]:g}, the phase from {first:g} to "
-            f"{last:g}. A phase with a free start or duration, or with moving elements, takes a mesh from 0 to 1."
+            f"{last:g}. A phase with a free start or duration, or with free element widths, takes a mesh from 0 to 1."
         )
     return made

@@ -114,7 +114,7 @@ def _stage(
 
 
 def _solve(residuals: Any, guess: Array) -> tuple[Array, float]:
-    """The root next to a guess, and the largest residual there relative to the largest value."""
+    """The root next to an initial guess, and the largest residual there relative to the largest value."""
     if len(guess) == 0:
         residuals(guess)
         return guess, 0.0

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import Guess, number_guess
+from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
 from .building import within
 from .declarations import Parameter, State
@@ -28,17 +28,19 @@ Array = NDArray[np.float64]
 Values = list[tuple[Any, float]]
 
 
-def set_guesses(block: Any, record: PhaseRecord, guesses: Mapping[Any, Guess]) -> None:
+def set_guesses(block: Any, record: PhaseRecord, guesses: Mapping[Any, InitialGuess]) -> None:
     """Set values by name; derivatives that are variables follow their states.
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         Naming what is unknown, of the wrong length or not finite; nothing is set then.
     """
     named = {_name_of(block, record, key): guess for key, guess in guesses.items()}
     if len(named) != len(guesses):
-        raise GuessError(f"phase '{block.name}': a guess is given twice, by name and by variable. Give it once.")
+        raise InitialGuessError(
+            f"phase '{block.name}': an initial guess is given twice, by name and by variable. Give it once."
+        )
     values = {name: guess_values(block, record, name, guess) for name, guess in named.items()}
     for each in values.values():
         _assign(each)
@@ -55,18 +57,18 @@ def set_trajectory(block: Any, record: PhaseRecord, trajectory: Trajectory) -> N
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When they have no name in common.
     """
     values, fraction = PhaseValues(block), horizon_fraction(block)
     begin = trajectory.grid.mesh.boundaries[0]
     found = values.sampled(trajectory, lambda t: begin + fraction(t) * trajectory.duration)
     shared = [name for name in record.names(Parameter) if name in trajectory.parameters]
-    guesses: dict[str, Guess] = {name: trajectory.parameters[name] for name in shared}
+    guesses: dict[str, InitialGuess] = {name: trajectory.parameters[name] for name in shared}
     if not any(name in record.declarations for name in (*found, *guesses)):
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{block.name}': trajectory '{trajectory.name}' has {', '.join(trajectory.names) or 'no values'}; "
-            f"the phase has {', '.join(record.declarations) or 'nothing'}. A guess needs a name in common."
+            f"the phase has {', '.join(record.declarations) or 'nothing'}. An initial guess needs a name in common."
         )
     if _is_free(block, "duration"):
         guesses["duration"] = trajectory.duration
@@ -84,11 +86,11 @@ def set_straight_lines(block: Any, record: PhaseRecord) -> None:
     """Lead each state from its initial to its final value on a straight line.
 
     A range counts with the value nearest to the other end. Where only one end is stated the state stays there, and
-    where none is it keeps its guess.
+    where none is it keeps its initial guess.
     """
     times = record.grid.times
     span = times[-1] - times[0]
-    lines: dict[str, Guess] = {}
+    lines: dict[str, InitialGuess] = {}
     for name in record.names_of_states:
         variable = block.component(name)
         declaration = record.declarations[name]
@@ -109,14 +111,14 @@ def set_straight_lines(block: Any, record: PhaseRecord) -> None:
     set_guesses(block, record, lines)
 
 
-def guess_values(block: Any, record: PhaseRecord, name: str, guess: Guess) -> Values:
-    """The variables behind a name, each once, with the values that a guess means for them."""
+def guess_values(block: Any, record: PhaseRecord, name: str, guess: InitialGuess) -> Values:
+    """The variables behind a name, each once, with the values that an initial guess means for them."""
     what = f"phase '{block.name}': '{name}'"
     component = block.component(name)
     if not component.is_indexed():
-        number = number_guess(guess, what)
+        number = initial_number(guess, what)
         if name == "duration" and number <= 0:
-            raise GuessError(f"{what}: the guess is {number:g}; it must be positive.")
+            raise InitialGuessError(f"{what}: the initial guess is {number:g}; it must be positive.")
         return [(component, number)]
     nodes = record.nodes(name)
     return _paired(nodes.variables(block), nodes.from_guess(guess, what))
@@ -128,9 +130,11 @@ def _name_of(block: Any, record: PhaseRecord, key: Any) -> str:
     component = block.component(name)
     if name not in known or component is None or not (isinstance(key, str) or component is key):
         if name == "duration":
-            raise GuessError(f"phase '{block.name}': its duration is the number {block.duration:g} and needs no guess.")
-        raise GuessError(
-            f"phase '{block.name}': a guess is given for '{name}', which it does not have; it has "
+            raise InitialGuessError(
+                f"phase '{block.name}': its duration is the number {block.duration:g} and needs no initial guess."
+            )
+        raise InitialGuessError(
+            f"phase '{block.name}': an initial guess is given for '{name}', which it does not have; it has "
             f"{', '.join(each for each in known if block.component(each) is not None) or 'nothing'}."
         )
     return name

@@ -11,7 +11,7 @@ from pyomo.core.base.expression import Expression
 from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 
 from .declarations import Algebraic, Control, Parameter, State
 from .initial_guesses import guess_values
@@ -55,11 +55,11 @@ class PhaseInterface(DynamicModelInterface):
         """Load data as Pyomo's interface does; a time series may have any times that cover the phase.
 
         Between its samples a series is interpolated linearly, and states get values at element boundaries as well. Like
-        Pyomo's, this overwrites fixed values; `PhaseBlock.set_guess` does not.
+        Pyomo's, this overwrites fixed values; `PhaseBlock.initialize` does not.
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             When a series holds an unknown key, or does not cover the phase.
         """
         if not isinstance(data, TimeSeriesData) or time_points is not None or options:
@@ -72,13 +72,13 @@ class PhaseInterface(DynamicModelInterface):
         for key, samples in data.get_data().items():
             name = self._names.get(str(key))
             if name is None:
-                raise GuessError(
+                raise InitialGuessError(
                     f"phase '{block.name}': the series has the key '{key}'; the phase has {', '.join(self._names)}."
                 )
             is_state = isinstance(self._record.declarations[name], State)
             asked = np.array(grid.times if is_state else grid.points)
             if times[0] > asked[0] + slack or times[-1] < asked[-1] - slack:
-                raise GuessError(
+                raise InitialGuessError(
                     f"phase '{block.name}': the series runs from {times[0]:g} to {times[-1]:g}; '{name}' needs "
                     f"{asked[0]:g} to {asked[-1]:g}. Shift the series, or load it through a Trajectory."
                 )

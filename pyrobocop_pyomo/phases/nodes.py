@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.transcription import Guess, guess_at, stage_guess, state_guess
+from pyrobocop_pyomo.transcription import InitialGuess, initial_stage_values, initial_state_values, initial_values_at
 
 Array = NDArray[np.float64]
 Weights = list[tuple[int, float]]
@@ -68,12 +68,12 @@ class Nodes:
         """Values from samples at `sample_times`."""
         return samples
 
-    def from_guess(self, guess: Guess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, what: str) -> Array:
         """Values that an initial guess of the user's means.
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             When it has the wrong length, or is not finite.
         """
         raise NotImplementedError
@@ -110,9 +110,9 @@ class StateNodes(Nodes):
         """Time index of each value."""
         return self.grid.times
 
-    def from_guess(self, guess: Guess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, what: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return state_guess(guess, self.grid, what)
+        return initial_state_values(guess, self.grid, what)
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the polynomial of the element."""
@@ -140,9 +140,9 @@ class StageNodes(Nodes):
         """The step that led to the point."""
         return np.arange(len(self.times)) - 1
 
-    def from_guess(self, guess: Guess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, what: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return stage_guess(guess, self.grid, what)
+        return initial_stage_values(guess, self.grid, what)
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the polynomial through the stages of the element."""
@@ -201,12 +201,12 @@ class IntervalNodes(_PiecewiseNodes):
         total = np.bincount(self.of_elements, widths * samples, count)
         return total / np.bincount(self.of_elements, widths, count)
 
-    def from_guess(self, guess: Guess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, what: str) -> Array:
         """Values that an initial guess of the user's means: an array has one value per interval, or per element."""
         intervals, elements = len(self.knots) - 1, self.grid.mesh.elements
         if not callable(guess) and np.ndim(guess) == 1 and len(guess) == intervals:  # type: ignore[arg-type]
-            return guess_at(guess, self.times, what, f"{intervals} intervals")
-        return self.from_samples(guess_at(guess, self.sample_times, what, f"{elements} elements"))
+            return initial_values_at(guess, self.times, what, f"{intervals} intervals")
+        return self.from_samples(initial_values_at(guess, self.sample_times, what, f"{elements} elements"))
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """The value of the interval."""
@@ -231,9 +231,9 @@ class KnotNodes(_PiecewiseNodes):
         """The step that is going on."""
         return self.of_points
 
-    def from_guess(self, guess: Guess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, what: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return guess_at(guess, self.knots, what, f"{len(self.knots)} knots")
+        return initial_values_at(guess, self.knots, what, f"{len(self.knots)} knots")
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the line between two knots."""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import Guess
+from pyrobocop_pyomo.transcription import InitialGuess
 
 from .element_errors import estimate_element_errors
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
@@ -22,11 +22,13 @@ Array = NDArray[np.float64]
 
 
 class PhaseActions:
-    """Guesses, simulation, tracking and exchange; part of every `PhaseBlock`."""
+    """Initial guesses, simulation, tracking and exchange; part of every `PhaseBlock`."""
 
     __slots__ = ()
 
-    def set_guess(self: Any, guess: Trajectory | Mapping[Any, Guess] | None = None, /, **by_name: Guess) -> None:
+    def initialize(
+        self: Any, guess: Trajectory | Mapping[Any, InitialGuess] | None = None, /, **by_name: InitialGuess
+    ) -> None:
         """Set where the solver starts, any time after the declarations.
 
         Variables that are fixed keep their values, bounds are left alone, and a value outside of its bounds is moved
@@ -37,14 +39,14 @@ class PhaseActions:
         guess : Trajectory or dict
             A trajectory of any mesh, scheme and duration is evaluated by its own polynomials, its horizon stretched
             onto that of the phase, and a free duration gets its; names in common are set. A dict has names or variables
-            as keys; a guess is a number, a function of the time index, or an array as in a declaration. ``"duration"``,
-            parameters and ``"<state>_derivative"`` are names as well.
+            as keys; each initial guess is a number, a function of the time index, or an array as in a declaration.
+            ``"duration"``, parameters and ``"<state>_derivative"`` are names as well.
         **by_name : number, array or function
-            The same, as in ``set_guess(theta=0.5)``; these win.
+            The same, as in ``initialize(theta=0.5)``; these win.
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             Naming what is unknown, of the wrong length or not finite; nothing is set then.
         """
         if isinstance(guess, Trajectory):
@@ -52,23 +54,23 @@ class PhaseActions:
         elif isinstance(guess, Mapping):
             by_name = {**guess, **by_name}
         elif guess is not None:
-            raise GuessError(
-                f"phase '{self.name}': a guess is a trajectory or a mapping of names to guesses, not a "
-                f"{type(guess).__name__}."
+            raise InitialGuessError(
+                f"phase '{self.name}': an initial guess is a trajectory or a mapping of names to initial guesses, "
+                f"not a {type(guess).__name__}."
             )
         set_guesses(self, self.record, by_name)
 
-    def guess_straight_lines(self: Any) -> None:
+    def initialize_straight_lines(self: Any) -> None:
         """Lead every state from its initial to its final value on a straight line.
 
         A range counts with the value nearest to the other end. A state with one stated end stays there; one with
-        none keeps its guess. Controls and algebraics keep theirs.
+        none keeps its initial guess. Controls and algebraics keep theirs.
         """
         set_straight_lines(self, self.record)
 
     def simulate(
         self: Any,
-        controls: Mapping[str, Guess] | None = None,
+        controls: Mapping[str, InitialGuess] | None = None,
         *,
         initial: Mapping[str, float] | None = None,
         method: str = "DOP853",
@@ -79,7 +81,7 @@ class PhaseActions:
 
         Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
         polynomials of controls. With residual equations, or ``method="scheme"``, the rows of the scheme are solved
-        element by element. Nothing on the model changes: use ``phase.set_guess(trajectory)`` to start from the answer.
+        element by element. Nothing on the model changes: use ``phase.initialize(trajectory)`` to start from the answer.
 
         Parameters
         ----------
@@ -95,7 +97,7 @@ class PhaseActions:
 
         Raises
         ------
-        GuessError
+        InitialGuessError
             When names, lengths or the number of equations do not fit.
         SimulationFailed
             With the time at which it stopped; the elements before are its attribute ``trajectory``.

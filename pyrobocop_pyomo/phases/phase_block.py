@@ -35,7 +35,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
         Collocation points per element; 3 by default.
     start : float, Start, expression or PhaseBlock
         Time at which the phase starts: a number, a variable, an expression, or the phase after whose end it starts.
-    moving : (smallest, largest), optional
+    free_element_widths : (smallest, largest), optional
         Lets the element boundaries move: factors between which each element's width may change, so that a switch
         or a contact can fall on an element end.
     allow_higher_index : bool
@@ -86,7 +86,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
         scheme: str | Scheme = "radau",
         stages: int | None = None,
         start: Any = 0.0,
-        moving: Bounds | None = None,
+        free_element_widths: Bounds | None = None,
         allow_higher_index: bool = False,
         time_units: Any = None,
         rule: Rule | None = None,
@@ -99,7 +99,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
             "scheme": scheme,
             "stages": stages,
             "start": start,
-            "moving": moving,
+            "free_element_widths": free_element_widths,
             "allow_higher_index": allow_higher_index,
             "time_units": time_units,
         }

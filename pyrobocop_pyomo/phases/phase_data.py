@@ -69,8 +69,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         ------
         DeclarationError
             When the name is taken or the declaration contradicts itself.
-        GuessError
-            When the guess has the wrong length or is not finite.
+        InitialGuessError
+            When the initial guess has the wrong length or is not finite.
         """
         if isinstance(declaration, Duration):
             raise DeclarationError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
@@ -302,7 +302,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         scheme: str | Scheme,
         stages: int | None,
         start: Any,
-        moving: Bounds | None,
+        free_element_widths: Bounds | None,
         allow_higher_index: bool,
         time_units: Any,
     ) -> None:
@@ -310,7 +310,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if isinstance(start, PhaseBlockData):
             start = start.time_at(start.final_time)
         check_horizon(self._what, start, duration)
-        normalised = isinstance(duration, Duration) or not isinstance(start, Real) or moving is not None
+        normalised = isinstance(duration, Duration) or not isinstance(start, Real) or free_element_widths is not None
         first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
         try:
             grid = Grid(find_scheme(scheme, stages), make_mesh(first, last, elements, mesh))
@@ -320,13 +320,13 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             grid,
             duration,
             normalised,
-            moving=moving is not None,
+            free_widths=free_element_widths is not None,
             allow_higher_index=bool(allow_higher_index),
             time_units=time_units,
         )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
-        add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, moving)
+        add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, free_element_widths)
 
 
 def phases_of(model: Any) -> list[PhaseBlockData]:

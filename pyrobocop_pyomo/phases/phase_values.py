@@ -147,7 +147,7 @@ def make_trajectory(
 def read_values(
     variables: list[Any],
     error: type[PyRobocopError] = TrajectoryError,
-    what_is_wrong: str = "has no value. Solve the model first, or give it a guess.",
+    what_is_wrong: str = "has no value. Solve the model first, or give it an initial guess.",
 ) -> Array:
     """The values of variables.
 

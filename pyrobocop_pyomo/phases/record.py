@@ -44,7 +44,7 @@ class PhaseRecord:
     duration : float or Duration
     normalised : bool
         True when start, duration or element boundaries are to be found: indices then run from 0 to 1.
-    moving : bool
+    free_widths : bool
         True when the element boundaries are variables.
     declarations : dict of name to Declaration
     statements : list of Statement
@@ -69,7 +69,7 @@ class PhaseRecord:
     grid: Grid
     duration: float | Duration
     normalised: bool = False
-    moving: bool = False
+    free_widths: bool = False
     declarations: dict[str, Declaration] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)

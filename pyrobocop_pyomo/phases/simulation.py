@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import Guess
+from pyrobocop_pyomo.transcription import InitialGuess
 
 from .horizon import real_grid
 from .implicit_steps import step_element, step_start
@@ -56,13 +56,13 @@ class SimulationOptions:
 def simulate(
     block: Any,
     record: PhaseRecord,
-    controls: Mapping[str, Guess],
+    controls: Mapping[str, InitialGuess],
     initial: Mapping[str, float],
     options: SimulationOptions,
 ) -> Trajectory:
     """See `PhaseActions.simulate`."""
     if options.method not in METHODS:
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{block.name}': method {options.method!r} is unknown; choose one of {', '.join(METHODS)}."
         )
     run = _Run(block, record, controls, initial)
@@ -95,7 +95,7 @@ class _Run:
     """The values so far, per element: states at the nodes, everything else at the stages."""
 
     def __init__(
-        self, block: Any, record: PhaseRecord, controls: Mapping[str, Guess], initial: Mapping[str, float]
+        self, block: Any, record: PhaseRecord, controls: Mapping[str, InitialGuess], initial: Mapping[str, float]
     ) -> None:
         self.block, self.record = block, record
         self.grid = real_grid(block, record)
@@ -164,7 +164,7 @@ class _Run:
         return None
 
     def _near(self, i: int) -> dict[str, float]:
-        """Where Newton's method starts for the unknowns at a stage: the stage before, or the phase's own guess."""
+        """Where Newton's method starts for the unknowns at a stage: the stage before, or what the phase holds."""
         near = {}
         for name in self.unknowns.algebraics:
             data = self.block.component(name)[self.record.grid.stage_times[i][0]]

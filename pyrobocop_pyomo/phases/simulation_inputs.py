@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.errors import GuessError
-from pyrobocop_pyomo.transcription import Guess, number_guess
+from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
 from .declarations import Algebraic, Control
 from .phase_values import read_values
@@ -18,7 +18,7 @@ from .record import PhaseRecord
 
 Array = NDArray[np.float64]
 
-_NO_VALUE = "has no value to simulate with. Give it in the call, or a guess."
+_NO_VALUE = "has no value to simulate with. Give it in the call, or an initial guess."
 
 
 @dataclass(frozen=True)
@@ -40,18 +40,18 @@ class Unknowns:
     order: tuple[str, ...]
 
 
-def find_unknowns(block: Any, record: PhaseRecord, given: Mapping[str, Guess]) -> Unknowns:
+def find_unknowns(block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess]) -> Unknowns:
     """Tell what is to be found from what is given.
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When a name is unknown, or equations and unknowns do not match.
     """
     algebraics, controls = record.names(Algebraic), record.names(Control)
     for name in given:
         if name not in algebraics + controls:
-            raise GuessError(
+            raise InitialGuessError(
                 f"phase '{block.name}': '{name}' is given to a simulation, but it is neither control nor algebraic; "
                 f"these are {', '.join(controls + algebraics) or 'none'}."
             )
@@ -61,7 +61,7 @@ def find_unknowns(block: Any, record: PhaseRecord, given: Mapping[str, Guess]) -
     if equations == len(implicit) and free:
         free = ()  # pairs alone determine them, or nothing: they keep their guess
     if equations != len(implicit) + len(free):
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{block.name}': a simulation has {equations} residual equations per point for "
             f"{len(implicit) + len(free)} unknowns: {', '.join((*implicit, *free)) or 'none'}. Complementarity is not "
             "simulated; give the algebraics that pairs determine in controls={...}, and no others."
@@ -69,12 +69,14 @@ def find_unknowns(block: Any, record: PhaseRecord, given: Mapping[str, Guess]) -
     return Unknowns(implicit, free, (*algebraics, *controls))
 
 
-def given_values(block: Any, record: PhaseRecord, given: Mapping[str, Guess], unknowns: Unknowns) -> dict[str, Array]:
+def given_values(
+    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], unknowns: Unknowns
+) -> dict[str, Array]:
     """Values over its nodes of everything that is not to be found: as given, or as the phase has them.
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When a value has the wrong length, is missing or is not finite.
     """
     values = {}
@@ -84,7 +86,7 @@ def given_values(block: Any, record: PhaseRecord, given: Mapping[str, Guess], un
             if name in given:
                 values[name] = nodes.from_guess(given[name], f"phase '{block.name}': '{name}'")
             else:
-                values[name] = read_values(nodes.variables(block), GuessError, _NO_VALUE)
+                values[name] = read_values(nodes.variables(block), InitialGuessError, _NO_VALUE)
     return values
 
 
@@ -93,22 +95,22 @@ def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) 
 
     Raises
     ------
-    GuessError
+    InitialGuessError
         When a name is no state or a value no finite number.
     """
     names = record.names_of_states
     unknown = [name for name in given if name not in names]
     if unknown:
-        raise GuessError(
+        raise InitialGuessError(
             f"phase '{block.name}': an initial value is given for '{unknown[0]}'; its states are "
             f"{', '.join(names) or 'none'}."
         )
     first = record.grid.times[0]
     return np.array(
         [
-            number_guess(given[name], f"phase '{block.name}': initial value of '{name}'")
+            initial_number(given[name], f"phase '{block.name}': initial value of '{name}'")
             if name in given
-            else float(read_values([block.component(name)[first]], GuessError, _NO_VALUE)[0])
+            else float(read_values([block.component(name)[first]], InitialGuessError, _NO_VALUE)[0])
             for name in names
         ],
         dtype=float,

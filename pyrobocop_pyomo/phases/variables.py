@@ -10,7 +10,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import DeclarationError
-from pyrobocop_pyomo.transcription import continuity_rows, number_guess, stage_guess, state_guess
+from pyrobocop_pyomo.transcription import continuity_rows, initial_number, initial_stage_values, initial_state_values
 
 from .building import add_generated, add_indexed, within
 from .controls import add_control
@@ -23,8 +23,8 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
 
     Raises
     ------
-    DeclarationError, GuessError
-        When bounds, boundary values or the guess do not fit.
+    DeclarationError, InitialGuessError
+        When bounds, boundary values or the initial guess do not fit.
     """
     what = f"phase '{block.name}': {type(declaration).__name__.lower()} '{name}'"
     if isinstance(declaration, State):
@@ -32,10 +32,17 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
     elif isinstance(declaration, Control):
         add_control(block, record, name, declaration, what)
     elif isinstance(declaration, Algebraic):
-        add_indexed(block, name, declaration, block.points, stage_guess(declaration.guess, record.grid, what), what)
+        add_indexed(
+            block,
+            name,
+            declaration,
+            block.points,
+            initial_stage_values(declaration.initial_guess, record.grid, what),
+            what,
+        )
     elif isinstance(declaration, Parameter):
         bounds = declaration.bounds_at(record.grid.times[0], what)
-        guess = number_guess(declaration.guess, what)
+        guess = initial_number(declaration.initial_guess, what)
         block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
     else:
         raise DeclarationError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
@@ -43,7 +50,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
 
 def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: str) -> None:
     grid = record.grid
-    add_indexed(block, name, state, block.time, state_guess(state.guess, grid, what), what)
+    add_indexed(block, name, state, block.time, initial_state_values(state.initial_guess, grid, what), what)
     variable = block.component(name)
     for given, time, where in ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final")):
         _impose_boundary_value(variable[time], given, f"{what} (declared at {state.declared_at})", where)

@@ -65,7 +65,7 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
     whole = convex_faces(points)
     polygons = [_clipped(face, *frame) for face in whole]
     if len(whole) > 1:
-        # What the cut has opened is closed again by the corners of the frame that lie in the shape.
+        # The corners of the frame that lie in the shape close the cut faces.
         sides = scipy.spatial.ConvexHull(points).equations
         corners = np.array(list(product(*frame.T)))
         polygons.append(corners[(corners @ sides[:, :-1].T + sides[:, -1]).max(axis=1) <= 0])
@@ -74,7 +74,7 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
 
 
 def convex_outline(points: Array) -> Array:
-    """Corners of the convex hull of points in the plane, counter-clockwise; shape (k, 2). Flat sets are welcome.
+    """Corners of the convex hull of points in the plane, counter-clockwise; shape (k, 2). Flat sets are allowed.
 
     References
     ----------
@@ -84,7 +84,7 @@ def convex_outline(points: Array) -> Array:
     ordered = np.unique(points, axis=0)
     if len(ordered) < 3:
         return ordered
-    # Corners within rounding of an edge are no corners, else a segment would come back as a thin triangle.
+    # Corners within rounding of an edge are left out, else a segment would become a thin triangle.
     negligible = 1e-12 * float(np.ptp(ordered, axis=0).max()) ** 2
     chains = []
     for chain in (ordered, ordered[::-1]):
@@ -147,18 +147,18 @@ def _frame(view: Array | None, points: Array) -> Array:
 
 
 def _with_rays(points: Array, rays: Array, frame: Array) -> Array:
-    """The corners, and where the rays have left the frame for good, however slanted."""
+    """The corners, and points on the rays far outside the frame."""
     middle, size = frame.mean(axis=0), float(np.linalg.norm(frame[1] - frame[0]))
     length = 4 * (size + float(np.linalg.norm(points - middle, axis=1).max()))
     directions = np.asarray(rays, dtype=float)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    # Twice each ray, and both of each two: the hull of the ends of a half-plane's rays would be one triangle else.
+    # Sums of two rays as well: else the ends of a half-plane's rays would span a single triangle.
     directions = np.concatenate([directions, *(directions + direction for direction in directions)])
     return np.concatenate([points, (points[:, None, :] + length * directions).reshape(-1, points.shape[1])])
 
 
 def _clipped(corners: Array, lower: Array, upper: Array) -> Array:
-    """The part of a convex polygon within a box, side by side."""
+    """The part of a convex polygon within a box, clipped side by side."""
     for axis in range(corners.shape[1]):
         for sign, bound in ((1.0, float(upper[axis])), (-1.0, -float(lower[axis]))):
             kept = []

@@ -109,14 +109,19 @@ def scene_axis(
     if dimension == 3:
         axis = figure.subplots(subplot_kw={"projection": "3d"})
         for obstacle in obstacles:
-            edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)  # the facets of what is round are not meant
+            edge = (
+                0.4,
+                0.4,
+                0.4,
+                0.1 if obstacle.radius else 0.8,
+            )  # facets approximate round shapes, so their edges are faint
             for polygon in faces(obstacle, window):
                 add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
         axis.set_zlabel(f"z [{unit}]")
         axis.set_box_aspect(window[1] - window[0])
     else:
         axis = figure.subplots()
-        # Axes that fill their place, whatever the shape of the motion, may show more than the window.
+        # Axes with a fixed aspect may show more than the window.
         shown = window if view is not None else window + (window[1] - window[0]).max() * np.array([[-3.0], [3.0]])
         for obstacle in obstacles:
             corners = outline(obstacle, shown)
@@ -174,7 +179,7 @@ def draw_path(axis: Any, body: BodyPath, *, named: bool) -> None:
 def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
     """The part of a scene to show: all motion, with room around it, and obstacles as far as they are near.
 
-    A wall that is much longer than the motion would make a dot of it: the picture ends at half as much again.
+    The picture ends at one and a half times the motion: a long wall would otherwise shrink the motion to a dot.
     """
     reach = max(float(part.radius) for body in bodies for part in body.parts)  # type: ignore[union-attr]
     places = np.concatenate([body.places().reshape(-1, body.dimension) for body in bodies])
@@ -183,7 +188,7 @@ def _window(bodies: Sequence[BodyPath], obstacles: Sequence[Any]) -> Array:
     low, high = lower - 0.08 * room, upper + 0.08 * room
     for obstacle in obstacles:
         corners = np.asarray(obstacle.vertices, dtype=float)
-        # So that an endless wall at the edge of the picture is seen as a wall and not as a line.
+        # More room along rays, so that an unbounded wall at the edge looks like a wall and not like a line.
         rays = np.concatenate([np.zeros((1, len(lower))), np.reshape(obstacle.rays, (-1, len(lower)))])
         before = corners.min(axis=0) - obstacle.radius - room * np.where(rays.min(axis=0) < -1e-9, 0.3, 0.08)
         after = corners.max(axis=0) + obstacle.radius + room * np.where(rays.max(axis=0) > 1e-9, 0.3, 0.08)
@@ -243,7 +248,7 @@ def animate_scene(
     label = write(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")
 
     target = Path(path).with_suffix(".gif")
-    # Driven by hand: `FuncAnimation` redraws a first frame that nobody sees.
+    # Frames are written directly: `FuncAnimation` draws an additional first frame.
     writer = animation.PillowWriter(fps=frames / lasts)
     writer.setup(figure, str(target), dpi=100)
     shown: list[Any] = []
@@ -259,7 +264,7 @@ def animate_scene(
         ]
         label.set_text(f"{frame:.2f} s")
         if frame == wanted[0]:
-            # The layout is made once; made anew for every frame, the picture would tremble.
+            # The layout is computed once, so that the picture does not shift between frames.
             figure.draw_without_rendering()
             figure.set_layout_engine("none")
         writer.grab_frame()

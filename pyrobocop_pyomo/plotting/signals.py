@@ -126,7 +126,7 @@ def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
 
 
 def _that_fit(names: Sequence[str], room: Sequence[float]) -> list[str]:
-    """The names, or their indices alone where some name is wider than its phase; nothing where that is too wide too."""
+    """The names, or only their indices where a name is wider than its phase, or nothing where an index is too wide."""
 
     def fits(name: str, width: float) -> bool:
         return len(name) * _POINTS_PER_LETTER <= width

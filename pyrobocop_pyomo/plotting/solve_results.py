@@ -93,7 +93,7 @@ def _floor(values: Array) -> float:
 
 
 def _name_runs(axis: Any, borders: Sequence[float], labels: Sequence[str]) -> None:
-    """Numbers of the runs above the panel and their names beside it: above each other they would overlap."""
+    """Write the numbers of the runs above the panel and their names beside it, where there is room."""
     width = borders[-1] or 1.0
     last = -1.0
     for number, (start, end) in enumerate(itertools.pairwise(borders), start=1):

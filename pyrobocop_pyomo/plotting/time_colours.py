@@ -23,7 +23,7 @@ def time_colours(time: Array) -> Any:
 
 
 def evenly_moved(points: Array, snapshots: int) -> NDArray[np.int64]:
-    """Which times to draw so that about as much motion lies between any two: rest is not drawn again and again.
+    """Times to draw, with about equal motion between them, so that rest is not drawn repeatedly.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A Pyomo model as numbers: written to a ``.nl`` file or walked over once, evaluated from memory ever after."""
+"""A Pyomo model with its nonlinear program, made from a ``.nl`` file or by a walk over its expressions."""
 
 from __future__ import annotations
 
@@ -48,9 +48,10 @@ _HEADER_LINES = 10
 
 
 class CompiledModel:
-    """A Pyomo model with its nonlinear program, which can be solved many times without writing it again.
+    """A Pyomo model with its nonlinear program, which can be solved many times without being compiled again.
 
-    What was fixed, active or the value of a mutable Param when the model was written stays as it was until `update`.
+    What was fixed or active, and the values of mutable Params, stay as they were when the model was compiled until
+    `update`.
     Values of variables are free to change; `current_point` reads them.
 
     Parameters

@@ -18,44 +18,67 @@ the nodes in the order of a walk, each before its arguments:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
 from operator import add, mul
 from typing import Any
 
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.expression_nodes import (
+    CHOICE,
+    DIVISION,
+    FLOAT_FUNCTIONS,
+    NEGATION,
+    POWER,
+    PRODUCT,
+    SUMMATION,
+    UNKNOWN,
+    apply_operator,
+    kind_of_node,
+)
+
 Code = tuple[Any, ...]
 
 NUMBER = 0
-PRODUCT, DIVISION, NEGATION, POWER, CHOICE = 1, 2, 3, 4, 5
 _SIZE = 1 << 40  # more arguments than any sum has
 SUM, FACTORS, SCALED_SUM = _SIZE, 2 * _SIZE, 3 * _SIZE
 _ARGUMENTS = {PRODUCT: 2, DIVISION: 2, NEGATION: 1, POWER: 2, CHOICE: 3}
-
-
-def comparisons(both: Callable[[Any, Any], Any]) -> dict[str, Callable[..., Any]]:
-    """What relations mean, given what it means that two of them hold at once."""
-    return {
-        "==": lambda a, b: a == b,
-        "<=": lambda a, b: a <= b,
-        "<": lambda a, b: a < b,
-        "<=<=": lambda a, b, c: both(a <= b, b <= c),
-        "<=<": lambda a, b, c: both(a <= b, b < c),
-        "<<=": lambda a, b, c: both(a < b, b <= c),
-        "<<": lambda a, b, c: both(a < b, b < c),
-    }
-
-
-FLOAT_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: getattr(math, name) for name in (
-        "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh",
-        "exp", "log", "log10", "sqrt", "ceil", "floor",
-    )},
-    **comparisons(lambda a, b: a and b),
-    "abs": abs,
-    "choose": lambda condition, a, b: a if condition else b,
-}  # fmt: skip
 _ARGUMENTS_OF_FUNCTION = {"==": 2, "<=": 2, "<": 2, "<=<=": 3, "<=<": 3, "<<=": 3, "<<": 3}
+
+REMEDY = "Use derivatives='asl', or the ipopt executable."
+
+
+class NodeKinds(dict[type, int]):
+    """Kind of each class of nodes that was met, as a dictionary: the walks look kinds up for every node.
+
+    Raises
+    ------
+    ModelError
+        For a class that has no derivatives here: external functions, minima and maxima, strings.
+    """
+
+    def __missing__(self, cls: type) -> int:
+        kind = kind_of_node(cls)
+        if kind == UNKNOWN:
+            raise ModelError(
+                f"an expression holds a {cls.__name__}, which the vectorised backend does not know. {REMEDY}"
+            )
+        self[cls] = kind
+        return kind
+
+
+def function_name(node: Any) -> str:
+    """Name of a function of one argument.
+
+    Raises
+    ------
+    ModelError
+        For a function that codes do not have.
+    """
+    name: str = node.getname()
+    if name not in FLOAT_FUNCTIONS:
+        raise ModelError(f"'{node}': vectorised expressions do not know the function '{name}'. {REMEDY}")
+    return name
 
 
 def decoded(
@@ -125,12 +148,5 @@ def _applied(symbol: Any, arguments: list[Any], functions: Mapping[str, Callable
         half = symbol - SCALED_SUM
         return reduce(add, map(mul, arguments[:half], arguments[half:]))
     if symbol >= SUM:
-        return reduce(mul if symbol >= FACTORS else add, arguments)
-    if symbol == NEGATION:
-        return -arguments[0]
-    if symbol == CHOICE:
-        return functions["choose"](*arguments)
-    first, last = arguments
-    if symbol == PRODUCT:
-        return first * last
-    return first / last if symbol == DIVISION else first**last
+        return apply_operator(PRODUCT if symbol >= FACTORS else SUMMATION, arguments, functions)
+    return apply_operator(symbol, arguments, functions)

@@ -1,4 +1,4 @@
-"""What every way to Ipopt asks of a model before it is solved."""
+"""What every backend asks of a model before it is solved."""
 
 from __future__ import annotations
 

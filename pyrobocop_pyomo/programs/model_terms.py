@@ -1,9 +1,9 @@
-"""A Pyomo model as linear and nonlinear terms, from one walk over its active rows and its objective."""
+"""A Pyomo model as a linear part and groups of nonlinear terms of one shape, from one walk over its active rows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
@@ -15,17 +15,188 @@ from pyomo.core.base.param import Param
 from pyomo.core.base.set import RangeSet, Set
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var, VarData
+from pyomo.core.expr.numeric_expr import MonomialTermExpression
 from pyomo.network import Port
 from pyomo.repn.util import categorize_valid_components
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 
-from .expression_terms import Terms
+from .expression_codes import FACTORS, SCALED_SUM, NodeKinds
 from .model_checks import refuse_discrete, single_objective
-from .term_groups import Columns
+from .term_groups import Columns, NonlinearTerm, TermGroups
 
 # An ExternalFunction or a Port does nothing by itself.
 _SEEN = {Block, Objective, Constraint, Var, Param, Expression, Set, RangeSet, Suffix, ExternalFunction, Port}
+
+# A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
+# an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
+LONGEST_TERM = 16
+
+
+class _Summand(NamedTuple):
+    """A nonlinear summand: ``scale * product of factors * node``."""
+
+    node: Any
+    scale: float
+    factors: tuple[Any, ...]
+
+
+class Terms:
+    """What is known of a set of rows: ``constants + linear part + sum of the groups``.
+
+    Add all rows first, then `group` the nonlinear terms.
+
+    Parameters
+    ----------
+    columns : Columns
+        Shared among the sets of rows of one model.
+
+    Attributes
+    ----------
+    linear_rows, linear_columns, linear_coefficients : list
+        Triplets; a column ``-1 - i`` is the parameter i.
+    constants : dict of row to float
+    groups : TermGroups
+    named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
+    """
+
+    def __init__(self, columns: Columns) -> None:
+        self.columns = columns
+        self.linear_rows: list[int] = []
+        self.linear_columns: list[int] = []
+        self.linear_coefficients: list[float] = []
+        self.constants: dict[int, float] = {}
+        self.named_expressions: dict[int, tuple[Any, Any]] = {}
+        self._kinds = NodeKinds()
+        self.groups = TermGroups(columns, self._kinds, self._content)
+        self._terms: list[NonlinearTerm] = []
+
+    def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
+        """Add ``scale * expression`` to a row, in linear terms as far as possible.
+
+        Returns
+        -------
+        bool
+            False when the expression has no free variables; it is then not added, except with `keep_constant`.
+        """
+        columns: list[int] = []
+        coefficients: list[float] = []
+        constant, parts = self._split(expression, scale, columns, coefficients)
+        variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
+        if not (variable or keep_constant):
+            return False
+        if constant:
+            self.constants[row] = constant
+        self.linear_rows += [row] * len(columns)
+        self.linear_columns += columns
+        self.linear_coefficients += coefficients
+        if parts:
+            self._terms += _nonlinear_terms(row, parts)
+        return variable
+
+    def group(self) -> None:
+        """Put the terms of all rows that were added into groups of one shape."""
+        self.groups.put(self._terms)
+        self._terms.clear()
+
+    def _has_variable(self, part: _Summand) -> bool:
+        pending = [part.node, *part.factors]
+        while pending:
+            node = pending.pop()
+            kind = self._kinds[node.__class__]
+            if kind == LEAF:
+                if self.columns.of([node])[0] >= 0:
+                    return True
+            elif kind != CONSTANT:
+                pending += reversed(node._args_[: node._nargs] if kind == SUMMATION else node._args_)
+        return False
+
+    def _split(
+        self, expression: Any, scale: float, columns: list[int], coefficients: list[float]
+    ) -> tuple[float, list[_Summand]]:
+        """Take the linear terms out; return the constant and the nonlinear summands."""
+        kinds, column_of = self._kinds, self.columns.column_of
+        constant = 0.0
+        parts: list[_Summand] = []
+        factors: tuple[Any, ...] = ()
+        pending: list[tuple[Any, float, tuple[Any, ...]]] = [(expression, scale, factors)]
+        while pending:
+            node, scale, factors = pending.pop()
+            kind = kinds[node.__class__]
+            if kind == SUMMATION:
+                for argument in reversed(node._args_[: node._nargs]):
+                    # The quick way of the most frequent case: a number times a variable that was met before.
+                    if argument.__class__ is MonomialTermExpression and not factors:
+                        coefficient, variable = argument._args_
+                        column = column_of.get(id(variable))
+                        if column is not None and coefficient.__class__ is float:
+                            columns.append(column)
+                            coefficients.append(scale * coefficient)
+                            continue
+                    pending.append((argument, scale, factors))
+            elif kind == LEAF and not factors:
+                column = column_of.get(id(node))
+                columns.append(self.columns.add(node) if column is None else column)
+                coefficients.append(scale)
+            elif kind == NEGATION:
+                pending.append((node._args_[0], -scale, factors))
+            elif kind == PRODUCT:
+                first, last = node._args_
+                if kinds[first.__class__] == CONSTANT:
+                    pending.append((last, scale * float(first), factors))
+                elif kinds[last.__class__] == CONSTANT:
+                    pending.append((first, scale * float(last), factors))
+                elif self._is_long_sum(last):
+                    pending.append((last, scale, (*factors, first)))
+                elif self._is_long_sum(first):
+                    pending.append((first, scale, (*factors, last)))
+                else:
+                    parts.append(_Summand(node, scale, factors))
+            elif kind == DIVISION and kinds[node._args_[1].__class__] == CONSTANT and node._args_[1]:
+                pending.append((node._args_[0], scale / float(node._args_[1]), factors))
+            elif kind == NAMED:
+                pending.append((self._content(node), scale, factors))
+            elif kind == CONSTANT and not factors:
+                constant += scale * float(node)
+            else:
+                parts.append(_Summand(node, scale, factors))
+        return constant, parts
+
+    def _is_long_sum(self, node: Any) -> bool:
+        """Whether a factor is worth being multiplied out: an integral over a free duration is such a product."""
+        kinds = self._kinds
+        while True:
+            kind = kinds[node.__class__]
+            if kind == NAMED:
+                node = self._content(node)
+            elif kind == PRODUCT and kinds[node._args_[0].__class__] == CONSTANT:
+                node = node._args_[1]
+            else:
+                return kind == SUMMATION and node._nargs > LONGEST_TERM
+
+    def _content(self, named: Any) -> Any:
+        """The expression behind a name, remembered so that a later change of it can be noticed."""
+        expression = named._args_[0]
+        self.named_expressions[id(named)] = (named, expression)
+        return expression
+
+
+def _nonlinear_terms(row: int, parts: list[_Summand]) -> list[NonlinearTerm]:
+    """A short sum as one term, a long one as several."""
+    if len(parts) == 1 and not parts[0].factors:
+        return [NonlinearTerm(row, parts[0].scale, (parts[0].node,), None, ())]
+    if len(parts) <= LONGEST_TERM and not any(part.factors for part in parts):
+        # What the scales have in common stays outside, so that elements of other widths have the same numbers.
+        common = parts[0].scale if len({abs(part.scale) for part in parts}) == 1 else 1.0
+        scales = tuple(part.scale / common if common else 0.0 for part in parts)
+        return [NonlinearTerm(row, common, tuple(part.node for part in parts), SCALED_SUM + len(parts), scales)]
+    return [
+        NonlinearTerm(
+            row, part.scale, (*part.factors, part.node), FACTORS + 1 + len(part.factors) if part.factors else None, ()
+        )
+        for part in parts
+    ]
 
 
 @dataclass(eq=False)
@@ -115,7 +286,11 @@ def collect_terms(model: BlockData) -> ModelTerms:
 def _refuse_unknown_components(model: BlockData) -> None:
     _, unknown = categorize_valid_components(model, active=True, valid=_SEEN)
     if unknown:
-        shown = ", ".join(f"'{each.name}' ({ctype.__name__})" for ctype, several in unknown.items() for each in several)
+        shown = ", ".join(
+            f"'{component.name}' ({ctype.__name__})"
+            for ctype, components in unknown.items()
+            for component in components
+        )
         raise ModelError(
             f"'{model.name}' has active components that are no constraints, and that a solver would not see: {shown}. "
             "Transform them, or deactivate them."

@@ -132,7 +132,7 @@ class ShiftedRows:
     Parameters
     ----------
     nlp : NonlinearProgram
-        The program as it was written.
+        The program with the bounds `base`.
     rows : int array
         Numbers of the rows to shift.
     base : float or float array of the shape of `rows`

@@ -9,9 +9,8 @@ import numpy as np
 from pyrobocop_pyomo.errors import SolverNotFoundError
 
 from .casadi_program import casadi_available
-from .expression_terms import Terms
 from .model_numbers import ModelNumbers
-from .model_terms import ModelTerms
+from .model_terms import ModelTerms, Terms
 from .nonlinear_program import FloatArray, IndexArray, finite
 from .term_functions import TermFunction, term_functions
 

@@ -141,8 +141,8 @@ class Polish:
         return self._better(iterate, self._examined(replace(iterate, strategy="projection"), found, start))
 
     def explore(self, iterate: Iterate) -> Iterate:
-        """Look for a better optimum beyond a certified one, in the time that this may take; its iterate, or the
-        same.""" prepare()
+        """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
+        prepare()
         budget = self._exploration.budget(self._program.pairs)
         deadline = self._settings.deadline.within(budget)
         if deadline.has_passed:

@@ -10,7 +10,7 @@ from typing import Any
 from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.complementarity import LiftedPair, Part, SideVariable
+from pyrobocop_pyomo.complementarity import LiftedPair, SidePart, SideVariable
 from pyrobocop_pyomo.errors import ComplementarityError
 
 
@@ -54,7 +54,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
     intervals = ExpressionBoundsVisitor()
     found = []
     for pair in pairs:
-        least_a, most_a = _range(pair.a, pair.pair.a, Part.WHOLE, intervals)
+        least_a, most_a = _range(pair.a, pair.pair.a, SidePart.WHOLE, intervals)
         least_b, most_b = _range(pair.b, pair.pair.b, pair.pair.b_part, intervals)
         for which, most in (("first", most_a), ("second", most_b)):
             if most < -tolerance:
@@ -97,7 +97,9 @@ def held_at_zero(decisions: Sequence[Decision]) -> Iterator[None]:
             setattr(variable, name, bound)
 
 
-def _range(side: SideVariable, expression: Any, part: Part, intervals: ExpressionBoundsVisitor) -> tuple[float, float]:
+def _range(
+    side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBoundsVisitor
+) -> tuple[float, float]:
     """Interval that a side lies in, by its variable and, where it was lifted, by its expression."""
     variable, offset = side.variable, value(side.offset)
     if variable.fixed:
@@ -109,9 +111,9 @@ def _range(side: SideVariable, expression: Any, part: Part, intervals: Expressio
     least, most = min(ends), max(ends)
     if expression is not variable:
         below, above = intervals.walk_expression(expression)
-        if part is Part.NEGATIVE:
+        if part is SidePart.NEGATIVE:
             below, above = -above, -below
-        if part is not Part.WHOLE:
+        if part is not SidePart.WHOLE:
             below, above = max(below, 0.0), max(above, 0.0)
         least, most = max(least, below), min(most, above)
     return least, most

@@ -1,20 +1,34 @@
-"""Studies around a solve: many starts, paths of data, sensitivity, mesh refinement, sequences, receding horizons."""
+"""Studies around a solve: many starts, paths of data, sensitivity, mesh refinement, sequences, receding horizons.
+
+`multistart`, `homotopy`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence of outcomes that prints
+as a table. Its members mean the same in all of them:
+
+* ``best``: the outcome that answers the study; its point is the one on the model;
+* ``result``: the `SolveResult` of that outcome;
+* ``reached``: whether the goal was reached, at a point that is optimal and, where there are obstacles, safe;
+* ``remaining``: what a time limit or Ctrl-C left undone;
+* ``to_pandas()`` and ``table()``: a row per outcome, with the same columns behind those that are the study's own.
+
+``time_limit`` is for the whole study.
+"""
+
+from pyrobocop_pyomo.solving import PersistentNLP
 
 from .homotopy import HomotopyResult, HomotopyStep, homotopy
-from .mode_sequences import mode_sequences
 from .multistart import MultistartResult, StartOutcome, multistart
+from .outcomes import Outcome, StudyResult
 from .receding_horizon import HorizonStep, RecedingHorizon
-from .refined_result import RefinedResult, RefinementEnd, RefinementStep
-from .refinement import solve_refined
+from .refinement import RefinedResult, RefinementEnd, RefinementStep, solve_refined
 from .sensitivity import Sensitivity, sensitivity
-from .sequence_ranking import SequenceOutcome, SequenceRanking
-from .sequence_solver import solve_sequences
+from .sequences import SequenceOutcome, SequenceRanking, mode_sequences, solve_sequences
 
 __all__ = [
     "HomotopyResult",
     "HomotopyStep",
     "HorizonStep",
     "MultistartResult",
+    "Outcome",
+    "PersistentNLP",
     "RecedingHorizon",
     "RefinedResult",
     "RefinementEnd",
@@ -23,6 +37,7 @@ __all__ = [
     "SequenceOutcome",
     "SequenceRanking",
     "StartOutcome",
+    "StudyResult",
     "homotopy",
     "mode_sequences",
     "multistart",

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
-from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, PyRobocopError, SolverNotFoundError
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .data_path import DataPath
+from .named_data import by_component, data_members
+from .outcomes import Column, Outcome, StudyResult, seconds_left, table_row
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
 
 
 @dataclass(frozen=True, eq=False)
-class HomotopyStep:
+class HomotopyStep(Outcome):
     """One problem on the path.
 
     Attributes
@@ -30,77 +33,65 @@ class HomotopyStep:
     position : float
         Where on the path, 0 at its start and 1 at its end.
     accepted : bool
-        Whether the point is feasible and was gone on from.
-    result : SolveResult or None
-        None where solving raised an error.
-    error : str
-        That error, empty otherwise.
+        Whether the point is feasible and was gone on from; where not, the step along the path is halved.
     """
 
     position: float
     accepted: bool
-    result: SolveResult | None
-    error: str = ""
-
-    def __str__(self) -> str:
-        if self.result is None:
-            return f"{self.position:>8.5f} {'-':>14}  error: {self.error}"
-        return (
-            f"{self.position:>8.5f} {self.result.objective:>14.7g}  {self.result.quality.name.lower():<10} "
-            f"{self.result.iterations:>6} {self.result.seconds:>8.2f}  {'' if self.accepted else 'step halved'}"
-        ).rstrip()
 
 
-@dataclass(frozen=True, eq=False)
-class HomotopyResult:
-    """The problems that were solved on the way.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HomotopyResult(StudyResult[HomotopyStep]):
+    """The problems on the way, in order, with those that were not accepted.
 
-    Attributes
-    ----------
-    name : str
-        Of the model.
-    steps : list of HomotopyStep
-        In order, with those that were not accepted.
-    seconds : float
+    `best` is the last accepted one, whose data and point are on the model.
     """
 
-    name: str
-    steps: list[HomotopyStep]
-    seconds: float
+    item: ClassVar[str] = "problem of the path"
+    numbered_by: ClassVar[str] = "step"
+    own_columns: ClassVar[tuple[Column, ...]] = (
+        Column("position", 8, lambda step: step.position, ".5f"),
+        Column("accepted", 8, lambda step: step.accepted),
+    )
 
     @property
-    def result(self) -> SolveResult | None:
-        """Of the last accepted step, whose point is on the model; None where there is none."""
-        return next((step.result for step in reversed(self.steps) if step.accepted), None)
+    def best(self) -> HomotopyStep:
+        """The last accepted step.
+
+        Raises
+        ------
+        SolveFailed
+            When there is none.
+        """
+        for step in reversed(self.outcomes):
+            if step.accepted:
+                return step
+        raise SolveFailed(f"'{self.name}': not even the start of the path was solved. {self.outcomes[-1].reason}", self)
 
     @property
-    def reached(self) -> float:
+    def position(self) -> float:
         """How much of the path was followed, from 0 to 1; -1 where not even its start was solved."""
-        return max((step.position for step in self.steps if step.accepted), default=-1.0)
+        return max((step.position for step in self.outcomes if step.accepted), default=-1.0)
 
     @property
-    def iterations(self) -> int:
-        """Ipopt's iterations in all steps together."""
-        return sum(0 if step.result is None else step.result.iterations for step in self.steps)
+    def reached(self) -> bool:
+        """Whether the path was followed to its end, and the point there is optimal."""
+        return self.position == 1.0 and self.result.solved
 
-    def to_pandas(self) -> Any:
-        """A data frame with a row per step."""
-        rows = [
-            {
-                "position": step.position,
-                "accepted": step.accepted,
-                "objective": float("nan") if step.result is None else step.result.objective,
-                "quality": "error" if step.result is None else step.result.quality.name.lower(),
-                "iterations": 0 if step.result is None else step.result.iterations,
-                "seconds": float("nan") if step.result is None else step.result.seconds,
-            }
-            for step in self.steps
-        ]
-        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
+    def raise_for_status(self) -> None:
+        """Do nothing when the goal was reached.
+
+        Raises
+        ------
+        SolveFailed
+            Otherwise.
+        """
+        if self.position < 1.0:
+            raise SolveFailed(f"'{self.name}': the path was followed to {max(self.position, 0.0):.5g} of 1.", self)
+        self.result.raise_for_status()
 
     def __str__(self) -> str:
-        header = f"{'position':>8} {'objective':>14}  {'quality':<10} {'iter':>6} {'seconds':>8}"
-        return "\n".join([f"{self.name}: followed to {max(self.reached, 0.0):.5g}", header, *map(str, self.steps)])
+        return f"{self.name}: followed to {max(self.position, 0.0):.5g}\n{self.table()}"
 
 
 def homotopy(
@@ -156,8 +147,69 @@ def homotopy(
         raise ModelError(f"steps = {steps!r}; expected a number of steps of at least 1.")
     if not 0.0 < smallest_step <= 1.0:
         raise ModelError(f"smallest_step = {smallest_step!r}; expected a part of the path, between 0 and 1.")
+    deadline = Deadline.after(time_limit)
     path = DataPath(model, parameters)
-    return _Follower(model, path, steps, smallest_step, time_limit, Progress(progress), options).follow()
+    return _Follower(model, path, 1.0 / steps, smallest_step, deadline, Progress(progress), options).follow()
+
+
+class DataPath:
+    """Puts the data of a position on a model.
+
+    Parameters
+    ----------
+    model : Block
+    path : mapping, iterable or callable
+        As `homotopy` takes it.
+
+    Raises
+    ------
+    ModelError
+        If a component cannot move, or an end of a line is no number.
+    """
+
+    def __init__(self, model: Any, path: Any) -> None:
+        self._lines: list[tuple[Any, float, float]] = []
+        self._function = path if callable(path) else None
+        if self._function is None:
+            lines = by_component(path, model)
+            if not lines:
+                raise ModelError(f"'{model.name}': no parameters were given that could move.")
+            for component, ends in lines:
+                self._add(component, ends)
+        self._before = [(member, member.value) for member, _, _ in self._lines]
+
+    def put(self, position: float) -> None:
+        """Put the data of a position between 0 and 1 on the model."""
+        if self._function is not None:
+            self._function(position)
+        for component, first, last in self._lines:
+            # Both ends exactly, whatever rounding does in between.
+            component.set_value(last if position == 1.0 else first + position * (last - first))
+
+    def restore(self) -> None:
+        """Put back what was there before; of a function, nobody knows what it changed."""
+        for component, number in self._before:
+            component.set_value(number)
+
+    def _add(self, component: Any, ends: Any) -> None:
+        members = data_members(component)
+        first, last = ends if isinstance(ends, (tuple, list)) and len(ends) == 2 else (None, ends)
+        for member in members:
+            now = value(member, exception=False)
+            numbers = [_end(member, now if end is None else end) for end in (first, last)]
+            if numbers[0] is not None and numbers[1] is not None:
+                self._lines.append((member, numbers[0], numbers[1]))
+
+
+def _end(member: Any, end: Any) -> float | None:
+    """The number of a member; None where a mapping leaves it out, which keeps its value."""
+    if isinstance(end, Mapping):
+        end = end.get(member.index())
+        if end is None:
+            return None
+    if isinstance(end, bool) or not isinstance(end, (int, float)) or not math.isfinite(end):
+        raise ModelError(f"'{member.name}': an end of its path is {end!r}; expected a finite number.")
+    return float(end)
 
 
 class _Follower:
@@ -167,21 +219,22 @@ class _Follower:
         self,
         model: Any,
         path: DataPath,
-        steps: int,
-        smallest_step: float,
-        time_limit: float | None,
+        longest: float,
+        shortest: float,
+        deadline: Deadline,
         bar: Progress,
         options: Mapping[str, Any],
     ) -> None:
         self._model, self._path, self._bar, self._options = model, path, bar, options
-        self._longest, self._shortest, self._time_limit = 1.0 / steps, smallest_step, time_limit
+        self._longest, self._shortest, self._deadline = longest, shortest, deadline
         self._values = VariableValues.of_free(model)
-        self._good = self._values.read()
+        self._accepted_values = self._values.read()
         self._steps: list[HomotopyStep] = []
         self._position = -1.0  # nothing solved yet
         self._started = time.perf_counter()
 
     def follow(self) -> HomotopyResult:
+        columns = self._so_far().columns
         length, successes = self._longest, 0
         while self._position < 1.0:
             # Sums of tenths miss one by rounding.
@@ -193,56 +246,66 @@ class _Follower:
                 self._go_back()
                 raise
             self._steps.append(step)
-            self._bar.line(f"{self._model.name}: {step}")
+            self._bar.line(f"{self._model.name}: {table_row(columns, step, len(self._steps))}")
             if step.accepted:
-                self._good, self._position = self._values.read(), wanted
+                self._accepted_values, self._position = self._values.read(), wanted
                 successes += 1
                 # One success says little of the next step: doubling at once would fail every other time.
                 if successes > 1:
                     length, successes = min(2.0 * length, self._longest), 0
+                if step.cut_short and wanted < 1.0:
+                    raise self._stalled(step, length)
                 continue
             successes = 0
             self._go_back()
             length *= 0.5
-            cut = step.result is not None and step.result.stop_reason.is_final
-            if cut or self._position < 0.0 or length < self._shortest:
+            if step.cut_short or self._position < 0.0 or length < self._shortest:
                 raise self._stalled(step, length)
         return self._so_far()
 
     def _try(self, position: float) -> HomotopyStep:
+        started = time.perf_counter()
         self._path.put(position)
-        left = None if self._time_limit is None else self._time_limit - (time.perf_counter() - self._started)
-        options = {**self._options, "time_limit": None if left is None else max(left, 1e-3)}
+        options = {**self._options, "time_limit": seconds_left(self._deadline)}
         if self._position >= 0.0 and not {"strategies", "schedule"} & options.keys():
             options["strategies"] = FOLLOWING_STRATEGIES
+        result, error = None, ""
         try:
             result = solve(self._model, progress=False, **options)
         except (ModelError, SolverNotFoundError):
             raise
-        except PyRobocopError as error:
-            return HomotopyStep(position, False, None, f"{type(error).__name__}: {error}")
-        return HomotopyStep(position, result.quality is not Quality.INFEASIBLE, result)
+        except PyRobocopError as failure:
+            error = f"{type(failure).__name__}: {failure}"
+        seconds = time.perf_counter() - started
+        accepted = result is not None and result.quality is not Quality.INFEASIBLE
+        return HomotopyStep(position, accepted, result=result, error=error, seconds=seconds)
 
     def _go_back(self) -> None:
-        self._values.write(self._good)
+        self._values.write(self._accepted_values)
         if self._position < 0.0:
             self._path.restore()
         else:
             self._path.put(self._position)
 
     def _so_far(self) -> HomotopyResult:
-        return HomotopyResult(self._model.name, self._steps, time.perf_counter() - self._started)
+        seconds = time.perf_counter() - self._started
+        return HomotopyResult(name=self._model.name, outcomes=tuple(self._steps), seconds=seconds)
 
     def _stalled(self, step: HomotopyStep, length: float) -> HomotopyStalled:
+        model_state = "The model holds the last data that were solved, with their point."
+        if self._position < 0.0:
+            model_state = "The model is as it was before."
         why = step.error if step.result is None else f"{step.result.stop_reason.value} {step.result.quality.value}"
         if self._position < 0.0:
-            where = "the first problem of the path was not solved. Start from easier data, or from a better guess"
-            kept = "The model is as it was before."
+            where = (
+                "the first problem of the path was not solved. Start from easier data, or from a better initial guess"
+            )
+        elif step.accepted:
+            where = f"the path was followed to {self._position:.5g} of 1"
         else:
             where = (
                 f"the path was followed to {self._position:.5g} of 1, and the problem at {step.position:.5g} was not "
                 f"solved; the next step would be {length:.1e}, the smallest allowed is {self._shortest:.1e}. Take "
                 "another path around this place, or a smaller smallest_step"
             )
-            kept = "The model holds the last data that were solved, with their point."
-        return HomotopyStalled(f"'{self._model.name}': {where}. {why} {kept}", self._so_far(), self._position)
+        return HomotopyStalled(f"'{self._model.name}': {where}. {why} {model_state}", self._so_far(), self._position)

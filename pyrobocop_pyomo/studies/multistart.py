@@ -3,145 +3,75 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
-from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
-from pyrobocop_pyomo.optional_imports import pandas
-from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.solving.iterate_log import ModelCheck
-from pyrobocop_pyomo.solving.iterates import Quality
-from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import SolveResult
+import numpy as np
+from pyomo.core.base.var import Var
 
-from .random_starts import RandomStarts
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.solving import SolveResult
+from pyrobocop_pyomo.solving.progress import Progress
+
+from .named_data import by_component
+from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, seconds_left, table_row
+
+WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
 
 
 @dataclass(frozen=True, eq=False)
-class StartOutcome:
+class StartOutcome(Outcome):
     """What became of one start.
 
     Attributes
     ----------
     start : int
-        0 is the guess that was on the model.
-    result : SolveResult or None
-        None where solving raised an error.
-    error : str
-        That error, empty otherwise.
-    point : list of float
-        Values of the free variables, for `MultistartResult.load`.
+        0 is the initial guess that was on the model.
     """
 
     start: int
-    result: SolveResult | None
-    error: str = ""
-    point: Values = field(default_factory=list, repr=False)
-
-    @property
-    def feasible(self) -> bool:
-        """True when the point is feasible, whether it is shown to be optimal or not."""
-        return self.result is not None and self.result.quality is not Quality.INFEASIBLE
 
 
-@dataclass(frozen=True, eq=False)
-class MultistartResult(Sequence[StartOutcome]):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MultistartResult(StudyResult[StartOutcome]):
     """Outcomes, the best first: feasible ones by objective, then infeasible ones by violation, then errors.
 
-    Where there are obstacles, plans that are proven safe come before all others that are feasible.
-
-    Attributes
-    ----------
-    name : str
-        Of the model.
-    outcomes : tuple of StartOutcome
-    unused : int
-        Starts that a time limit or Ctrl-C left undone.
-    seconds : float
+    Where there are obstacles, plans that are proven safe come before others that are feasible. The point of the
+    best outcome is on the model. Starts that a time limit or Ctrl-C left undone are in `remaining`.
     """
 
-    name: str
-    outcomes: tuple[StartOutcome, ...]
-    unused: int
-    seconds: float
     _values: VariableValues = field(repr=False)
 
-    def __len__(self) -> int:
-        return len(self.outcomes)
+    own_columns = (Column("start", 5, lambda outcome: outcome.start, "d"),)
 
-    def __getitem__(self, rank: Any) -> Any:
-        return self.outcomes[rank]
-
-    def __iter__(self) -> Iterator[StartOutcome]:
-        return iter(self.outcomes)
-
-    @property
-    def best(self) -> SolveResult:
-        """Result of the best start, whose point is on the model.
-
-        Raises
-        ------
-        SolveFailed
-            When no start has a result.
-        """
-        found = self.outcomes[0].result
-        if found is None:
-            raise SolveFailed(f"'{self.name}': no start could be solved. {self.outcomes[0].error}", self)
-        return found
-
-    def load(self, rank: int) -> SolveResult:
+    def load(self, place: int) -> SolveResult:
         """Put the point of another start on the model and return its result.
 
         Parameters
         ----------
-        rank : int
-            Place in this ranking, from 0.
+        place : int
+            In this ranking, from 0.
 
         Raises
         ------
         SolveFailed
             When it has none.
         """
-        chosen = self.outcomes[rank]
+        chosen = self.outcomes[place]
         if chosen.result is None:
             raise SolveFailed(f"'{self.name}': start {chosen.start} has no point. {chosen.error}", self)
-        self._values.write(chosen.point)
+        self._values.write(chosen.values)
         return chosen.result
 
-    def raise_for_status(self) -> None:
-        """Do nothing when the best point is optimal.
-
-        Raises
-        ------
-        SolveFailed
-            Otherwise.
-        """
-        self.best.raise_for_status()
-
-    def to_pandas(self) -> Any:
-        """A data frame with a row per start, the best first."""
-        rows = [
-            {
-                "start": each.start,
-                "objective": float("nan") if each.result is None else each.result.objective,
-                "quality": "error" if each.result is None else each.result.quality.name.lower(),
-                "certificate": "" if each.result is None else each.result.certificate.name.lower(),
-                "iterations": 0 if each.result is None else each.result.iterations,
-                "seconds": float("nan") if each.result is None else each.result.seconds,
-                "error": each.error,
-            }
-            for each in self.outcomes
-        ]
-        return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="rank"))
-
     def __str__(self) -> str:
-        lines = [f"{'rank':>4} {'start':>5} {'objective':>14}  {'quality':<10} {'certificate':<11} {'iter':>6}"]
-        lines += [f"{rank:>4} {_line(each)}" for rank, each in enumerate(self.outcomes, start=1)]
-        if self.unused:
-            lines.append(f"{self.unused} starts were left undone")
-        return "\n".join(lines)
+        undone = f"\n{len(self.remaining)} starts were left undone" if self.remaining else ""
+        return self.table() + undone
 
 
 def multistart(
@@ -156,20 +86,20 @@ def multistart(
 ) -> MultistartResult:
     """Solve a model from several starting points.
 
-    The first start is the guess on the model. The others are drawn around it: a variable with two bounds anywhere
-    between them, any other within ``max(1, |guess|)`` of its guess and its bounds; values of one variable of a phase
-    form a smooth curve over time. The model is left with the best point.
+    The first start is the initial guess on the model. The others are drawn around it: a variable with two bounds
+    anywhere between them, any other within ``max(1, |guess|)`` of its guess and its bounds; values of one variable of
+    a phase form a smooth curve over time. The model is left with the best point.
 
     Parameters
     ----------
     model : Block
     starts : int
-        How many, the guess included.
+        How many, the initial guess included.
     seed : int
         The same seed gives the same starts, and start k does not depend on how many there are.
     spread : float, mapping or iterable
-        Scales the distances from the guess; with 1, variables with two bounds fill them. ``{"x": 0.5}`` or
-        ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their guess.
+        Scales the distances from the initial guess; with 1, variables with two bounds fill them. ``{"x": 0.5}`` or
+        ``[(m.x, 0.5)]`` varies only the variables named and leaves the others at their initial guess.
     time_limit : float, optional
         Seconds, for all starts together.
     progress : bool, optional
@@ -191,63 +121,124 @@ def multistart(
     """
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
-    started = time.perf_counter()
+    started, deadline = time.perf_counter(), Deadline.after(time_limit)
     values = VariableValues.of_free(model)
-    sign = ModelCheck(model).sign
-    guess = values.read()
-    draws = RandomStarts(model, seed, spread) if starts > 1 else None
+    random_starts = RandomStarts(model, seed, spread) if starts > 1 else None
     bar = Progress(progress)
-    done: list[StartOutcome] = []
+    columns = (*MultistartResult.own_columns, *COMMON_COLUMNS)
+    outcomes: list[StartOutcome] = []
     try:
         for number in range(starts):
-            left = None if time_limit is None else time_limit - (time.perf_counter() - started)
-            if done and left is not None and left <= 0.0:
+            if outcomes and deadline.has_passed:
                 break
-            values.write(guess)
-            if draws is not None and number:
-                draws.put(number)
-            outcome = _solve_one(model, number, values, {**options, "time_limit": left})
-            done.append(outcome)
-            bar.line(f"start {_line(outcome)}")
-            if outcome.result is not None and outcome.result.stop_reason.is_final:
+            values.write(values.taken)
+            if random_starts is not None and number:
+                random_starts.put(number)
+            outcomes.append(_solve_one(model, number, values, {**options, "time_limit": seconds_left(deadline)}))
+            bar.line(f"start {table_row(columns, outcomes[-1], len(outcomes))}")
+            if outcomes[-1].cut_short:
                 break
     except KeyboardInterrupt:
-        if not done:
-            values.write(guess)
+        if not outcomes:
+            values.write(values.taken)
             raise
-    ranked = sorted(done, key=lambda each: _order(each, sign))
-    values.write(ranked[0].point if ranked[0].result is not None else guess)
-    seconds = time.perf_counter() - started
-    return MultistartResult(model.name, tuple(ranked), starts - len(done), seconds, values)
+    order = ranked(outcomes)
+    values.write(order[0].values if order[0].result is not None else values.taken)
+    return MultistartResult(
+        name=model.name, outcomes=order, remaining=tuple(range(len(outcomes), starts)),
+        seconds=time.perf_counter() - started, _values=values,
+    )  # fmt: skip
 
 
 def _solve_one(model: Any, number: int, values: VariableValues, options: Mapping[str, Any]) -> StartOutcome:
+    started = time.perf_counter()
     try:
         result = solve(model, progress=False, **options)
     except (ModelError, SolverNotFoundError):
         raise  # no other start could do better
     except PyRobocopError as error:
-        return StartOutcome(number, None, f"{type(error).__name__}: {error}")
-    return StartOutcome(number, result, point=values.read())
+        seconds = time.perf_counter() - started
+        return StartOutcome(number, error=f"{type(error).__name__}: {error}", seconds=seconds)
+    seconds = time.perf_counter() - started
+    return StartOutcome(number, result=result, seconds=seconds, values=values.read())
 
 
-def _order(outcome: StartOutcome, sign: float) -> tuple[Any, ...]:
-    result = outcome.result
-    if result is None:
-        return (2, 0.0, outcome.start)
-    if not outcome.feasible:
-        return (1, max(result.constraint_violation, result.largest_product), outcome.start)
-    # A plan that passes through an obstacle is often the cheapest.
-    unsafe = result.safe is False
-    # Starts that lead to one optimum differ by the solver's tolerance, which must not decide.
-    return (0, unsafe, float(f"{sign * result.objective:.6g}"), not result.solved, outcome.start)
+class RandomStarts:
+    """Draws values for the free variables of a model.
+
+    Parameters
+    ----------
+    model : Block
+        Its values are the initial guess.
+    seed : int
+    spread : float, mapping or iterable
+        How far from the initial guess; see `multistart`.
+
+    Raises
+    ------
+    ModelError
+        If the spread makes no sense.
+    """
+
+    def __init__(self, model: Any, seed: int, spread: Any) -> None:
+        self._seed = seed
+        self._groups: list[tuple[list[Any], FloatArray, FloatArray, FloatArray, bool]] = []
+        wanted = _spreads(model, spread)
+        for component in model.component_objects(Var, active=True):
+            factor = wanted.get(id(component), wanted.get(None, 0.0))
+            members = [member for member in component.values() if not member.fixed]
+            if factor <= 0.0 or not members:
+                continue
+            guess = np.array([_initial_guess(member) for member in members])
+            reach = np.maximum(1.0, np.abs(guess))
+            lower = np.array([-np.inf if member.lb is None else member.lb for member in members])
+            upper = np.array([np.inf if member.ub is None else member.ub for member in members])
+            bounded = np.isfinite(lower) & np.isfinite(upper)
+            down = np.where(bounded, guess - lower, np.minimum(reach, guess - lower))
+            up = np.where(bounded, upper - guess, np.minimum(reach, upper - guess))
+            over_time = component.is_indexed() and isinstance(component.parent_block(), PhaseBlockData)
+            self._groups.append((members, guess, factor * down, factor * up, over_time))
+        if not self._groups:
+            raise ModelError(
+                f"'{model.name}': no free variable is left to vary. Give a positive spread to one of them, or starts=1."
+            )
+
+    def put(self, number: int) -> None:
+        """Put start `number` on the model; the same number gives the same point, however many are drawn."""
+        generator = np.random.default_rng([self._seed, number])
+        for members, guess, down, up, over_time in self._groups:
+            draw = _curve(generator, len(members)) if over_time else generator.uniform(-1.0, 1.0, len(members))
+            values = guess + np.where(draw < 0.0, draw * down, draw * up)
+            for variable, number_of in zip(members, values.tolist(), strict=True):
+                variable.set_value(number_of, skip_validation=True)
 
 
-def _line(outcome: StartOutcome) -> str:
-    result = outcome.result
-    if result is None:
-        return f"{outcome.start:>5} {'-':>14}  error: {outcome.error}"
-    return (
-        f"{outcome.start:>5} {result.objective:>14.7g}  {result.quality.name.lower():<10} "
-        f"{result.certificate.name.lower():<11} {result.iterations:>6}"
-    )
+def _curve(generator: np.random.Generator, size: int) -> FloatArray:
+    """A smooth curve within -1 and 1."""
+    place = np.linspace(0.0, np.pi, size)
+    waves = np.cos(np.outer(np.arange(WAVES), place))
+    weights = generator.uniform(-1.0, 1.0, WAVES) / np.arange(1, WAVES + 1)
+    # Uniform in its size as well: without the division the curves would crowd around the initial guess.
+    curve = weights @ waves
+    return np.asarray(curve / max(np.abs(curve).max(), 1e-12) * generator.uniform())
+
+
+def _initial_guess(variable: Any) -> float:
+    """The value, moved within the bounds; without a value, the number nearest to zero within them."""
+    number = 0.0 if variable.value is None else float(variable.value)
+    if variable.lb is not None:
+        number = max(number, variable.lb)
+    return number if variable.ub is None else min(number, variable.ub)
+
+
+def _spreads(model: Any, spread: Any) -> dict[Any, float]:
+    given = [(None, spread)] if isinstance(spread, (int, float)) else by_component(spread, model)
+    found = {}
+    for component, number in given:
+        name = "spread" if component is None else f"the spread of '{getattr(component, 'name', component)}'"
+        if component is not None and getattr(component, "ctype", None) is not Var:
+            raise ModelError(f"'{model.name}': {name} is for no Var. The keys of spread are Vars or their names.")
+        if isinstance(number, bool) or not isinstance(number, (int, float)) or not 0.0 <= number < float("inf"):
+            raise ModelError(f"'{model.name}': {name} is {number!r}; expected a finite number >= 0.")
+        found[None if component is None else id(component.parent_component())] = float(number)
+    return found

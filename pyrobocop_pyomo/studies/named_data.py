@@ -47,15 +47,15 @@ def by_component(given: Any, model: Any) -> list[tuple[Any, Any]]:
     if isinstance(given, Mapping):
         pairs = list(given.items())
     elif isinstance(given, Iterable) and not isinstance(given, str):
-        pairs = [tuple(each) if isinstance(each, (tuple, list)) else (each,) for each in given]
+        pairs = [tuple(item) if isinstance(item, (tuple, list)) else (item,) for item in given]
     else:
         pairs = [(given,)]
-    if any(len(each) != 2 for each in pairs):
+    if any(len(pair) != 2 for pair in pairs):
         raise ModelError(
             f"'{model.name}': expected a mapping such as {{'p': value}}, or pairs of a component and what is said of "
             "it, such as [(m.p, value)]."
         )
-    return [(named(each[0], model), each[1]) for each in pairs]
+    return [(named(component, model), said) for component, said in pairs]
 
 
 def named(component: Any, model: Any) -> Any:

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.trajectories import Trajectory
+
+from .outcomes import seconds_left
 
 Array = NDArray[np.float64]
 
@@ -53,7 +56,7 @@ class RecedingHorizon:
     """A planning problem that is solved over and over while its initial state moves on.
 
     The model is prepared once. Each step puts the measured state where the phase starts, moves the last plan ahead as
-    the guess, and solves warm from the last multipliers; nothing is rebuilt, and no file is written.
+    the initial guess, and solves warm from the last multipliers; nothing is rebuilt, and no file is written.
 
     Parameters
     ----------
@@ -86,9 +89,11 @@ class RecedingHorizon:
         self.phase = phase
         self._fixed = {name for name in phase.record.names_of_states if phase.component(name)[phase.initial_time].fixed}
         self._values = PhaseValues(phase)
-        self._kept = PersistentNLP(model, options)
+        self._program = PersistentNLP(model, options)
 
-    def step(self, state: Mapping[str, float], advance: float = 0.0, *, mu: float = 1e-4) -> HorizonStep:
+    def step(
+        self, state: Mapping[str, float], advance: float = 0.0, *, mu: float = 1e-4, time_limit: float | None = None
+    ) -> HorizonStep:
         """Plan from a measured state.
 
         Parameters
@@ -96,9 +101,11 @@ class RecedingHorizon:
         state : mapping of state name to float
             Where the system is now: a value for each state with a fixed initial value.
         advance : float
-            How long ago the last plan was made, in the time of the phase: its rest is the guess.
+            How long ago the last plan was made, in the time of the phase: its rest is the initial guess.
         mu : float
             Ipopt's first barrier parameter, from the second step on: smaller is closer to the last plan.
+        time_limit : float, optional
+            Seconds, for this step. Without a new plan by then, what is left of the plan before is given.
 
         Returns
         -------
@@ -109,12 +116,12 @@ class RecedingHorizon:
         ModelError
             When states are missing, unknown or not finite, or advance is negative.
         """
-        started = time.perf_counter()
+        started, deadline = time.perf_counter(), Deadline.after(time_limit)
         self._check(state, advance)
         before = self._shifted(advance) if advance else self._values.read()
         for name, number in state.items():
             self.phase.component(name)[self.phase.initial_time].set_value(float(number))
-        outcome = self._kept.solve(mu=mu)
+        outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline))
         if not outcome.status.solved:
             self._values.set(before)
         plan = self._values.trajectory(evaluate=False)

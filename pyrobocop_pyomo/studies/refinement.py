@@ -2,28 +2,142 @@
 
 from __future__ import annotations
 
+import enum
 import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Mesh, remesh
+from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .phase_builder import PhaseBuilder
-from .refined_result import REFINEMENT_HEADER, RefinedResult, RefinementEnd, RefinementStep
+from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, seconds_left, table_header, table_row
 
 logger = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+
+class RefinementEnd(enum.Enum):
+    """Why refinement ended; the value is a sentence."""
+
+    REACHED = "Every element's error is within the tolerance."
+    MESH_LIMIT = "The limit of meshes was reached. Raise most_meshes, or start from a finer mesh."
+    ELEMENT_LIMIT = "The next mesh would exceed the limit of elements. Raise most_elements or the tolerance."
+    TIME_LIMIT = "The time limit was reached. Raise time_limit, or start from a finer mesh."
+    FAILED = (
+        "No acceptable point was found on this mesh. Start from another mesh or initial guess, or look with tee=True."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RefinementStep(Outcome):
+    """One mesh.
+
+    Attributes
+    ----------
+    elements : int
+        Of all refined phases together.
+    element_error : float
+        Largest error of an element; NaN where the solve failed.
+    """
+
+    elements: int
+    element_error: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RefinedResult(StudyResult[RefinementStep]):
+    """One outcome per mesh, in order; `best` is the mesh of the model.
+
+    That is the last mesh; where the time limit left no acceptable point there, the one before.
+
+    Attributes
+    ----------
+    model : ConcreteModel
+        On the mesh of `best`, holding its answer.
+    trajectories : dict of phase name to Trajectory
+        The answer.
+    errors : dict of phase name to array, shape (N,)
+        Errors of this mesh's elements; empty after a failure.
+    tolerance : float
+        What was asked for.
+    end : RefinementEnd
+        Why it ended.
+    """
+
+    model: Any = field(repr=False)
+    trajectories: Mapping[str, Trajectory] = field(repr=False)
+    errors: Mapping[str, Array] = field(repr=False)
+    tolerance: float
+    end: RefinementEnd
+    _place: int = field(default=-1, repr=False)
+
+    item = "mesh"
+    numbered_by = "mesh"
+    own_columns = (
+        Column("elements", 8, lambda step: step.elements, "d"),
+        Column("element_error", 9, lambda step: step.element_error, ".1e", heading="error"),
+    )
+
+    @property
+    def best(self) -> RefinementStep:
+        """The mesh whose answer is on the model."""
+        return self.outcomes[self._place]
+
+    @property
+    def reached(self) -> bool:
+        """True when every element's error is within the tolerance, and the last point is optimal."""
+        return self.end is RefinementEnd.REACHED and self.result.solved
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The answer, where one phase was refined.
+
+        Raises
+        ------
+        TrajectoryError
+            When there are several.
+        """
+        if len(self.trajectories) != 1:
+            raise TrajectoryError(
+                f"refined were {', '.join(self.trajectories)}: read trajectories['{next(iter(self.trajectories))}']."
+            )
+        return next(iter(self.trajectories.values()))
+
+    def raise_for_status(self) -> None:
+        """Do nothing when the tolerance was reached at an optimal point.
+
+        Raises
+        ------
+        SolveFailed
+            Otherwise; this object is its attribute ``result``.
+        """
+        if self.reached:
+            return
+        last = self.outcomes[-1]
+        raise SolveFailed(
+            f"'{self.name}': {self.end.value} Mesh {len(self.outcomes)} has {last.elements} elements and the error "
+            f"{last.element_error:.1e}; asked was {self.tolerance:g}. {self.result.quality.value}",
+            self,
+        )
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.end.value} Asked was {self.tolerance:g}.\n{self.table()}"
 
 
 def solve_refined(
@@ -37,6 +151,8 @@ def solve_refined(
     most_parts: int = 4,
     most_meshes: int = 12,
     most_elements: int = 2000,
+    time_limit: float | None = None,
+    time_limit_per_mesh: float | None = None,
     progress: bool | None = None,
     **options: Any,
 ) -> RefinedResult:
@@ -66,6 +182,10 @@ def solve_refined(
         Into which one element is split at once.
     most_meshes, most_elements : int
         Where to stop without success.
+    time_limit : float, optional
+        Seconds, for all meshes together.
+    time_limit_per_mesh : float, optional
+        Seconds, for the solve on one mesh.
     progress : bool, optional
         Show a line per mesh; by default only on a terminal.
     **options
@@ -92,82 +212,111 @@ def solve_refined(
         raise ModelError(f"tolerance = {tolerance!r}; expected a positive number.")
     if most_meshes < 1 or most_parts < 2:
         raise ModelError(f"most_meshes = {most_meshes!r} and most_parts = {most_parts!r}; at least 1 and 2 are needed.")
+    deadline = Deadline.after(time_limit)
     builder = PhaseBuilder(build, phases)
     meshes = builder.first_meshes(elements, mesh)
-    kept = {name: frozenset(each.boundaries) for name, each in meshes.items()}
+    first_boundaries = {name: frozenset(first.boundaries) for name, first in meshes.items()}
+    columns = (*RefinedResult.own_columns, *COMMON_COLUMNS)
     bar = Progress(progress)
     steps: list[RefinementStep] = []
-    last: tuple[Any, dict[str, Trajectory]] | None = None
+    answer: _Answer | None = None
     while True:
-        started = time.perf_counter()
-        model, result = _solve_from(builder, meshes, last, options)
-        found = {name: builder.phase(model, name) for name in builder.names}
-        usable = result.quality is not Quality.INFEASIBLE
-        trajectories = {name: phase.trajectory() for name, phase in found.items()}
-        errors = {name: phase.element_errors(trajectories[name]) for name, phase in found.items()} if usable else {}
-        worst = max((float(each.max()) for each in errors.values()), default=math.nan)
-        step = RefinementStep(
-            elements=sum(each.elements for each in meshes.values()), error=worst, objective=result.objective,
-            iterations=result.iterations, seconds=time.perf_counter() - started, quality=result.quality,
-        )  # fmt: skip
+        step, found = _solve_on(builder, meshes, answer, deadline, time_limit_per_mesh, options)
         if not steps:
-            bar.line(f"{model.name}: refining to {tolerance:g}")
-            bar.line(REFINEMENT_HEADER)
+            bar.line(f"{found.model.name}: refining to {tolerance:g}")
+            bar.line(table_header(columns, RefinedResult.numbered_by))
         steps.append(step)
-        bar.line(step.row(len(steps)))
+        bar.line(table_row(columns, step, len(steps)))
         logger.info("mesh %d: %s", len(steps), step)
-        last = model, trajectories
         end = None
-        if not usable:
+        if not step.feasible and deadline.has_passed:
+            end = RefinementEnd.TIME_LIMIT
+        elif not step.feasible:
             end = RefinementEnd.FAILED
-        elif worst <= tolerance:
+        elif step.element_error <= tolerance:
             end = RefinementEnd.REACHED
         elif len(steps) >= most_meshes:
             end = RefinementEnd.MESH_LIMIT
+        elif deadline.has_passed:
+            end = RefinementEnd.TIME_LIMIT
         else:
             meshes = {
                 name: remesh(
-                    meshes[name], errors[name], tolerance, found[name].grid.scheme.order,
-                    most_parts=most_parts, keep=kept[name] if join else None,
+                    meshes[name], found.errors[name], tolerance, builder.phase(found.model, name).grid.scheme.order,
+                    most_parts=most_parts, keep=first_boundaries[name] if join else None,
                 )
                 for name in meshes
             }  # fmt: skip
-            if sum(each.elements for each in meshes.values()) > most_elements:
+            if sum(finer.elements for finer in meshes.values()) > most_elements:
                 end = RefinementEnd.ELEMENT_LIMIT
+        # An answer is not thrown away because no time was left for a finer mesh.
+        place = len(steps) - 1
+        if answer is not None and end is RefinementEnd.TIME_LIMIT and not step.feasible:
+            found, place = answer, place - 1
+        answer = found
         if end is not None:
             return RefinedResult(
-                model=model, result=result, trajectories=trajectories, errors=errors, steps=steps,
-                tolerance=float(tolerance), end=end,
+                name=answer.model.name, outcomes=tuple(steps), seconds=sum(step.seconds for step in steps),
+                model=answer.model, trajectories=answer.trajectories, errors=answer.errors,
+                tolerance=float(tolerance), end=end, _place=place,
             )  # fmt: skip
 
 
-def _solve_from(
-    builder: PhaseBuilder, meshes: dict[str, Mesh], last: Any, options: Mapping[str, Any]
-) -> tuple[Any, SolveResult]:
-    """Build on the meshes and solve from the last answer, and from the model's own guess where that leads nowhere."""
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """A solved model, the trajectories of its refined phases, and the errors of their elements."""
+
+    model: Any
+    trajectories: Mapping[str, Trajectory]
+    errors: Mapping[str, Array]
+
+
+def _solve_on(
+    builder: PhaseBuilder,
+    meshes: dict[str, Mesh],
+    coarser: _Answer | None,
+    deadline: Deadline,
+    time_limit: float | None,
+    options: Mapping[str, Any],
+) -> tuple[RefinementStep, _Answer]:
+    """Solve from the coarser answer, and from the model's own initial guess where that leads nowhere."""
+    started = time.perf_counter()
+
+    def solved(model: Any) -> SolveResult:
+        limit = seconds_left(deadline.within(time_limit))
+        return solve(model, **{"progress": False, **options, "time_limit": limit})
+
     model = builder.model(meshes)
-    if last is not None:
-        _take_over(model, builder, *last)
-    result = solve(model, **{"progress": False, **options})
-    if last is not None and result.quality is Quality.INFEASIBLE:
-        logger.info("'%s': no acceptable point from the last answer; once more from the model's own guess", model.name)
+    if coarser is not None:
+        _take_over(model, builder, coarser)
+    result = solved(model)
+    if coarser is not None and result.quality is Quality.INFEASIBLE and not deadline.has_passed:
+        logger.info("'%s': no acceptable point from the last answer; once more from its own initial guess", model.name)
         model = builder.model(meshes)
-        result = solve(model, **{"progress": False, **options})
-    return model, result
+        result = solved(model)
+    phases = {name: builder.phase(model, name) for name in builder.names}
+    trajectories = {name: phase.trajectory() for name, phase in phases.items()}
+    errors = {}
+    if result.quality is not Quality.INFEASIBLE:
+        errors = {name: phase.element_errors(trajectories[name]) for name, phase in phases.items()}
+    worst = max((float(of_phase.max()) for of_phase in errors.values()), default=math.nan)
+    count = sum(mesh.elements for mesh in meshes.values())
+    step = RefinementStep(count, worst, result=result, seconds=time.perf_counter() - started)
+    return step, _Answer(model, trajectories, errors)
 
 
-def _take_over(model: Any, builder: PhaseBuilder, before: Any, trajectories: Mapping[str, Trajectory]) -> None:
+def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:
     """Start from an answer: phases by interpolation, variables elsewhere by their names."""
-    refined = {id(builder.phase(before, name)) for name in builder.names}
-    for block in before.block_data_objects(active=True, descend_into=Block):
+    refined = {id(builder.phase(coarser.model, name)) for name in builder.names}
+    for block in coarser.model.block_data_objects(active=True, descend_into=Block):
         if _within(block, refined):
             continue
         for variable in block.component_data_objects(Var, descend_into=False):
-            same = ComponentUID(variable, context=before).find_component_on(model)
+            same = ComponentUID(variable, context=coarser.model).find_component_on(model)
             if same is not None and same.ctype is Var and not same.is_indexed() and not same.fixed:
                 same.set_value(variable.value, skip_validation=True)
     for name in builder.names:
-        builder.phase(model, name).set_guess(trajectories[name])
+        builder.phase(model, name).initialize(coarser.trajectories[name])
 
 
 def _within(block: Any, blocks: set[int]) -> bool:
@@ -176,3 +325,84 @@ def _within(block: Any, blocks: set[int]) -> bool:
             return True
         block = block.parent_block()
     return False
+
+
+class PhaseBuilder:
+    """The user's function of one mesh or of several, and the phases of what it returns.
+
+    Parameters
+    ----------
+    build : callable
+        Takes a mesh, or a mapping of phase names to meshes where the phases are named; returns a model.
+    phases : sequence of str, optional
+        Names of the phases; the only one of the model by default.
+    """
+
+    def __init__(self, build: Callable[[Any], Any], phases: Sequence[str] | None) -> None:
+        if isinstance(phases, str):
+            raise ModelError(f"phases = {phases!r}; expected a list of names, such as [{phases!r}].")
+        self._build = build
+        self._named = None if phases is None else list(phases)
+        self.names: list[str] = [] if phases is None else list(phases)
+
+    def first_meshes(self, elements: Any, mesh: Any) -> dict[str, Mesh]:
+        """Call the user's function once to learn what the phases are and when they happen."""
+        if elements is not None and mesh is not None:
+            raise ModelError("elements and mesh are given; one of them says what the first mesh is.")
+        model = self._call(None if self._named is None else dict.fromkeys(self._named))
+        if self._named is None:
+            found = [phase.name for phase in phases_of(model)]
+            if len(found) != 1:
+                raise ModelError(
+                    f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "
+                    "phases=[...], and build will be called with a mapping of their names to meshes."
+                )
+            self.names = found
+        meshes = {name: self.phase(model, name).grid.mesh for name in self.names}
+        for given, make in ((elements, _uniform), (mesh, _given)):
+            if given is not None:
+                wanted = given if isinstance(given, Mapping) else dict.fromkeys(self.names, given)
+                unknown = [name for name in wanted if name not in meshes]
+                if unknown:
+                    raise ModelError(f"a first mesh for '{unknown[0]}'; refined are {', '.join(self.names)}.")
+                meshes |= {name: make(meshes[name], said) for name, said in wanted.items()}
+        return meshes
+
+    def model(self, meshes: dict[str, Mesh]) -> Any:
+        """The user's model on given meshes."""
+        model = self._call(meshes[self.names[0]] if self._named is None else dict(meshes))
+        for name, mesh in meshes.items():
+            made = self.phase(model, name).grid.mesh
+            if made != mesh:
+                raise ModelError(
+                    f"build(mesh) made phase '{name}' with {made.elements} elements; the mesh it was called with has "
+                    f"{mesh.elements}. Pass it on: PhaseBlock(..., mesh=mesh)."
+                )
+        return model
+
+    def phase(self, model: Any, name: str) -> Any:
+        """A phase by its name.
+
+        Raises
+        ------
+        ModelError
+            When the model has none of this name.
+        """
+        phase = model.find_component(name)
+        if not isinstance(phase, PhaseBlockData):
+            raise ModelError(f"build(...) returned the model '{model.name}', which has no phase '{name}'.")
+        return phase
+
+    def _call(self, meshes: Any) -> Any:
+        model = self._build(meshes)
+        if not hasattr(model, "block_data_objects"):
+            raise ModelError(f"build(mesh) returned a {type(model).__name__}; expected a model. Is 'return m' missing?")
+        return model
+
+
+def _uniform(mesh: Mesh, elements: int) -> Mesh:
+    return Mesh.uniform(mesh.boundaries[0], mesh.boundaries[-1], elements)
+
+
+def _given(mesh: Mesh, boundaries: Any) -> Mesh:
+    return boundaries if isinstance(boundaries, Mesh) else Mesh.given(boundaries)

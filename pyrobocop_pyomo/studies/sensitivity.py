@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
-from pyomo.core.expr.numvalue import value
+from pyomo.core.base.constraint import Constraint, ConstraintList
+from pyomo.core.base.objective import Objective
+from pyomo.core.base.PyomoModel import ConcreteModel
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.visitor import identify_mutable_parameters, identify_variables, replace_expressions
 
-from pyrobocop_pyomo.complementarity import pairs_of
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.complementarity import (
+    CanonicalForm,
+    CanonicalPair,
+    SidePart,
+    active_sources,
+    canonical_form,
+    pair_residuals,
+    pairs_of,
+)
+from pyrobocop_pyomo.errors import ModelError, SensitivityError
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
@@ -20,10 +34,10 @@ from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving.pair_report import ZERO_SIDE
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .named_data import by_component, data_members, named
-from .parametric_model import ParametricBuilder, ParametricModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +46,8 @@ class Sensitivity:
 
     Attributes
     ----------
+    result : SolveResult
+        The solution that was differentiated.
     parameters : list of ParamData or VarData
     variables : list of VarData
         Those that the model uses.
@@ -50,6 +66,7 @@ class Sensitivity:
     multiplier_derivatives : array, shape (constraints, parameters)
     """
 
+    result: SolveResult = field(repr=False)
     parameters: list[Any]
     variables: list[Any]
     parameter_values: FloatArray = field(repr=False)
@@ -62,11 +79,11 @@ class Sensitivity:
 
     @cached_property
     def _rows(self) -> ComponentMap:
-        return ComponentMap((each, i) for i, each in enumerate(self.variables))
+        return ComponentMap((variable, i) for i, variable in enumerate(self.variables))
 
     @cached_property
     def _columns(self) -> ComponentMap:
-        return ComponentMap((each, i) for i, each in enumerate(self.parameters))
+        return ComponentMap((parameter, i) for i, parameter in enumerate(self.parameters))
 
     def derivative(self, variable: Any, parameter: Any) -> float:
         """Derivative of a variable with respect to a parameter.
@@ -112,8 +129,8 @@ class Sensitivity:
         """A data frame with a row per variable, the objective first, and a column per parameter."""
         return pandas.DataFrame(
             np.vstack([self.objective_gradient, self.matrix]),
-            index=pandas.Index(["objective", *(each.name for each in self.variables)], name="derivative of"),
-            columns=[each.name for each in self.parameters],
+            index=pandas.Index(["objective", *(variable.name for variable in self.variables)], name="derivative of"),
+            columns=[parameter.name for parameter in self.parameters],
         )
 
     def __str__(self) -> str:
@@ -127,7 +144,14 @@ class Sensitivity:
         return "\n".join(lines)
 
 
-def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives_by: str | None = None) -> Sensitivity:
+def sensitivity(
+    model: Any,
+    result: SolveResult,
+    parameters: Any,
+    *,
+    derivatives_by: str | None = None,
+    time_limit: float | None = None,
+) -> Sensitivity:
     """Differentiate a solution with respect to mutable Params.
 
     The solution is continued on its branch: sides that are zero stay zero, active constraints stay active. That
@@ -144,6 +168,8 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
         What to differentiate for, or names of it. Indexed ones stand for all their members.
     derivatives_by : {"asl", "casadi"}, optional
         Where derivatives come from; by default ASL where it is present.
+    time_limit : float, optional
+        Seconds.
 
     Returns
     -------
@@ -157,6 +183,8 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
     ModelError
         If a parameter is not mutable or used nowhere, a relaxation is applied, or the model does not hold the point
         of the result.
+    TimeLimitReached
+        When there is no answer at the time limit.
 
     References
     ----------
@@ -164,34 +192,38 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
     sensitivity, doi:10.1287/moor.25.1.1.15213;
     Pirnay, Lopez-Negrete & Biegler (2012), Optimal sensitivity based on IPOPT, doi:10.1007/s12532-012-0043-2
     """
+    deadline = Deadline.after(time_limit)
     chosen = _members(model, parameters)
     _check(model, result)
-    built = ParametricBuilder(model, chosen).build()
-    written = CompiledModel(built.model, derivatives_by)
-    place = {id(each): i for i, each in enumerate(written.variables)}
-    columns = np.array([place.get(id(each), -1) for each in built.stand_ins], dtype=np.intp)
+    parametric = ParametricBuilder(model, chosen, deadline).build()
+    compiled = CompiledModel(parametric.model, derivatives_by)
+    deadline.check(f"'{model.name}': sensitivity")
+    place = {id(variable): i for i, variable in enumerate(compiled.variables)}
+    columns = np.array([place.get(id(variable), -1) for variable in parametric.parameter_variables], dtype=np.intp)
     in_use = np.flatnonzero(columns >= 0)
     found = derivatives(
-        _with_moving_bounds(written, built),
-        written.current_point(),
+        _with_moving_bounds(compiled, parametric),
+        compiled.current_point(),
         columns[in_use],
-        lambda number: _name(written, built, number),
+        lambda number: _name(compiled, parametric, number),
+        deadline,
     )
-    stand_ins = set(columns[in_use].tolist())
-    kept = [i for i in range(written.nlp.n) if i not in stand_ins]
+    of_parameters = set(columns[in_use].tolist())
+    of_variables = [i for i in range(compiled.nlp.n) if i not in of_parameters]
     k = len(chosen)
-    matrix, objective = np.zeros((len(kept), k)), np.zeros(k)
+    matrix, objective = np.zeros((len(of_variables), k)), np.zeros(k)
     moved = np.zeros((found.active.size, k))
     # Adding zero turns the zero of negative sign into the plain one.
-    matrix[:, in_use] = found.variables[kept] + 0.0
-    objective[in_use] = written.sign * found.objective + 0.0
+    matrix[:, in_use] = found.variables[of_variables] + 0.0
+    objective[in_use] = compiled.sign * found.objective + 0.0
     moved[:, in_use] = found.multiplier_derivatives + 0.0
-    names = [_name(written, built, number) for number in found.active.tolist()]
+    names = [_name(compiled, parametric, number) for number in found.active.tolist()]
     return Sensitivity(
+        result,
         chosen,
-        [written.variables[i] for i in kept],
-        np.array([value(each) for each in chosen], dtype=float),
-        found.x[kept],
+        [compiled.variables[i] for i in of_variables],
+        np.array([value(parameter) for parameter in chosen], dtype=float),
+        found.x[of_variables],
         matrix,
         objective,
         names,
@@ -203,7 +235,7 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any, *, derivatives
 def _members(model: Any, parameters: Any) -> list[Any]:
     """The single parameters, each once."""
     several = parameters if isinstance(parameters, (list, tuple)) else [parameters]
-    found = {id(member): member for each in several for member in data_members(named(each, model))}
+    found = {id(member): member for component in several for member in data_members(named(component, model))}
     if not found:
         raise ModelError("no parameters were given; name at least one mutable Param or fixed Var.")
     for member in found.values():
@@ -227,23 +259,23 @@ def _check(model: Any, result: SolveResult) -> None:
         )
 
 
-def _with_moving_bounds(written: CompiledModel, built: ParametricModel) -> WithBounds:
+def _with_moving_bounds(compiled: CompiledModel, parametric: ParametricModel) -> WithBounds:
     """The program without the bounds that are rows; bounds of domains stay."""
-    lower, upper = written.nlp.x_lower.copy(), written.nlp.x_upper.copy()
-    place = {id(each): i for i, each in enumerate(written.variables)}
-    for variable, which in built.moving_bounds:
+    lower, upper = compiled.nlp.x_lower.copy(), compiled.nlp.x_upper.copy()
+    place = {id(variable): i for i, variable in enumerate(compiled.variables)}
+    for variable, which in parametric.moving_bounds:
         ends = variable.domain.bounds()
         if which == "lower":
             lower[place[id(variable)]] = -np.inf if ends[0] is None else ends[0]
         else:
             upper[place[id(variable)]] = np.inf if ends[1] is None else ends[1]
-    return WithBounds(written.nlp, lower, upper)
+    return WithBounds(compiled.nlp, lower, upper)
 
 
-def _name(written: CompiledModel, built: ParametricModel, number: int) -> str:
-    if number < written.nlp.m:
-        return built.names[id(written.constraints[number])]
-    return f"a bound of '{written.variables[number - written.nlp.m].name}'"
+def _name(compiled: CompiledModel, parametric: ParametricModel, number: int) -> str:
+    if number < compiled.nlp.m:
+        return parametric.names[id(compiled.constraints[number])]
+    return f"a bound of '{compiled.variables[number - compiled.nlp.m].name}'"
 
 
 def _place(places: ComponentMap, component: Any) -> int:
@@ -254,3 +286,163 @@ def _place(places: ComponentMap, component: Any) -> int:
             "free and used by the model, parameters have to be asked for."
         )
     return int(place)
+
+
+@dataclass(eq=False)
+class ParametricModel:
+    """The branch of a solution, as rows over the user's variables and over variables that stand for parameters.
+
+    Attributes
+    ----------
+    model : ConcreteModel
+    parameter_variables : list of VarData
+        One per parameter, with its value.
+    names : dict from id of a row to str
+        What each row says, for messages.
+    moving_bounds : list of (VarData, "lower" or "upper")
+        Bounds of variables that hold a parameter: they are rows here.
+    """
+
+    model: Any
+    parameter_variables: list[Any]
+    names: dict[int, str]
+    moving_bounds: list[tuple[Any, str]]
+
+
+class ParametricBuilder:
+    """Writes a model's rows with variables in place of its parameters.
+
+    Parameters
+    ----------
+    model : Block
+        At a solution. It is only read.
+    parameters : sequence of ParamData or fixed VarData
+    deadline : Deadline
+    """
+
+    def __init__(self, model: Any, parameters: Sequence[Any], deadline: Deadline) -> None:
+        self._source, self._parameters, self._deadline = model, parameters, deadline
+        self._model = ConcreteModel()
+        self._model.parameter_variable = Var(range(len(parameters)))
+        self._model.rows = ConstraintList()
+        parameter_variables = list(self._model.parameter_variable.values())
+        for parameter_variable, parameter in zip(parameter_variables, parameters, strict=True):
+            parameter_variable.set_value(value(parameter))
+        self._substitution = {id(old): new for old, new in zip(parameters, parameter_variables, strict=True)}
+        self._has_variables = any(parameter.is_variable_type() for parameter in parameters)
+        self._used: set[int] = set()
+        self._built = ParametricModel(self._model, parameter_variables, {}, [])
+
+    def build(self) -> ParametricModel:
+        """Write everything.
+
+        Raises
+        ------
+        SensitivityError
+            At biactive pairs, and at pairs that are not met.
+        ModelError
+            If a parameter is used nowhere in the active model.
+        TimeLimitReached
+            When the deadline has passed.
+        """
+        for objective in self._source.component_data_objects(Objective, active=True):
+            self._model.cost = Objective(expr=self._substituted(objective.expr), sense=objective.sense)
+        for row in self._source.component_data_objects(Constraint, active=True):
+            self._add_row(row.to_bounded_expression(), row.expr, f"'{row.name}'")
+        self._add_pairs([canonical_form(source) for source in active_sources(self._source)])
+        self._add_moving_bounds()
+        unused = [parameter.name for parameter in self._parameters if id(parameter) not in self._used]
+        if unused:
+            raise ModelError(
+                f"'{self._source.name}': {_listed(unused)} is used in no active constraint, objective, bound or pair, "
+                "so nothing depends on it. A number that was read with value() when the model was built leaves no "
+                "trace: put the Param itself into the expressions."
+            )
+        return self._built
+
+    def _substituted(self, expression: Any) -> Any:
+        """The expression with variables in place of parameters; the same object where there is nothing to replace."""
+        if expression.__class__ in native_numeric_types or expression is None:
+            return expression
+        found = {id(parameter) for parameter in identify_mutable_parameters(expression)}
+        if self._has_variables:
+            found |= {id(variable) for variable in identify_variables(expression, include_fixed=True)}
+        found &= self._substitution.keys()
+        if not found:
+            return expression
+        self._used |= found
+        return replace_expressions(expression, {old: self._substitution[old] for old in found})
+
+    def _add(self, relation: Any, name: str) -> None:
+        self._deadline.check(f"'{self._source.name}': sensitivity")
+        self._built.names[id(self._model.rows.add(relation))] = name
+
+    def _add_row(self, bounded: tuple[Any, Any, Any], relation: Any, name: str) -> None:
+        lower, _, upper = bounded
+        new = [self._substituted(part) for part in bounded]
+        if all(part is old for part, old in zip(new, bounded, strict=True)):
+            if lower is not None or upper is not None:
+                self._add(relation, name)
+            return
+        if lower is upper and lower is not None:
+            self._add(new[1] - new[0] == 0, name)
+            return
+        # Two rows for a range: its ends may move apart.
+        if lower is not None:
+            self._add(new[1] - new[0] >= 0, f"the lower bound of {name}")
+        if upper is not None:
+            self._add(new[1] - new[2] <= 0, f"the upper bound of {name}")
+
+    def _add_pairs(self, forms: Sequence[CanonicalForm]) -> None:
+        pairs = [pair for form in forms for pair in form.pairs]
+        values = dict(zip(map(id, pairs), pair_residuals(pairs), strict=True))
+        biactive = [sides.name for sides in values.values() if max(sides.a, sides.b) <= ZERO_SIDE]
+        if biactive:
+            raise SensitivityError(
+                f"'{self._source.name}': {len(biactive)} pairs are biactive (both sides zero): {_listed(biactive)}. "
+                "The solution has a kink there. Move the data so that one side is positive."
+            )
+        for form in forms:
+            for number, relation in enumerate(form.rows):
+                row = Constraint(expr=relation)
+                row.construct()
+                self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
+            first_is_zero = False
+            for pair in form.pairs:
+                sides = values[id(pair)]
+                for side in (pair.a, pair.b):
+                    self._substituted(side)  # a parameter of a positive side is used as well
+                if min(abs(sides.a), abs(sides.b)) > ZERO_SIDE:
+                    raise SensitivityError(
+                        f"'{pair.name}': the sides are {sides.a:g} and {sides.b:g}, so neither is zero. Solve with "
+                        "polish=True, and do not change values afterwards."
+                    )
+                if sides.a < sides.b:
+                    self._set_zero(pair, pair.a, "first")
+                    first_is_zero = True
+            # The parts of a free side are zero together: one equation, and only where no bound of the range has one.
+            whole = [pair for pair in form.pairs if values[id(pair)].a >= values[id(pair)].b]
+            parts = [pair for pair in whole if pair.b_part is not SidePart.WHOLE]
+            for pair in [pair for pair in whole if pair.b_part is SidePart.WHOLE] + (
+                [] if first_is_zero else parts[:1]
+            ):
+                self._set_zero(pair, pair.b, "second")
+
+    def _set_zero(self, pair: CanonicalPair, side: Any, which: str) -> None:
+        self._add(self._substituted(side) == 0, f"the {which} side of '{pair.name}'")
+
+    def _add_moving_bounds(self) -> None:
+        for variable in self._source.component_data_objects(Var, active=True):
+            if variable.fixed:
+                continue
+            # The stored bounds: the public ones are joined with the domain's, which cannot be differentiated.
+            for which, bound in (("lower", variable._lb), ("upper", variable._ub)):
+                new = self._substituted(bound)
+                if new is not bound:
+                    self._built.moving_bounds.append((variable, which))
+                    relation = variable - new >= 0 if which == "lower" else variable - new <= 0
+                    self._add(relation, f"the {which} bound of '{variable.name}'")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names[:5]) + (", ..." if len(names) > 5 else "")

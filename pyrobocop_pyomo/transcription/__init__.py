@@ -1,16 +1,16 @@
 """Builders of variables' guesses, collocation rows and quadrature on a grid, for any Pyomo block."""
 
 from .collocation_rows import collocation_rows, continuity_rows
-from .guesses import Guess, guess_at, number_guess, stage_guess, state_guess
+from .initial_guesses import InitialGuess, initial_number, initial_stage_values, initial_state_values, initial_values_at
 from .quadrature import quadrature
 
 __all__ = [
-    "Guess",
+    "InitialGuess",
     "collocation_rows",
     "continuity_rows",
-    "guess_at",
-    "number_guess",
+    "initial_number",
+    "initial_stage_values",
+    "initial_state_values",
+    "initial_values_at",
     "quadrature",
-    "stage_guess",
-    "state_guess",
 ]

@@ -35,7 +35,7 @@ PUBLIC = {
     "formulations": "Dual Formulation Mixed Offset Optimality Plane",
     "geometry": "Pose SignedDistance decompose signed_distance",
     "groupings": "AllPairs Crossed Grouping PerElement PerPair PerPhase",
-    "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_guess",
+    "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_initial_guess",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable",
     "mechanics": "SquareSlider",
     "relaxations": """
@@ -44,14 +44,14 @@ PUBLIC = {
     """,
     "results": """
         ActiveSide BodyPairSafety Certificate Diagnosis Iterate JoinedTrajectory Multipliers PairReport SafetyReport
-        Stationarity Verification
+        Standing Stationarity Verification
     """,
     "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
-        HomotopyResult HomotopyStep HorizonStep MultistartResult RecedingHorizon RefinedResult RefinementEnd
-        RefinementStep Sensitivity SequenceOutcome SequenceRanking StartOutcome homotopy mode_sequences multistart
-        sensitivity solve_refined solve_sequences
+        HomotopyResult HomotopyStep HorizonStep MultistartResult Outcome PersistentNLP RecedingHorizon RefinedResult
+        RefinementEnd RefinementStep Sensitivity SequenceOutcome SequenceRanking StartOutcome StudyResult homotopy
+        mode_sequences multistart sensitivity solve_refined solve_sequences
     """,
 }
 

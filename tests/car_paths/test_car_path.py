@@ -16,7 +16,7 @@ from pyrobocop_pyomo.car_paths import CarTiming
 from pyrobocop_pyomo.car_paths.car_kinematics import follow_arc, follow_arcs
 from pyrobocop_pyomo.car_paths.free_space import FreeSpace
 from pyrobocop_pyomo.car_paths.reeds_shepp import reeds_shepp_paths
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE, park
 
@@ -153,7 +153,7 @@ NAMES = {"x": "x", "y": "y", "theta": "theta", "v": "v", "steering": "delta", "a
 def test_a_guess_nearly_follows_the_equations(duration: Any) -> None:
     path = park()
     b = car_phase(duration)
-    b.set_guess(path.initial_guess(b, speed=1.0, names=NAMES))
+    b.initialize(path.initial_guess(b, speed=1.0, names=NAMES))
     real = pyo.value(b.duration)
     suggested = path.timed(1.0).duration
     assert real == pytest.approx(
@@ -170,7 +170,7 @@ def test_steering_as_a_state_has_a_rate() -> None:
     m.p = b = rcp.PhaseBlock(duration=15.0, elements=150)
     b.steering, b.steering_rate = rcp.State(), rcp.Control()
     b.ode(lambda b, t: {b.steering: b.steering_rate[t]})
-    b.set_guess(park().initial_guess(b))
+    b.initialize(park().initial_guess(b))
     assert b.trajectory().verify().element_error < 0.05
     assert max(abs(b.steering[t].value) for t in b.time) <= 0.6 + 1e-9
 
@@ -181,11 +181,11 @@ def test_headings_start_as_the_phase_does_and_whole_turns_at_the_end_are_refused
     b = car_phase(20.0, elements=10)
     b.theta[b.time.first()].fix(2 * math.pi)
     with pytest.raises(
-        GuessError, match=r"'theta' is fixed at 1\.5708 there, 1 whole turn\(s\) away\. State final=7\.85398"
+        InitialGuessError, match=r"'theta' is fixed at 1\.5708 there, 1 whole turn\(s\) away\. State final=7\.85398"
     ):
         path.initial_guess(b, names=NAMES)
     b.theta[b.time.last()].unfix()
-    b.set_guess(path.initial_guess(b, names=NAMES))
+    b.initialize(path.initial_guess(b, names=NAMES))
     assert b.theta[b.time.last()].value == pytest.approx(2.5 * math.pi)
 
 
@@ -201,5 +201,5 @@ def test_headings_start_as_the_phase_does_and_whole_turns_at_the_end_are_refused
 )
 def test_guesses_that_do_not_fit_are_refused(options: Any, message: str) -> None:
     path, b = simple_path(), car_phase(20.0, elements=4)
-    with pytest.raises(GuessError, match=message):
+    with pytest.raises(InitialGuessError, match=message):
         path.initial_guess(b, **options)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 
 from .car_scenes import CAR, PARALLEL, REVERSE, START, STEERING, WHEELBASE, is_free, least_distance, park, without_end
 
@@ -146,31 +146,31 @@ def test_padded_flat_and_pointlike_shapes_are_kept_clear_of() -> None:
 
 def test_an_end_in_collision_is_refused_with_what_is_there() -> None:
     with pytest.raises(
-        GuessError, match=r"at the start .*'car' collides with 'wall': it is only 0\.0[0-9]* away.*0\.1"
+        InitialGuessError, match=r"at the start .*'car' collides with 'wall': it is only 0\.0[0-9]* away.*0\.1"
     ):
         park((-6.0, 9.95, 0.0))
-    with pytest.raises(GuessError, match=r"at the goal .*collides with 'left': it overlaps it by 0\.2"):
+    with pytest.raises(InitialGuessError, match=r"at the goal .*collides with 'left': it overlaps it by 0\.2"):
         park(scene={**REVERSE, "goal": (-0.5, 1.3, math.pi / 2)})
     boxes = [rcp.Polytope.box(1, 1, center=(20, 20)), rcp.Polytope.box(1, 1, center=(-6, 9.5))]
-    with pytest.raises(GuessError, match="collides with 'obstacle 2'"):
+    with pytest.raises(InitialGuessError, match="collides with 'obstacle 2'"):
         park(scene={**REVERSE, "obstacles": boxes})
 
 
 def test_where_there_is_no_path_it_says_so() -> None:
     gate = {"gate": rcp.Polytope.box(4, 1, center=(0, 6.2))}
-    with pytest.raises(GuessError, match="no way even for a disc"):
+    with pytest.raises(InitialGuessError, match="no way even for a disc"):
         park(scene={**REVERSE, "obstacles": REVERSE["obstacles"] | gate})
     # In a box as long as itself and a little a car may shunt, but neither turn nor get out, though a disc could.
     box = {
         "behind": without_end([[1, 0]], [-1.2]), "ahead": without_end([[-1, 0]], [-3.9]),
         "below": without_end([[0, 1]], [-1.15]), "above": without_end([[0, -1]], [-1.15]),
     }  # fmt: skip
-    with pytest.raises(GuessError, match=r"no path was found: from the goal, \d+ poses"):
+    with pytest.raises(InitialGuessError, match=r"no path was found: from the goal, \d+ poses"):
         park(
             (0.1, 0, math.pi), {"goal": (0, 0, 0), "obstacles": box | {"behind": without_end([[1, 0]], [-3.9])}},
             bounds=((-2, 5), (-2, 2)), search=rcp.initial_guesses.CarSearch(refinements=0),
         )  # fmt: skip
-    with pytest.raises(GuessError, match=r"within 1e-06 seconds"):
+    with pytest.raises(InitialGuessError, match=r"within 1e-06 seconds"):
         park(time_limit=1e-6)
 
 
@@ -194,11 +194,11 @@ def test_where_there_is_no_path_it_says_so() -> None:
 )
 def test_what_makes_no_sense_is_refused(options: Any, message: str) -> None:
     scene = {name: options.pop(name, REVERSE[name]) for name in ("goal", "obstacles")}
-    with pytest.raises(GuessError, match=message):
+    with pytest.raises(InitialGuessError, match=message):
         park(options.pop("start", START), scene, options.pop("clearance", 0.1), **options)
 
 
 @pytest.mark.parametrize("options", [{"cell": 0.0}, {"headings": 3}, {"steerings": 4}, {"heuristic_weight": math.inf}])
 def test_a_search_that_makes_no_sense_is_refused(options: Any) -> None:
-    with pytest.raises(GuessError, match=f"CarSearch: .*{next(iter(options))} = "):
+    with pytest.raises(InitialGuessError, match=f"CarSearch: .*{next(iter(options))} = "):
         rcp.initial_guesses.CarSearch(**options)

@@ -74,9 +74,9 @@ def _enter(found_by: str, expected: Any, words: str, component: str | None = Non
 def pushed(m: Any, controlled: str = "collocated", **options: Any) -> Any:
     """A complete phase 'p': a mass 'x', 'v' with a force 'u'."""
     m.p = b = rcp.PhaseBlock(**{"duration": 1, "elements": 4, "stages": 2, **options})
-    b.x = rcp.State(initial=0, guess=0.1)
-    b.v = rcp.State(initial=0, guess=0.1)
-    b.u = rcp.Control(bounds=(-1, 1), guess=0.1, parametrization=controlled)
+    b.x = rcp.State(initial=0, initial_guess=0.1)
+    b.v = rcp.State(initial=0, initial_guess=0.1)
+    b.u = rcp.Control(bounds=(-1, 1), initial_guess=0.1, parametrization=controlled)
     b.ode(newton)
     m.cost = pyo.Objective(expr=b.integral(effort))
     return b
@@ -94,8 +94,8 @@ def pendulum(m: Any, **options: Any) -> Any:
     """A mass on a rod in Cartesian coordinates, without its rod."""
     m.swing = b = rcp.PhaseBlock(duration=1, elements=3, stages=2, **options)
     for name, initial in {"x": 1.0, "y": 0.0, "u": 0.0, "v": 0.0}.items():
-        setattr(b, name, rcp.State(initial=initial, guess=initial))
-    b.tension = rcp.Algebraic(guess=1)
+        setattr(b, name, rcp.State(initial=initial, initial_guess=initial))
+    b.tension = rcp.Algebraic(initial_guess=1)
     b.ode(mass)
     return b
 

@@ -111,7 +111,7 @@ def infinite_coefficient(m: Any) -> Mistake:
 @found_by_diagnosis(Subject.DATA, r"'p.speed\[0.08.*' has no finite derivative by 'p.z\[0.08", "p.speed")
 def root_of_zero(m: Any) -> Mistake:
     b = pushed(m)
-    b.z = rcp.Algebraic(guess=0, bounds=(0, None))
+    b.z = rcp.Algebraic(initial_guess=0, bounds=(0, None))
     yield
 
     def speed(b: Any, t: float) -> Any:

@@ -56,7 +56,7 @@ def control_nowhere(m: Any) -> Mistake:
 def parameter_nowhere(m: Any) -> Mistake:
     b = pushed(m)
     yield
-    b.mass = rcp.Parameter(guess=1)
+    b.mass = rcp.Parameter(initial_guess=1)
 
 
 @refused_by_check("algebraic 'z' .* appears in no equation, constraint or objective")
@@ -162,11 +162,11 @@ def redundant_equation(m: Any) -> Mistake:
 
 
 @found_by_diagnosis(
-    Subject.DEPENDENT, "'root' do not determine 'z': .* singular at the guess, though not around", "p.root"
+    Subject.DEPENDENT, "'root' do not determine 'z': .* singular at the initial guess, though not around", "p.root"
 )
 def guess_at_a_singular_point(m: Any) -> Mistake:
     b = pushed(m)
-    b.z = rcp.Algebraic(guess=0)
+    b.z = rcp.Algebraic(initial_guess=0)
     yield
 
     def root(b: Any, t: float) -> Any:

@@ -8,7 +8,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import (
     ComplementarityError,
     DeclarationError,
-    GuessError,
+    InitialGuessError,
     MeshError,
     SchemeError,
     TranscriptionError,
@@ -85,20 +85,21 @@ def bound_that_is_no_number(m: Any) -> Mistake:
     b.y = rcp.Algebraic(bounds=(NAN, 1))
 
 
-@refused_at_once(GuessError, "control 'w'.*: value 1 of the guess is nan")
+@refused_at_once(InitialGuessError, "control 'w'.*: value 1 of the initial guess is nan")
 def guess_that_is_no_number(m: Any) -> Mistake:
     b = pushed(m)
     yield
-    b.w = rcp.Control(guess=[0, NAN, 0, 0])
+    b.w = rcp.Control(initial_guess=[0, NAN, 0, 0])
 
 
 @refused_at_once(
-    GuessError, "state 'y': the guess has 3 values; 4 element boundaries|state 'y': the guess has 3 values"
+    InitialGuessError,
+    "state 'y': the initial guess has 3 values; 4 element boundaries|state 'y': the initial guess has 3 values",
 )
 def guess_of_the_wrong_length(m: Any) -> Mistake:
     b = pushed(m)
     yield
-    b.y = rcp.State(guess=[1, 2, 3])
+    b.y = rcp.State(initial_guess=[1, 2, 3])
 
 
 @refused_at_once(DeclarationError, "the name 'x' .* is taken. Choose another")

@@ -15,7 +15,7 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.complementarity import (
     Complementarity,
-    Part,
+    SidePart,
     active_pairs,
     canonical_form,
     canonical_pair,
@@ -77,7 +77,7 @@ def test_an_infinite_bound_of_a_range_counts_as_none(f, h, which):
             canonical_form(m.cc)
         return
     (pair,) = canonical_form(m.cc).pairs
-    assert pair.b_part is Part.WHOLE
+    assert pair.b_part is SidePart.WHOLE
     assert met(canonical_form(m.cc)) == projection_holds(f, h, lower, upper)
 
 

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
-from pyrobocop_pyomo.complementarity.formulation import SMALLEST_SHARE
+from pyrobocop_pyomo.complementarity.group_rows import SMALLEST_SHARE
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import relaxation
@@ -120,8 +120,8 @@ def phase(elements=3, stages=2, statements=2):
     m = pyo.ConcreteModel(name="listed")
     m.phase = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=stages)
     for i in range(statements):
-        b.declare(f"a{i}", rcp.Algebraic(bounds=(0, None), guess=lambda t, i=i: 1 + i + t))
-        b.declare(f"b{i}", rcp.Algebraic(bounds=(0, None), guess=lambda t, i=i: 2 - i / 3 - t))
+        b.declare(f"a{i}", rcp.Algebraic(bounds=(0, None), initial_guess=lambda t, i=i: 1 + i + t))
+        b.declare(f"b{i}", rcp.Algebraic(bounds=(0, None), initial_guess=lambda t, i=i: 2 - i / 3 - t))
 
     @b.complementarity
     def both(b, t):

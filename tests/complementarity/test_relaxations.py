@@ -23,7 +23,7 @@ from pyrobocop_pyomo.complementarity import (
     TwoSided,
 )
 from pyrobocop_pyomo.complementarity.relaxations import as_relaxation
-from pyrobocop_pyomo.complementarity.relaxations.words import RELAXATIONS
+from pyrobocop_pyomo.complementarity.relaxations.registry import RELAXATIONS
 
 BOUNDING = [
     Scholtes(),
@@ -162,7 +162,7 @@ def test_the_kink_meets_the_absolute_value_with_two_derivatives(delta, sign):
 @given(a=sides, b=sides, multiplier=sides, delta=deltas)
 def test_the_augmented_lagrangian_is_multiplier_and_square(a, b, multiplier, delta):
     scheme, product = AugmentedLagrangian(), a * b
-    term = scheme.coefficient(delta) * scheme.charge(product, multiplier * delta)
+    term = scheme.coefficient(delta) * scheme.penalty(product, multiplier * delta)
     assert term == pytest.approx(multiplier * product + product**2 / (2 * delta))
 
 

@@ -9,7 +9,7 @@ from pyomo.gdp import Disjunct, Disjunction
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import Complementarity, Crossed, complements
 from pyrobocop_pyomo.complementarity.grouping import GROUPINGS
-from pyrobocop_pyomo.complementarity.relaxations.words import RELAXATIONS
+from pyrobocop_pyomo.complementarity.relaxations.registry import RELAXATIONS
 
 from .harness import relaxation, round_trip, state
 

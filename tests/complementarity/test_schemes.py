@@ -73,10 +73,10 @@ def test_the_penalty_weighs_by_the_inverse_of_delta(delta):
     ("given", "convert", "message"),
     [
         ("schotles", as_relaxation, r"unknown relaxation 'schotles'\. Known: 'scholtes', "),
-        (3, as_relaxation, r"3 is no relaxation"),
-        (Scholtes, as_relaxation, r"is no relaxation.*Pass an object"),
+        (3, as_relaxation, r"3 is not a relaxation"),
+        (Scholtes, as_relaxation, r"is not a relaxation.*Pass an object"),
         ("time", as_grouping, r"unknown grouping 'time'\. Known: 'pair', 'element'"),
-        (PerPair, as_grouping, r"is no grouping"),
+        (PerPair, as_grouping, r"is not a grouping"),
     ],
 )
 def test_an_unknown_choice_is_refused_with_the_known_ones(given, convert, message):

@@ -135,7 +135,7 @@ def test_optimum_is_that_of_a_phase(scheme, derivatives):
 
     n = pyo.ConcreteModel(name="phase")
     n.phase = b = rcp.PhaseBlock(duration=3, mesh=boundaries, scheme=scheme)
-    b.x, b.u = rcp.State(initial=1, guess=1), rcp.Control(bounds=(-0.6, 5))
+    b.x, b.u = rcp.State(initial=1, initial_guess=1), rcp.Control(bounds=(-0.6, 5))
     b.ode(lambda b, t: {b.x: b.u[t] - 0.2 * b.x[t] ** 3})
     n.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
     solved(n)

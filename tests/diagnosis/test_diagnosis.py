@@ -15,8 +15,8 @@ from scipy.sparse import csr_matrix
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Severity, Subject
-from pyrobocop_pyomo.diagnosis.dependence import left_null_vector
-from pyrobocop_pyomo.diagnosis.linearisation import Linearisation, equilibrate
+from pyrobocop_pyomo.diagnosis.determinacy import left_null_vector
+from pyrobocop_pyomo.diagnosis.linearised_rows import LinearisedRows, equilibrate
 from pyrobocop_pyomo.diagnosis.structure import dependent_rows
 from pyrobocop_pyomo.errors import ModelError
 
@@ -159,7 +159,7 @@ def test_a_component_in_the_way_of_the_suffix_is_named() -> None:
 
 def test_the_jacobian_is_that_of_differences() -> None:
     m = oscillators(elements=2)
-    line = Linearisation(m)
+    line = LinearisedRows(m)
     matrix = line.jacobian(line.rows).toarray()
     step = 1e-6
     for j, variable in enumerate(line.variables):

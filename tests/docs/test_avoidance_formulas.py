@@ -1,4 +1,4 @@
-"""The numbered formulas on certificates and on planning in rounds, evaluated against the code."""
+"""The numbered formulas on separations and on planning in rounds, evaluated against the code."""
 
 from __future__ import annotations
 
@@ -122,8 +122,8 @@ def block_at(formulation: str, pose: tuple[float, float, float], **options: Any)
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m, formulation=formulation, between=None, **options)
     set_poses(m.move, np.tile(pose, (3, 1)))
-    for each in (m.move.x, m.move.y, m.move.theta):
-        each.unfix()
+    for state in (m.move.x, m.move.y, m.move.theta):
+        state.unfix()
     avoid.initialize()
     return m, avoid
 
@@ -275,7 +275,7 @@ def test_the_table_of_sizes(formulation: str, where: str) -> None:
         placed if where == "plane" else (lambda b, t: rcp.spatial_pose((b.x[t], b.y[t], 3), euler=(0, 0, b.theta[t])))
     )
     avoid = avoiding(m, formulation=formulation, between=None, bodies={"body": rcp.Body(box, pose)}, obstacles=[box])
-    unknowns = sum(len(each) for each in avoid.component_objects(pyo.Var))
+    unknowns = sum(len(variable) for variable in avoid.component_objects(pyo.Var))
     rows = sum(1 for _ in avoid.component_data_objects(pyo.Constraint))
     assert (unknowns / 3, rows / 3) == sizes_of_page()[formulation][where]
 
@@ -319,7 +319,7 @@ def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
         return depth + sum(angle**2 for angle in turns)
 
     chosen = _cheapest_path(candidates, segments, before, after, np.zeros(2))
-    assert cost(chosen) == pytest.approx(min(cost(each) for each in itertools.product(*candidates)), abs=1e-9)
+    assert cost(chosen) == pytest.approx(min(cost(choice) for choice in itertools.product(*candidates)), abs=1e-9)
 
 
 def test_margins_are_sags_and_what_was_missing() -> None:
@@ -327,8 +327,8 @@ def test_margins_are_sags_and_what_was_missing() -> None:
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m)
     set_poses(m.move, np.array([(0.92, -0.5, -0.6), (0.92, -0.5, 0.8), (0.75, -0.5, -0.6)]))
-    for each in (m.move.x, m.move.y, m.move.theta):
-        each.unfix()
+    for state in (m.move.x, m.move.y, m.move.theta):
+        state.unfix()
     avoid.initialize()
     report = avoid.verify()
     (pair,) = report.body_pairs
@@ -341,7 +341,7 @@ def test_margins_are_sags_and_what_was_missing() -> None:
         times = sorted(m.move.time)[interval : interval + 2]
         n = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
         n /= np.linalg.norm(n)
-        ends = np.array([[each[t].value for each in (m.move.x, m.move.y, m.move.theta)] for t in times])
+        ends = np.array([[state[t].value for state in (m.move.x, m.move.y, m.move.theta)] for t in times])
         fractions = np.linspace(0, 1, 1001)[:, None]
         x, y, theta = (ends[0] + fractions * (ends[1] - ends[0])).T
         c, s = np.cos(theta), np.sin(theta)
@@ -367,4 +367,4 @@ def test_softened_planes_have_normals_of_length_one() -> None:
         missing = required - gap(n, ARROW.vertices + np.array([1.9, 0.0]), WALL.vertices)
         assert avoid.slack[index].value == pytest.approx(missing, abs=1e-9)
         assert avoid.unit[index].equality
-    assert pyo.value(avoid.softness) == pytest.approx(3.0 * sum(each.value for each in avoid.slack.values()))
+    assert pyo.value(avoid.softness) == pytest.approx(3.0 * sum(slack.value for slack in avoid.slack.values()))

@@ -68,7 +68,7 @@ def test_rows_are_those_of_the_page(scheme):
     """One state with the derivative x^2 + t, at arbitrary values: every row as eq-collocation and eq-continuity say."""
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], scheme=scheme)
-    b.x = rcp.State(guess=lambda t: math.cos(3 * t))
+    b.x = rcp.State(initial_guess=lambda t: math.cos(3 * t))
     b.ode(lambda b, t: {b.x: b.x[t] ** 2 + t})
     grid, x = b.grid, lambda t: math.cos(3 * t)
     for i, h in enumerate(grid.mesh.widths):
@@ -109,7 +109,7 @@ def test_any_scheme_has_the_rows_of_the_page(scheme):
     # One state with the derivative x^2 + t, at arbitrary values.
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], scheme=scheme)
-    b.x = rcp.State(guess=lambda t: math.cos(3 * t))
+    b.x = rcp.State(initial_guess=lambda t: math.cos(3 * t))
     b.ode(lambda b, t: {b.x: b.x[t] ** 2 + t})
     for i, h in enumerate(b.grid.mesh.widths):
         nodes = np.cos(3 * np.array(b.grid.node_times[i]))
@@ -123,8 +123,8 @@ def test_piecewise_controls_are_seen_as_the_page_says():
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0, 1.5], duration=1.5)
     knots, values = [0.0, 1.0, 1.5], [2.0, -1.0, 4.0]
-    b.held = rcp.Control(parametrization="piecewise_constant", knots=knots, guess=values[:2])
-    b.linear = rcp.Control(parametrization="piecewise_linear", knots=knots, guess=values)
+    b.held = rcp.Control(parametrization="piecewise_constant", knots=knots, initial_guess=values[:2])
+    b.linear = rcp.Control(parametrization="piecewise_linear", knots=knots, initial_guess=values)
     for t in b.points:
         j = 0 if t <= 1.0 else 1
         theta = (t - knots[j]) / (knots[j + 1] - knots[j])
@@ -134,7 +134,7 @@ def test_piecewise_controls_are_seen_as_the_page_says():
 
 def test_moving_elements_keep_their_factors():
     m = pyo.ConcreteModel()
-    m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], moving=(0.5, 1.25))
+    m.phase = b = rcp.PhaseBlock(mesh=[0.0, 0.3, 1.0], free_element_widths=(0.5, 1.25))
     assert (b.boundary[0].value, b.boundary[2].value) == (0, 1)
     assert [(row.lb, row.ub) for row in b.boundary_width.values()] == [
         pytest.approx((0.5 * width, 1.25 * width)) for width in (0.3, 0.7)
@@ -151,7 +151,7 @@ def test_order_is_that_of_the_quadrature(scheme):
     assert scheme.order == 2 * scheme.stages - (1 if scheme.stiffly_accurate else 0)
 
 
-@pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(0.5, 4), guess=2.0)], ids=["fixed", "free"])
+@pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(0.5, 4), initial_guess=2.0)], ids=["fixed", "free"])
 def test_integral_is_the_weighted_sum_also_with_a_free_duration(duration):
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(duration=duration, elements=3, scheme="radau", stages=2)
@@ -164,8 +164,10 @@ def test_integral_is_the_weighted_sum_also_with_a_free_duration(duration):
 
 def test_free_duration_multiplies_the_widths():
     m = pyo.ConcreteModel()
-    m.phase = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 4), guess=3.0), elements=2, scheme="implicit_euler")
-    b.x = rcp.State(guess=lambda tau: tau**2)
+    m.phase = b = rcp.PhaseBlock(
+        duration=rcp.Duration(bounds=(0.5, 4), initial_guess=3.0), elements=2, scheme="implicit_euler"
+    )
+    b.x = rcp.State(initial_guess=lambda tau: tau**2)
     b.ode(lambda b, t: {b.x: 5.0})
     row = b.x_collocation[1.0]
     assert pyo.value(row.body) == pytest.approx((1.0 - 0.25) - 0.5 * 3.0 * 5.0)
@@ -303,7 +305,7 @@ def test_residuals_of_a_pair():
 def test_defect_is_the_difference_of_slopes():
     m = pyo.ConcreteModel()
     m.phase = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme="implicit_euler")
-    b.x = rcp.State(guess=lambda t: t**2)
+    b.x = rcp.State(initial_guess=lambda t: t**2)
     b.ode(lambda b, t: {b.x: b.x[t]})
     # Slopes of t^2 over the two elements are 0.5 and 1.5; the right-hand sides at their ends are 0.25 and 1.
     assert b.trajectory().verify().defect == pytest.approx(0.5)

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity.formulation import SMALLEST_SHARE
+from pyrobocop_pyomo.complementarity.group_rows import SMALLEST_SHARE
 
 from .code_blocks import ROOT
 

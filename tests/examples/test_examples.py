@@ -100,7 +100,7 @@ def test_the_full_size_is_as_good_as_published_and_feasible(problem: str) -> Non
 )
 def test_a_corrected_slip_changes_the_problem(name: str, corrected: dict[str, str]) -> None:
     example = load(name)
-    published, physical = (rcp.solve(example.build(elements=40, **each)) for each in ({}, corrected))
+    published, physical = (rcp.solve(example.build(elements=40, **options)) for options in ({}, corrected))
     assert published.solved
     assert physical.solved
     assert abs(published.objective - physical.objective) > 1.0

@@ -86,7 +86,7 @@ def test_a_pushed_slider_keeps_its_distance_from_the_squares(load: Any, case: st
     half = 0.045
     corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
     assert least_planar_distance(corners, *pose, m.squares) >= 0.02 - SLACK
-    assert [each[-1] for each in pose] == pytest.approx(example.CASES[case]["goal"], abs=1e-6)
+    assert [signal[-1] for signal in pose] == pytest.approx(example.CASES[case]["goal"], abs=1e-6)
 
 
 @pytest.mark.slow
@@ -142,7 +142,7 @@ def test_the_footprint_of_the_small_car_points_where_it_drives(load: Any) -> Non
     pose = b.avoid.motion.pose_at_node(b.avoid.record.scene.bodies["car"].pose, b.final_time)
     rotation, _ = pose.numbers()
     b.v[b.final_time] = 1.0
-    rates = [pyo.value(b.derivative(each)[b.final_time]) for each in (b.x, b.y)]
+    rates = [pyo.value(b.derivative(state)[b.final_time]) for state in (b.x, b.y)]
     assert rotation @ [0, 1] == pytest.approx(rates)
 
 

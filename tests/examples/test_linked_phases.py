@@ -106,10 +106,10 @@ def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
     sequences = rcp.studies.mode_sequences(
         ["left", "bottom"], range(1, 3), allowed=lambda before, after: before != after
     )
-    times = {each: rcp.solve(pushing.build(each, elements=6)) for each in sequences}
+    times = {sequence: rcp.solve(pushing.build(sequence, elements=6)) for sequence in sequences}
     ranking = rcp.studies.solve_sequences(lambda sequence: pushing.build(sequence, elements=6), sequences)
-    best = min((each for each in sequences if times[each].solved), key=lambda each: times[each].objective)
+    best = min((s for s in sequences if times[s].solved), key=lambda s: times[s].objective)
     assert ranking[0].sequence == best
-    assert pyo.value(ranking.best.total_time) == pytest.approx(times[best].objective, rel=1e-9)
-    for phase in ranking.best.pushes.values():
+    assert pyo.value(ranking.best_model.total_time) == pytest.approx(times[best].objective, rel=1e-9)
+    for phase in ranking.best_model.pushes.values():
         assert phase.trajectory().verify().largest_violation < 1e-6

@@ -156,7 +156,7 @@ def test_three_dimensional_order_does_not_matter() -> None:
     assert same_rows(Polytope.from_vertices(shuffled).vertices, corners, 0.0)
 
 
-# What is dropped, with a word.
+# What is left out with a warning.
 
 
 @pytest.mark.parametrize(

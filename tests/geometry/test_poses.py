@@ -1,4 +1,4 @@
-"""Poses turn the way they are drawn, compose, and hold numbers and expressions alike."""
+"""Poses turn counter-clockwise, compose, and hold numbers and expressions alike."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ def test_moving_out_along_any_of_them_separates(seed: int) -> None:
     first = random_body(random, 3).placed(random_pose(random, 3, spread=0.5))
     second = random_body(random, 3)
     for direction in separating_directions(first.vertices, second.vertices)[:5]:
-        way = -gap(direction, first.vertices, second.vertices)
-        moved = Polytope(first.vertices + way * direction, first.rays)
+        depth = -gap(direction, first.vertices, second.vertices)
+        moved = Polytope(first.vertices + depth * direction, first.rays)
         assert signed_distance(moved, second).distance >= -1e-9
 
 
@@ -53,7 +53,7 @@ def test_a_wall_leaves_one_way_out() -> None:
     wall = Polytope.from_halfspaces([[0, -1]], [-3], bounded=False)
     box = Polytope.box(2, 1).placed(planar_pose(100, 4, 0.3))
     directions = separating_directions(box.vertices, wall.vertices, None, wall.rays)
-    ways = [
+    directions = [
         tuple(d.round(9) + 0.0) for d in directions if gap(d, box.vertices, wall.vertices, None, wall.rays) > -np.inf
     ]
-    assert ways == [(0, -1)]
+    assert directions == [(0, -1)]

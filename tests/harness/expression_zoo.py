@@ -21,8 +21,8 @@ def cart_pole(elements: int = 6, **phase_options) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel("cart-pole")
     m.length = pyo.Param(initialize=0.5, mutable=True)
     m.swing = b = rcp.PhaseBlock(**{"duration": 2.0, "elements": elements, **phase_options})
-    b.q = rcp.State(initial=0, final=1, bounds=(-2, 2), guess=lambda t: t / 2)
-    b.theta = rcp.State(initial=0, final=math.pi, guess=lambda t: math.pi * t / 2)
+    b.q = rcp.State(initial=0, final=1, bounds=(-2, 2), initial_guess=lambda t: t / 2)
+    b.theta = rcp.State(initial=0, final=math.pi, initial_guess=lambda t: math.pi * t / 2)
     b.v = rcp.State(initial=0, final=0)
     b.omega = rcp.State(initial=0, final=0)
     b.force = rcp.Control(bounds=(-20, 20))
@@ -44,7 +44,7 @@ def cart_pole(elements: int = 6, **phase_options) -> pyo.ConcreteModel:
 
 def free_duration() -> pyo.ConcreteModel:
     """A duration that multiplies a long sum and every rate."""
-    m = cart_pole(8, duration=rcp.Duration(bounds=(1, 4), guess=2.0))
+    m = cart_pole(8, duration=rcp.Duration(bounds=(1, 4), initial_guess=2.0))
     m.cost.set_value(m.cost.expr + 0.1 * m.swing.duration)
     return m
 
@@ -212,15 +212,15 @@ def trees(leaves: st.SearchStrategy) -> st.SearchStrategy:
     def extend(children):
         pairs = st.tuples(children, children)
         return st.one_of(
-            pairs.map(lambda each: each[0] + each[1]),
-            pairs.map(lambda each: each[0] - each[1]),
-            pairs.map(lambda each: pyo.sin(each[0]) * pyo.tanh(each[1])),
-            pairs.map(lambda each: each[0] / (2 + each[1] ** 2)),
-            children.map(lambda each: -each),
-            children.map(lambda each: pyo.sqrt(1 + pyo.cos(each) ** 2)),
-            children.map(lambda each: pyo.exp(pyo.sin(each))),
-            children.map(lambda each: 3 * pyo.atan(each) + 1),
-            children.map(lambda each: each * pyo.cos(each)),
+            pairs.map(lambda pair: pair[0] + pair[1]),
+            pairs.map(lambda pair: pair[0] - pair[1]),
+            pairs.map(lambda pair: pyo.sin(pair[0]) * pyo.tanh(pair[1])),
+            pairs.map(lambda pair: pair[0] / (2 + pair[1] ** 2)),
+            children.map(lambda child: -child),
+            children.map(lambda child: pyo.sqrt(1 + pyo.cos(child) ** 2)),
+            children.map(lambda child: pyo.exp(pyo.sin(child))),
+            children.map(lambda child: 3 * pyo.atan(child) + 1),
+            children.map(lambda child: child * pyo.cos(child)),
         )
 
     return st.recursive(leaves, extend, max_leaves=12)

@@ -21,8 +21,8 @@ def oscillators(**options: Any) -> pyo.ConcreteModel:
     """``x' = x cos(t + 1/2)`` and ``y' = -y^2 cos(t + 13/10) / 2`` from 1, over 3/2."""
     m = pyo.ConcreteModel("oscillators")
     m.swing = rcp.PhaseBlock(**{"duration": HORIZON, **options})
-    m.swing.x = rcp.State(initial=1, guess=1)
-    m.swing.y = rcp.State(initial=1, guess=1)
+    m.swing.x = rcp.State(initial=1, initial_guess=1)
+    m.swing.y = rcp.State(initial=1, initial_guess=1)
     m.swing.ode(oscillate)
     return m
 

@@ -49,7 +49,7 @@ def build(scene: Scene, elements: int, *, between: str | None = "plane") -> pyo.
     for name, first, last in zip(("x", "y", "theta"), scene.start, scene.goal, strict=True):
         b.declare(name, rcp.State(initial=first, final=last))
         b.declare(f"{name}_rate", rcp.Control(bounds=(-5, 5)))
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
 
     @b.ode
     def velocities(b, t):
@@ -70,7 +70,7 @@ def sampled_distance(scene: Scene, trajectory: rcp.Trajectory, per_element: int 
     times = np.unique(boundaries[:-1, None] + np.diff(boundaries)[:, None] * fractions)
     found = trajectory(times)
     outline = np.asarray(scene.body.vertices)
-    walls = shapely.union_all([shapely.Polygon(each.vertices) for each in scene.obstacles.values()])
+    walls = shapely.union_all([shapely.Polygon(wall.vertices) for wall in scene.obstacles.values()])
     cosine, sine = np.cos(found["theta"]), np.sin(found["theta"])
     corners = np.stack(
         [

@@ -23,9 +23,9 @@ def turning_move(elements: int = 8, height: float = 1.6, stages: int = 2, turn: 
     """A body that moves from x = 0 to x = 4 while it turns, guessed on an arc of a given height."""
     m = pyo.ConcreteModel(name="turning move")
     m.move = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=stages)
-    b.x = rcp.State(initial=0, final=4, guess=lambda t: 4 * t)
-    b.y = rcp.State(initial=0, final=0, guess=lambda t: 4 * height * t * (1 - t))
-    b.theta = rcp.State(initial=0, final=turn, guess=lambda t: turn * t)
+    b.x = rcp.State(initial=0, final=4, initial_guess=lambda t: 4 * t)
+    b.y = rcp.State(initial=0, final=0, initial_guess=lambda t: 4 * height * t * (1 - t))
+    b.theta = rcp.State(initial=0, final=turn, initial_guess=lambda t: turn * t)
     b.u, b.v, b.w = rcp.Control(), rcp.Control(), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t], b.y: b.v[t], b.theta: b.w[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2 + b.w[t] ** 2))
@@ -50,7 +50,7 @@ def set_poses(block: Any, poses: np.ndarray) -> None:
 
 
 def exact(block: Any, body: rcp.Polytope, obstacle: rcp.Polytope, times: Any) -> list[float]:
-    """Signed distances at times, by the judge."""
+    """Exact signed distances at times."""
     return [rcp.geometry.signed_distance(body, obstacle, placed(block, t)).distance for t in times]
 
 

@@ -88,7 +88,7 @@ def every_kind_of_row(sense: int = pyo.minimize) -> pyo.ConcreteModel:
 
 PROBLEMS = [hock_schittkowski_71, maximisation, square_system, fixed_variable, linear_equality]
 
-ROUTES = {
+BACKENDS = {
     "ipopt": pytest.mark.executable,
     "ipopt_v2": pytest.mark.executable,
     "asl": pytest.mark.asl,
@@ -96,7 +96,7 @@ ROUTES = {
     "vectorised": pytest.mark.casadi,
 }
 
-every_backend = pytest.mark.parametrize("backend", [pytest.param(name, marks=mark) for name, mark in ROUTES.items()])
+every_backend = pytest.mark.parametrize("backend", [pytest.param(name, marks=mark) for name, mark in BACKENDS.items()])
 every_derivative = pytest.mark.parametrize(
     "derivatives",
     [

@@ -73,8 +73,8 @@ def complementary_corner(base: float) -> pyo.ConcreteModel:
 def test_a_bound_that_follows_mu_takes_fewer_iterations_than_a_bound_of_zero(derivatives):
     still = ShiftedRows(CompiledModel(complementary_corner(1e-2), derivatives).nlp, [0], 1e-2)
     still.delta = 0.0
-    written = CompiledModel(complementary_corner(1e-2), derivatives)
-    moving = ShiftedRows(written.nlp, [written.row_of[written.model.product]], 1e-2)
+    compiled = CompiledModel(complementary_corner(1e-2), derivatives)
+    moving = ShiftedRows(compiled.nlp, [compiled.row_of[compiled.model.product]], 1e-2)
     pairs = []
 
     def follow(record):

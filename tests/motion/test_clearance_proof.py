@@ -200,8 +200,8 @@ def test_a_free_duration_counts_in_the_users_time() -> None:
     m = on_a_phase(
         lambda t: (10 * t - 5, 0, 0),
         elements=2,
-        duration=rcp.Duration(bounds=(1, 9), guess=4.0),
-        start=rcp.Start(guess=3.0),
+        duration=rcp.Duration(bounds=(1, 9), initial_guess=4.0),
+        start=rcp.Start(initial_guess=3.0),
     )
     pair = check(m.move, CAR, [Polytope.box(0.01, 3, center=(-2.5, 0))], 0.1, points=m.move.time).body_pairs[0]
     assert pair.time == pytest.approx(3.0 + 4.0 * 0.25, abs=1e-6)
@@ -316,7 +316,7 @@ def test_a_state_that_jumps_at_a_node_within_an_element_is_seen() -> None:
     """The polynomial of a Lobatto scheme follows right-hand sides; the values at its middle nodes may lie elsewhere."""
     m = pyo.ConcreteModel()
     m.move = b = rcp.PhaseBlock(duration=1.0, elements=1, scheme="lobatto", stages=4)
-    b.x, b.rate = rcp.State(guess=-2.0), rcp.State(guess=0.0)
+    b.x, b.rate = rcp.State(initial_guess=-2.0), rcp.State(initial_guess=0.0)
     b.ode(lambda b, t: {b.x: b.rate[t], b.rate: 0.0})
     b.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,

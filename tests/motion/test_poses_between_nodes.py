@@ -20,7 +20,7 @@ from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.pose_templates import template_of
 
 SCHEMES = [("radau", 3), ("radau", 1), ("gauss", 2), ("lobatto", 3), ("explicit", 3), ("implicit_midpoint", None)]
-FREE = {"duration": rcp.Duration(bounds=(0.5, 3), guess=2.0), "moving": (0.2, 4.0)}
+FREE = {"duration": rcp.Duration(bounds=(0.5, 3), initial_guess=2.0), "free_element_widths": (0.2, 4.0)}
 
 
 def path(t: float) -> tuple[float, float, float]:
@@ -37,7 +37,7 @@ def by_clock(m: Any, t: Any) -> Any:
 def test_poses_follow_the_trajectory(scheme: str, stages: int | None, horizon: dict[str, Any]) -> None:
     """In expressions, in the template's values and in its Taylor forms alike, whatever the scheme and the horizon."""
     m = on_a_phase(path, scheme, stages, elements=4, **horizon)
-    if "moving" in horizon:
+    if "free_element_widths" in horizon:
         for i, boundary in enumerate([0.0, 0.15, 0.55, 0.7, 1.0]):
             m.move.boundary[i] = boundary
     motion = motion_of(m.move.time, m)
@@ -243,7 +243,7 @@ def test_phases_over_an_index_set_are_told_apart() -> None:
     m = pyo.ConcreteModel()
 
     def declare(b: Any, leg: str) -> None:
-        b.x = rcp.State(guess=3.0 if leg == "left" else 8.0)
+        b.x = rcp.State(initial_guess=3.0 if leg == "left" else 8.0)
 
     m.legs = rcp.PhaseBlock(["left", "right"], duration=2.0, elements=2, rule=declare)
     motion = motion_of(m.legs["right"].time, m)

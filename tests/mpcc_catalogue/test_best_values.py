@@ -61,22 +61,22 @@ def test_no_branch_from_any_start_is_better_and_one_is_as_good(problem: MpccProb
 
 
 def told_in_part() -> list[object]:
-    """Problems whose answer names some of the variables only: the leader's and the follower's, without multipliers."""
+    """Problems whose solution names some variables only: the leader's and the follower's, without multipliers."""
     return [
         pytest.param(problem, id=problem.name)
         for problem in mpcc_problems()
-        if problem.answer
+        if problem.solution
         and how(problem) in ("tree", "branches")
-        and any(v.name not in problem.answer for v in problem.build().component_data_objects(pyo.Var))
+        and any(v.name not in problem.solution for v in problem.build().component_data_objects(pyo.Var))
     ]
 
 
 @pytest.mark.parametrize("problem", told_in_part())
 def test_the_best_value_is_reached_where_the_answer_says(problem: MpccProblem) -> None:
     model = problem.build()
-    model.answer = pyo.ConstraintList()
-    for name, number in problem.answer.items():
-        model.answer.add((number - 1e-6, model.find_component(name), number + 1e-6))
+    model.solution = pyo.ConstraintList()
+    for name, number in problem.solution.items():
+        model.solution.add((number - 1e-6, model.find_component(name), number + 1e-6))
     search = branch_and_bound if how(problem) == "tree" else enumerate_branches
     found, _ = search(model)
     agrees(problem, found)
@@ -94,7 +94,7 @@ def test_planted_points_are_feasible_and_as_good(name: str) -> None:
     problem = mpcc_problem(name)
     model = problem.build()
     judge = Judge(model)
-    for variable, number in problem.answer.items():
+    for variable, number in problem.solution.items():
         model.find_component(variable).set_value(number)
     point = judge.point()
     assert max(point.violation, point.natural) <= 1e-9

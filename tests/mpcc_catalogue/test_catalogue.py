@@ -48,13 +48,13 @@ def test_a_source_or_a_note_says_where_it_is_from(problem: MpccProblem) -> None:
     assert problem.name in str(problem)
 
 
-@pytest.mark.parametrize("problem", [problem for problem in BY_NAME if problem.values[0].answer])
+@pytest.mark.parametrize("problem", [problem for problem in BY_NAME if problem.values[0].solution])
 def test_known_answers_are_variables_and_complete_ones_are_optimal(problem: MpccProblem) -> None:
     model = problem.build()
     judge = Judge(model)
-    for name, number in problem.answer.items():
+    for name, number in problem.solution.items():
         model.find_component(name).set_value(number)
-    if all(v.name in problem.answer for v in model.component_data_objects(pyo.Var)):
+    if all(v.name in problem.solution for v in model.component_data_objects(pyo.Var)):
         point = judge.point()
         assert max(point.violation, point.natural) <= 1e-9
         assert point.objective == pytest.approx(problem.best, rel=1e-9, abs=1e-9)

@@ -159,7 +159,7 @@ def test_quaternions_without_an_equation_for_their_length_are_warned_about(caplo
 def test_quaternions_of_a_phase_are_warned_about_although_their_ends_are_fixed(caplog, scheme, unit_length):
     m = pyo.ConcreteModel()
     m.fly = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme=scheme, stages=2)
-    b.w, b.z = rcp.State(initial=1, final=0.6, guess=1), rcp.State(initial=0, final=0.8, guess=0)
+    b.w, b.z = rcp.State(initial=1, final=0.6, initial_guess=1), rcp.State(initial=0, final=0.8, initial_guess=0)
     b.rate, b.stretch = rcp.Control(), rcp.Control()
     b.ode(
         lambda b, t: {b.w: b.stretch[t] * b.w[t] - b.rate[t] * b.z[t], b.z: b.stretch[t] * b.z[t] + b.rate[t] * b.w[t]}

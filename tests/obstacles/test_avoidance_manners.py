@@ -26,7 +26,7 @@ def test_copies_live_on_their_own(formulation, how):
     avoiding(m, formulation=formulation, between=None)
     copy = m.clone() if how == "clone" else pickle.loads(pickle.dumps(m))
     copy.move.avoid.initialize()
-    assert all(each.value is None for each in m.move.avoid.component_data_objects(pyo.Var))
+    assert all(variable.value is None for variable in m.move.avoid.component_data_objects(pyo.Var))
     effort = effort_of(copy)
     m.move.avoid.initialize()
     assert effort == pytest.approx(effort_of(m), rel=1e-7)

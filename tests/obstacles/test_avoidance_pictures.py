@@ -20,12 +20,12 @@ CASES = ("fixed duration", "free duration")
 
 def model(case: str, **options) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel()
-    duration = rcp.Duration(bounds=(1, 9), guess=2) if case == "free duration" else 2.0
+    duration = rcp.Duration(bounds=(1, 9), initial_guess=2) if case == "free duration" else 2.0
     m.drive = b = rcp.PhaseBlock(duration=duration, elements=3, stages=2)
     scale = 2.0 if b.has_normalised_time else 1.0
-    b.x = rcp.State(guess=lambda t: (scale * t) ** 2)
-    b.theta = rcp.State(guess=lambda t: scale * t)
-    b.steering = rcp.Control(guess=lambda t: scale * t)
+    b.x = rcp.State(initial_guess=lambda t: (scale * t) ** 2)
+    b.theta = rcp.State(initial_guess=lambda t: scale * t)
+    b.steering = rcp.Control(initial_guess=lambda t: scale * t)
     b.ode(lambda b, t: {b.x: 2 * scale * t, b.theta: b.steering[t]})
     bodies = {"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], 0, b.theta[t]))}
     obstacles = {"wall": WALL, "truck": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(9, -b.time_at(t)))}

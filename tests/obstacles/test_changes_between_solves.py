@@ -1,4 +1,4 @@
-"""What changes between solves: segments, what was pruned, margins, norms, slack."""
+"""Changes between solves: splits, the broad phase, margins, norms, slack."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def test_splitting_keeps_the_whole_motion_covered(choices):
     assert segments[-1].times[-1] == 1.0
     for before, after in itertools.pairwise(segments):
         assert before.times[-1] == after.times[0]
-    # Rows, variables and segments tell of the same certificates.
+    # Rows, variables and segments have the same separations.
     for component in (avoid.offset, avoid.required, avoid.unit):
         assert set(component) == set(avoid.separations) == set(avoid.record.segments)
     assert {key[:3] for key in avoid.first_shape} == set(avoid.separations)
     gaps = avoid.separation_gaps()
     assert min(gaps.values()) > 0
-    # Where a segment was cut, its pose is that of the collocation polynomial.
+    # Where a segment was split, the pose is that of the collocation polynomial.
     trajectory = m.move.trajectory()
     for (body, time), pose in avoid.record.poses.items():
         if body == "arrow":
@@ -79,7 +79,7 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     avoid.initialize()
     assert index in avoid.separations
     assert avoid.restore("arrow", "far", 2) == []
-    # All pairs are judged, those left out as well.
+    # All body pairs are checked, those left out as well.
     assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
 
 
@@ -99,10 +99,10 @@ def test_slack_needs_a_measure_of_depth():
     avoid = avoiding(turning_move(elements=1), formulation="optimality")
     with pytest.raises(rcp.errors.ObstacleError, match="how deep"):
         avoid.soften()
-    planes = avoiding(turning_move(elements=1))
-    planes.soften()
+    signed = avoiding(turning_move(elements=1))
+    signed.soften()
     with pytest.raises(rcp.errors.ObstacleError, match="Harden"):
-        planes.set_norm("ball")
+        signed.set_norm("ball")
 
 
 @pytest.mark.executable
@@ -172,7 +172,7 @@ def test_softened_blocks_say_what_is_missing():
         assert pyo.value(m.avoid.required[index]) == pytest.approx(0.1) != required[index]
 
 
-def test_split_and_restored_certificates_are_soft_too():
+def test_split_and_restored_separations_are_soft_too():
     m = turning_move(elements=4, height=3)
     avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
     avoid.initialize()
@@ -203,13 +203,13 @@ def test_what_cannot_be_changed_is_refused_and_changes_nothing(ask, message):
     m = turning_move(elements=2, height=3)
     avoid = avoiding(m)
     avoid.initialize()
-    before = [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
+    before = [(variable.name, pyo.value(variable)) for variable in avoid.component_data_objects(pyo.Var)]
     with pytest.raises(rcp.errors.ObstacleError, match=message):
         ask(avoid)
-    assert before == [(each.name, pyo.value(each)) for each in avoid.component_data_objects(pyo.Var)]
+    assert before == [(variable.name, pyo.value(variable)) for variable in avoid.component_data_objects(pyo.Var)]
 
 
-def test_a_certificate_of_one_time_cannot_be_split():
+def test_a_separation_of_one_time_cannot_be_split():
     m = turning_move(elements=2, height=3)
     avoid = avoiding(m, between=None)
     with pytest.raises(rcp.errors.ObstacleError, match="one time only"):

@@ -73,7 +73,7 @@ def test_optimality_conditions_reproduce_the_fixed_clearance_of_the_seed():
     m = turning_move()
     avoid = avoiding(m, formulation=rcp.formulations.Optimality(cold=True), clearance=0.02)
     avoid.initialize()
-    assert {each.value for each in avoid.corner_weight.values()} == {0.0}
+    assert {weight.value for weight in avoid.corner_weight.values()} == {0.0}
     index = next(iter(avoid.separations))
     for number, size in enumerate((0.3, 0.01, 0.02)):
         for axis in (0, 1):
@@ -82,7 +82,7 @@ def test_optimality_conditions_reproduce_the_fixed_clearance_of_the_seed():
         assert pyo.value(avoid.gap[index].body) == pytest.approx(wanted, abs=1e-15)
 
 
-# In the plane, of 4 corners or sides each: (variables, rows) per certificate.
+# In the plane, of 4 corners or sides each: (variables, rows) per separation.
 SIZES = {"plane": (3, 9), "dual": (8, 4), "mixed": (4, 5), "offset": (8, 4), "optimality": (18, 11)}
 
 
@@ -90,9 +90,9 @@ SIZES = {"plane": (3, 9), "dual": (8, 4), "mixed": (4, 5), "offset": (8, 4), "op
 def test_sizes(formulation):
     m = turning_move(elements=2, stages=1)
     avoid = avoiding(m, formulation=formulation, between=None)
-    variables = sum(len(each) for each in avoid.component_objects(pyo.Var))
+    variables = sum(len(variable) for variable in avoid.component_objects(pyo.Var))
     rows = sum(1 for _ in avoid.component_data_objects(pyo.Constraint))
-    assert (variables, rows) == tuple(3 * each for each in SIZES[formulation])
+    assert (variables, rows) == tuple(3 * size for size in SIZES[formulation])
 
 
 def test_one_plane_per_interval_needs_as_many_rows_of_the_body_as_poses():

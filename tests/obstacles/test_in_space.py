@@ -49,7 +49,7 @@ def flying(pose, formulation, between):
     pose=st.sampled_from([by_angles, by_quaternion]),
     formulation=st.sampled_from(["plane", "dual", "mixed", "offset", "optimality"]),
 )
-def test_started_certificates_prove_the_distance_in_space(numbers, pose, formulation):
+def test_started_separations_prove_the_distance_in_space(numbers, pose, formulation):
     m = flying(pose, formulation, None)
     numbers = np.array(numbers).reshape(2, 7)
     for t in (0, 1):

@@ -27,9 +27,9 @@ def plan(angle=0.0, shift=(0.0, 0.0), unit=1.0, formulation="plane"):
     m.move = b = rcp.PhaseBlock(duration=1.0, elements=6, stages=2)
     start, end = point(0, 0), point(4, 0)
     guess = [lambda t, k=k: point(4 * t, 6.4 * t * (1 - t))[k] for k in (0, 1)]
-    b.x = rcp.State(initial=start[0], final=end[0], guess=guess[0])
-    b.y = rcp.State(initial=start[1], final=end[1], guess=guess[1])
-    b.theta = rcp.State(initial=angle, final=angle + 0.6, guess=lambda t: angle + 0.6 * t)
+    b.x = rcp.State(initial=start[0], final=end[0], initial_guess=guess[0])
+    b.y = rcp.State(initial=start[1], final=end[1], initial_guess=guess[1])
+    b.theta = rcp.State(initial=angle, final=angle + 0.6, initial_guess=lambda t: angle + 0.6 * t)
     b.u, b.v, b.w = rcp.Control(), rcp.Control(), rcp.Control()
     b.ode(lambda b, t: {b.x: unit * b.u[t], b.y: unit * b.v[t], b.theta: b.w[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.v[t] ** 2 + b.w[t] ** 2))

@@ -89,7 +89,7 @@ def plan(pose: Any, gap: float = 1.2, *, bounds: tuple[float, float] = (-5, 5)) 
         b.declare(name, rcp.State(initial=first, final=last, bounds=bounds))
         b.declare(f"{name}_rate", rcp.Control(bounds=(-9, 9)))
     b.ode(lambda b, t: {b.x: b.x_rate[t], b.y: b.y_rate[t], b.theta: b.theta_rate[t]})
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     b.avoid = rcp.ObstacleAvoidanceBlock(
         b.time, body=BODY, pose=pose, obstacles=wall(gap, 0.8, 0.1), clearance=CLEARANCE
     )

@@ -1,4 +1,4 @@
-"""What certificates prove: rows against the judge's numbers, and proofs that never exceed the truth."""
+"""Gaps that separations prove never exceed the exact distance, and rows agree with the corners."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def poses_of(m, numbers):
     shape=st.sampled_from(sorted(SHAPES)),
     poses=st.lists(NUMBER, min_size=15, max_size=15),
 )
-def test_started_certificates_prove_the_exact_distance_wherever_shapes_are_apart(formulation, shape, poses):
+def test_started_separations_prove_the_exact_distance_wherever_shapes_are_apart(formulation, shape, poses):
     needs_end = formulation == "optimality" and shape == "wedge"
     needs_inside = formulation in ("dual", "mixed", "offset") and shape == "ball"
     if needs_end or needs_inside:
@@ -92,7 +92,7 @@ def test_a_normal_of_zero_proves_nothing():
 
 @settings(max_examples=30)
 @given(poses=st.lists(NUMBER, min_size=15, max_size=15), margin=st.floats(0, 0.3), scale=st.floats(0.1, 1))
-def test_rows_hold_what_the_corners_say(poses, margin, scale):
+def test_rows_agree_with_the_corners(poses, margin, scale):
     m = model("plane", "triangle", "plane")
     avoid = m.move.avoid
     poses_of(m, poses)

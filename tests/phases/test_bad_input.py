@@ -12,7 +12,7 @@ import pytest
 from harness.phases import contents, free_variables, rank, rows
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import DeclarationError, GuessError, MeshError, SchemeError, TranscriptionError
+from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError, SchemeError, TranscriptionError
 from pyrobocop_pyomo.phases import Declaration
 
 NAN, INF = float("nan"), float("inf")
@@ -28,7 +28,7 @@ def started() -> tuple[pyo.ConcreteModel, Any]:
 
 def complete(m: pyo.ConcreteModel) -> None:
     """What was refused must not stand in the way of what is right."""
-    m.p.z = rcp.Algebraic(guess=1)
+    m.p.z = rcp.Algebraic(initial_guess=1)
     m.p.ode(lambda b, t: {b.x: b.u[t] * b.z[t]})
     m.p.residual(rule)
     m.p.check()
@@ -60,14 +60,17 @@ DECLARATIONS = {
         rcp.Control(bounds=lambda t: (10 * t, 10 * t + 0.1), parametrization="piecewise_constant"),
         "lower of its bounds between",
     ),
-    "guess too short": (rcp.State(guess=[1, 2]), "has 2 values; 4 element boundaries need 4 or 10"),
-    "guess of a control too long": (rcp.Control(guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
-    "guess with nan": (rcp.State(guess=[0, 1, NAN, 0]), "value 2 of the guess is nan"),
-    "guess function gives nan": (rcp.Control(guess=lambda t: NAN), "value 0 of the guess is nan"),
-    "guess is text": (rcp.State(guess="fast"), "the guess is not made of numbers"),
-    "guess is a dict": (rcp.State(guess={0: 1}), "the guess is not made of numbers"),
-    "guess is a matrix": (rcp.Control(guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
-    "guess function of a parameter": (rcp.Parameter(guess=abs), "function of time, but 'phase .* is one number"),
+    "guess too short": (rcp.State(initial_guess=[1, 2]), "has 2 values; 4 element boundaries need 4 or 10"),
+    "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
+    "guess with nan": (rcp.State(initial_guess=[0, 1, NAN, 0]), "value 2 of the initial guess is nan"),
+    "guess function gives nan": (rcp.Control(initial_guess=lambda t: NAN), "value 0 of the initial guess is nan"),
+    "guess is text": (rcp.State(initial_guess="fast"), "the initial guess is not made of numbers"),
+    "guess is a dict": (rcp.State(initial_guess={0: 1}), "the initial guess is not made of numbers"),
+    "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
+    "guess function of a parameter": (
+        rcp.Parameter(initial_guess=abs),
+        "function of time, but 'phase .* is one number",
+    ),
     "duration as a name": (rcp.Duration(bounds=(1, 2)), r"given to PhaseBlock\(duration="),
     "base class": (Declaration(), "a Declaration cannot be declared"),
 }
@@ -78,7 +81,7 @@ def test_a_declaration_that_contradicts_itself_is_refused_whole(case: str) -> No
     declaration, message = DECLARATIONS[case]
     m, b = started()
     before = contents(m)
-    with pytest.raises((DeclarationError, GuessError), match=message) as caught:
+    with pytest.raises((DeclarationError, InitialGuessError), match=message) as caught:
         b.z = declaration
     assert "phase 'p'" in str(caught.value)
     assert contents(m) == before
@@ -275,7 +278,11 @@ OPTIONS = {
     "no bounds": ({"duration": rcp.Duration()}, DeclarationError, "lower bound of the duration is None"),
     "bounds from 0": ({"duration": rcp.Duration(bounds=(0, 1))}, DeclarationError, "is 0.0; it must be positive"),
     "bounds cross": ({"duration": rcp.Duration(bounds=(2, 1))}, DeclarationError, "duration bounds, 2, exceeds"),
-    "bad guess": ({"duration": rcp.Duration(bounds=(1, 2), guess=-1)}, GuessError, "the guess is -1; it must be pos"),
+    "bad guess": (
+        {"duration": rcp.Duration(bounds=(1, 2), initial_guess=-1)},
+        InitialGuessError,
+        "the initial guess is -1; it must be pos",
+    ),
     "elements": ({"elements": 0}, MeshError, "elements = 0; expected an integer of at least 1"),
     "half elements": ({"elements": 1.5}, MeshError, "elements = 1.5"),
     "mesh falls": ({"mesh": [0, 0.6, 0.5, 1]}, MeshError, "must increase, but boundary 1 is 0.6 and boundary 2 is 0.5"),
@@ -286,7 +293,7 @@ OPTIONS = {
     "mesh of a free duration": (
         {"mesh": [0, 2], "duration": rcp.Duration(bounds=(1, 2))},
         DeclarationError,
-        "or with moving elements, takes a mesh from 0 to 1",
+        "or with free element widths, takes a mesh from 0 to 1",
     ),
     "scheme": ({"scheme": "euler"}, SchemeError, "unknown scheme 'euler'; known are 'radau'"),
     "stages": ({"stages": 0}, SchemeError, "stages = 0; expected an integer"),

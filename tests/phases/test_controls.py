@@ -115,7 +115,7 @@ def test_rate_bounds_hold_and_the_rate_is_what_they_bound(control: dict, changes
 @pytest.mark.ipopt
 def test_rate_bounds_are_in_real_time_when_the_duration_is_free() -> None:
     m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 9), guess=3), elements=8)
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 9), initial_guess=3), elements=8)
     b.x = rcp.State(initial=0, final=1)
     b.u = rcp.Control(bounds=(0, 5), parametrization="piecewise_linear", rate_bounds=(None, 2.0))
     b.ode(lambda b, t: {b.x: b.u[t]})
@@ -197,8 +197,8 @@ def test_what_does_not_go_together_is_refused() -> None:
     m.r.ode(lambda b, t: {b.x: b.u[t]})
     with pytest.raises(TranscriptionError, match="phase 'r': control 'u' .*the stage at c = 0 has weight 0 .* Choose"):
         m.r.check()
-    m.q = rcp.PhaseBlock(duration=2, elements=4, moving=(0.5, 2))
-    with pytest.raises(DeclarationError, match="knots of its own do not go with moving elements"):
+    m.q = rcp.PhaseBlock(duration=2, elements=4, free_element_widths=(0.5, 2))
+    with pytest.raises(DeclarationError, match="knots of its own do not go with free element widths"):
         m.q.u = rcp.Control(parametrization="piecewise_constant", knots=[0, 0.5, 1])
     m.p.x = rcp.State()
     with pytest.raises(TranscriptionError, match="phase 'p': 'x' is no control; its controls are none"):

@@ -74,7 +74,7 @@ def test_a_differential_algebraic_equation_of_index_one_converges_with_the_compu
         m = pyo.ConcreteModel()
         m.dae = b = rcp.PhaseBlock(duration=0.5, elements=elements, scheme=scheme)
         b.x = rcp.State(initial=0)
-        b.z = rcp.Algebraic(guess=1)
+        b.z = rcp.Algebraic(initial_guess=1)
         if form == "ode":
             b.ode(lambda b, t: {b.x: b.z[t]})
 

@@ -38,8 +38,8 @@ def test_a_kept_derivative_changes_nothing_but_the_number_of_variables(scheme: r
     substituted = solved(oscillators(elements=4, scheme=scheme))
     kept = pyo.ConcreteModel()
     kept.swing = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
-    kept.swing.x = rcp.State(initial=1, guess=1, derivative_bounds=(-50, 50))
-    kept.swing.y = rcp.State(initial=1, guess=1, derivative_bounds=(None, None))
+    kept.swing.x = rcp.State(initial=1, initial_guess=1, derivative_bounds=(-50, 50))
+    kept.swing.y = rcp.State(initial=1, initial_guess=1, derivative_bounds=(None, None))
     kept.swing.ode(oscillate)
     solved(kept)
     assert values(kept.swing, "x", "y") == pytest.approx(values(substituted.swing, "x", "y"), abs=1e-12)
@@ -54,7 +54,7 @@ def test_the_residual_form_is_the_ode_form(scheme: rcp.schemes.Scheme) -> None:
     explicit = solved(oscillators(elements=4, scheme=scheme))
     implicit = pyo.ConcreteModel()
     implicit.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=4, scheme=scheme)
-    b.x, b.y = rcp.State(initial=1, guess=1), rcp.State(initial=1, guess=1)
+    b.x, b.y = rcp.State(initial=1, initial_guess=1), rcp.State(initial=1, initial_guess=1)
 
     @b.residual
     def oscillators_once_more(b, t):
@@ -140,7 +140,7 @@ def test_one_ode_or_one_per_state_is_the_same() -> None:
     together = solved(oscillators(elements=3))
     apart = pyo.ConcreteModel()
     apart.swing = b = rcp.PhaseBlock(duration=HORIZON, elements=3)
-    b.x, b.y = rcp.State(initial=1, guess=1), rcp.State(initial=1, guess=1)
+    b.x, b.y = rcp.State(initial=1, initial_guess=1), rcp.State(initial=1, initial_guess=1)
     b.ode(lambda b, t: {"x": oscillate(b, t)[b.x]})
     b.ode(lambda b, t: {"y": oscillate(b, t)[b.y]})
     solved(apart)

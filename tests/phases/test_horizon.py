@@ -17,8 +17,8 @@ from pyrobocop_pyomo.errors import DeclarationError
 def rest_to_rest(elements: int, low: float, high: float, **options: Any) -> pyo.ConcreteModel:
     """Move a mass by one in least time: full force, then full brake."""
     m = pyo.ConcreteModel(name="rest to rest")
-    options = {"moving": (0.1, 3), "stages": 2, **options}
-    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), guess=1.5), elements=elements, **options)
+    options = {"free_element_widths": (0.1, 3), "stages": 2, **options}
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=1.5), elements=elements, **options)
     b.x = rcp.State(initial=0, final=1)
     b.v = rcp.State(initial=0, final=0)
     b.u = rcp.Control(bounds=(low, high), parametrization="piecewise_constant")
@@ -50,13 +50,13 @@ def test_the_switch_of_a_minimum_time_plan_falls_on_an_element_end(elements: int
 @pytest.mark.ipopt
 def test_on_a_mesh_that_stands_still_the_same_plan_is_worse() -> None:
     least = math.sqrt(3.0)
-    still = rcp.solve(rest_to_rest(5, -2, 1, moving=None)).objective
+    still = rcp.solve(rest_to_rest(5, -2, 1, free_element_widths=None)).objective
     assert still > least + 1e-3
 
 
 @pytest.mark.ipopt
 def test_elements_keep_within_their_factors() -> None:
-    m = rest_to_rest(4, -2, 1, moving=(0.7, 1.4))
+    m = rest_to_rest(4, -2, 1, free_element_widths=(0.7, 1.4))
     assert rcp.solve(m).solved
     fractions = np.diff([each.value for each in m.p.boundary.values()])
     assert fractions.min() >= 0.25 * 0.7 - 1e-7
@@ -67,7 +67,7 @@ def test_elements_keep_within_their_factors() -> None:
 def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
     """With boundaries put anywhere, integrals and the clock are those of the moved mesh."""
     m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=3.0, start=1.0, elements=4, scheme=scheme, moving=(0.2, 3))
+    m.p = b = rcp.PhaseBlock(duration=3.0, start=1.0, elements=4, scheme=scheme, free_element_widths=(0.2, 3))
     cost = b.integral(lambda b, t: b.time_at(t))
     for each, fraction in zip(b.boundary.values(), [0, 0.1, 0.35, 0.8, 1.0], strict=True):
         each.set_value(fraction)
@@ -77,7 +77,7 @@ def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
     assert clocks[0] == 1.0
     assert clocks[-1] == pytest.approx(4.0)
     assert {round(t, 12) for t in (1.3, 2.05, 3.4)} <= {round(t, 12) for t in clocks}
-    b.x = rcp.State(guess=0)
+    b.x = rcp.State(initial_guess=0)
     np.testing.assert_allclose(b.trajectory().time, clocks)
 
 
@@ -85,7 +85,7 @@ def test_moved_elements_integrate_and_tell_the_time(scheme: str) -> None:
 def test_a_free_start_waits_for_the_best_moment() -> None:
     # The wind blows as (t - 4)^2: a ride of length 2 is cheapest around 4.
     m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=2.0, start=rcp.Start(bounds=(0, 10), guess=1), elements=5)
+    m.p = b = rcp.PhaseBlock(duration=2.0, start=rcp.Start(bounds=(0, 10), initial_guess=1), elements=5)
     b.x = rcp.State(initial=0, final=1)
     b.u = rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t]})
@@ -100,7 +100,7 @@ def test_a_free_start_waits_for_the_best_moment() -> None:
 @pytest.mark.ipopt
 def test_a_phase_can_start_where_another_ends() -> None:
     m = pyo.ConcreteModel()
-    m.first = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 2), guess=1), elements=3)
+    m.first = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 2), initial_guess=1), elements=3)
     m.second = rcp.PhaseBlock(duration=1.0, start=m.first.duration + 0.5, elements=3)
     for b in (m.first, m.second):
         b.x = rcp.State(initial=0)
@@ -126,9 +126,9 @@ def test_moving_phases_clone_and_pickle() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"moving": (0, 2)}, r"moving = \(0, 2\); expected \(smallest, largest\) factor"),
-        ({"moving": (1.5, 2)}, "0 < smallest <= 1 <= largest"),
-        ({"moving": 3}, "moving bounds = 3; expected a pair"),
+        ({"free_element_widths": (0, 2)}, r"free_element_widths = \(0, 2\); expected \(smallest, largest\) factor"),
+        ({"free_element_widths": (1.5, 2)}, "0 < smallest <= 1 <= largest"),
+        ({"free_element_widths": 3}, "free_element_widths = 3; expected a pair"),
         ({"start": "noon"}, "start = 'noon'; expected a finite number, Start"),
         ({"start": float("inf")}, "start = inf; expected a finite number"),
         ({"start": rcp.Start(bounds=(2, 1))}, "start: the lower of its bounds, 2, exceeds the upper, 1"),

@@ -22,7 +22,7 @@ def pendulum(constraint: Any, **options: Any) -> pyo.ConcreteModel:
     m = pyo.ConcreteModel("pendulum")
     m.swing = b = rcp.PhaseBlock(**{"duration": 1, "elements": 5, "stages": 2, **options})
     for name, initial in {"x": LENGTH, "y": 0.0, "u": 0.0, "v": 0.0}.items():
-        setattr(b, name, rcp.State(initial=initial, guess=initial))
+        setattr(b, name, rcp.State(initial=initial, initial_guess=initial))
     b.tension = rcp.Algebraic()
     b.ode(mass)
     b.residual(constraint)
@@ -73,6 +73,7 @@ def test_a_higher_index_is_refused_with_the_equation_and_the_unknown(constraint:
     assert "allow_higher_index=True" in message
 
 
+@pytest.mark.ipopt
 def test_solve_refuses_it_as_well_before_anything_is_solved() -> None:
     m = pendulum(position)
     with pytest.raises(TranscriptionError, match="index is higher than 1"):

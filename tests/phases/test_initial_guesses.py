@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GuessError
+from pyrobocop_pyomo.errors import InitialGuessError
 
 SCHEMES = [
     rcp.schemes.radau(1),
@@ -48,9 +48,15 @@ def test_a_polynomial_is_the_same_on_every_other_grid(
     numbers = st.floats(-2, 2)
     state = np.polynomial.Polynomial(data.draw(st.lists(numbers, min_size=1, max_size=degree + 1)))
     control = np.polynomial.Polynomial(data.draw(st.lists(numbers, min_size=1, max_size=before.stages)))
-    source = phase(before, first, x=rcp.State(guess=state), u=rcp.Control(guess=control), k=rcp.Parameter(guess=2.5))
+    source = phase(
+        before,
+        first,
+        x=rcp.State(initial_guess=state),
+        u=rcp.Control(initial_guess=control),
+        k=rcp.Parameter(initial_guess=2.5),
+    )
     target = phase(after, second, x=rcp.State(), u=rcp.Control(), k=rcp.Parameter())
-    target.set_guess(source.trajectory())
+    target.initialize(source.trajectory())
     np.testing.assert_allclose(values(target.x), [state(t) for t in target.time], atol=1e-10)
     np.testing.assert_allclose(values(target.u), [control(t) for t in target.points], atol=1e-10)
     assert target.k.value == 2.5
@@ -65,52 +71,52 @@ def test_a_trajectory_on_its_own_grid_changes_nothing(scheme: Any) -> None:
     b = phase(scheme, mesh, **options)
     for variable in b.u.values():
         variable.value = float(rng.normal())
-    b.set_guess(x=lambda t: t * (1 - t))
+    b.initialize(x=lambda t: t * (1 - t))
     for duration in (1.0, 1 / 3, rcp.Duration(bounds=(0.1, 2))):
         stretched = duration if isinstance(duration, float) else 1.0
         same = phase(scheme, [t * stretched for t in mesh], duration, **options)
-        same.set_guess(b.trajectory())
+        same.initialize(b.trajectory())
         np.testing.assert_allclose(values(same.x), values(b.x), atol=1e-12)
         np.testing.assert_allclose(values(same.u), values(b.u), atol=1e-12)
 
 
 def test_a_horizon_is_stretched_onto_another() -> None:
-    short = phase(duration=1.0, x=rcp.State(guess=lambda t: 3 * t))
+    short = phase(duration=1.0, x=rcp.State(initial_guess=lambda t: 3 * t))
     long = phase(duration=4.0, x=rcp.State())
     dx = long.derivative(long.x)
-    long.set_guess(short.trajectory())
+    long.initialize(short.trajectory())
     assert values(long.x) == pytest.approx([3 * t / 4 for t in long.time])
     assert values(dx) == pytest.approx([0.75] * len(dx))
     free = phase(duration=rcp.Duration(bounds=(0.5, 2)), x=rcp.State())
     free.derivative(free.x)
-    free.set_guess(phase(duration=1.6, x=rcp.State(guess=lambda t: 3 * t)).trajectory())
+    free.initialize(phase(duration=1.6, x=rcp.State(initial_guess=lambda t: 3 * t)).trajectory())
     assert free.duration.value == pytest.approx(1.6)
     assert values(free.x_derivative) == pytest.approx([3.0] * 30)
-    free.set_guess(phase(duration=7.0, x=rcp.State()).trajectory())
+    free.initialize(phase(duration=7.0, x=rcp.State()).trajectory())
     assert free.duration.value == 2.0  # its bound
     free.duration.fix(1.1)
-    free.set_guess(short.trajectory())
+    free.initialize(short.trajectory())
     assert free.duration.value == 1.1
 
 
 def test_held_controls_take_the_middle_of_their_elements() -> None:
     held = rcp.Control(parametrization="piecewise_constant")
     b = phase(mesh=[0, 0.5, 1.0], u=held)
-    b.set_guess(u=lambda t: t)
+    b.initialize(u=lambda t: t)
     assert values(b.u_per_element) == [0.25, 0.75]
-    b.set_guess(u=[1, 2])
+    b.initialize(u=[1, 2])
     finer = phase(mesh=[0, 0.25, 0.5, 0.75, 1.0], u=held)
-    finer.set_guess(b.trajectory())
+    finer.initialize(b.trajectory())
     assert values(finer.u_per_element) == pytest.approx([1, 1, 2, 2])
 
 
 def test_by_name_by_variable_and_over_a_trajectory() -> None:
     b = phase(duration=rcp.Duration(bounds=(0.5, 2)), x=rcp.State(), y=rcp.State(), k=rcp.Parameter(bounds=(0, 1)))
     b.derivative(b.x)
-    b.set_guess({b.x: math.sin, "k": 7}, duration=1.5, x_derivative=-1)
+    b.initialize({b.x: math.sin, "k": 7}, duration=1.5, x_derivative=-1)
     assert values(b.x) == [math.sin(t) for t in b.time]
     assert (b.k.value, b.duration.value, set(values(b.x_derivative)), set(values(b.y))) == (1, 1.5, {-1.0}, {0.0})
-    b.set_guess(b.trajectory(), y=3)
+    b.initialize(b.trajectory(), y=3)
     assert set(values(b.y)) == {3.0}
 
 
@@ -118,7 +124,7 @@ def test_what_is_fixed_stays_and_bounds_are_respected() -> None:
     b = phase(x=rcp.State(initial=0, final=(2, 3), bounds=(-1, 4)), u=rcp.Control(bounds=(0, 1)))
     b.u[b.points.first()].fix(0.5)
     bounds = [(v.lb, v.ub, v.fixed) for v in (*b.x.values(), *b.u.values())]
-    b.set_guess(x=9, u=-1)
+    b.initialize(x=9, u=-1)
     assert values(b.x)[0] == 0
     assert set(values(b.x)[1:-1]) == {4.0}
     assert values(b.x)[-1] == 3
@@ -141,12 +147,16 @@ def test_what_is_fixed_stays_and_bounds_are_respected() -> None:
     ],
 )
 def test_straight_lines(initial: Any, final: Any, line: tuple[float, float]) -> None:
-    b = phase(rcp.schemes.gauss_legendre(2), x=rcp.State(initial=initial, final=final, guess=7), u=rcp.Control(guess=5))
+    b = phase(
+        rcp.schemes.gauss_legendre(2),
+        x=rcp.State(initial=initial, final=final, initial_guess=7),
+        u=rcp.Control(initial_guess=5),
+    )
     b.derivative(b.x)
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     start, end = line
     assert values(b.x) == pytest.approx([start + (end - start) * t for t in b.time])
-    if start != 7:  # a state without an end of its own keeps its guess, and its derivative too
+    if start != 7:  # a state without an end of its own keeps its initial guess, and its derivative too
         assert values(b.x_derivative) == pytest.approx([end - start] * len(b.points), abs=1e-12)
     assert set(values(b.u)) == {5.0}
 
@@ -155,36 +165,38 @@ def test_a_state_that_the_user_fixed_counts_as_known() -> None:
     b = phase(x=rcp.State())
     b.x[b.time.first()].fix(2.0)
     b.x[b.time.last()].fix(4.0)
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     assert values(b.x) == pytest.approx([2 + 2 * t for t in b.time])
 
 
 @pytest.mark.parametrize(
     ("guess", "message"),
     [
-        ({"z": 1}, r"phase 'p': a guess is given for 'z', which it does not have; it has x, u"),
+        ({"z": 1}, r"phase 'p': an initial guess is given for 'z', which it does not have; it has x, u"),
         ({"x_derivative": 1}, "for 'x_derivative', which it does not have"),
-        ({"duration": 2}, "its duration is the number 1 and needs no guess"),
-        ({"x": [1, 2, 3]}, r"'x': the guess has 3 values; 11 element boundaries need 11 or 31"),
-        ({"u": float("nan")}, "'u': value 0 of the guess is nan"),
-        ({"u": "fast"}, "'u': the guess is not made of numbers"),
-        (5.0, "a trajectory or a mapping of names to guesses, not a float"),
+        ({"duration": 2}, "its duration is the number 1 and needs no initial guess"),
+        ({"x": [1, 2, 3]}, r"'x': the initial guess has 3 values; 11 element boundaries need 11 or 31"),
+        ({"u": float("nan")}, "'u': value 0 of the initial guess is nan"),
+        ({"u": "fast"}, "'u': the initial guess is not made of numbers"),
+        (5.0, "a trajectory or a mapping of names to initial guesses, not a float"),
     ],
 )
 def test_what_does_not_fit_is_named_and_nothing_is_set(guess: Any, message: str) -> None:
-    b = phase(x=rcp.State(guess=1), u=rcp.Control(guess=1))
-    with pytest.raises(GuessError, match=message):
-        b.set_guess(guess, u=2) if not isinstance(guess, dict) else b.set_guess({"x": 4, **guess})
+    b = phase(x=rcp.State(initial_guess=1), u=rcp.Control(initial_guess=1))
+    with pytest.raises(InitialGuessError, match=message):
+        b.initialize(guess, u=2) if not isinstance(guess, dict) else b.initialize({"x": 4, **guess})
     assert set(values(b.x)) == set(values(b.u)) == {1.0}
 
 
 def test_a_guess_is_given_once_by_a_phase_of_its_own() -> None:
     b, other = phase(x=rcp.State()), phase(x=rcp.State(), y=rcp.State())
-    with pytest.raises(GuessError, match="'x', which it does not have; it has x"):
-        b.set_guess({other.x: 1})
-    with pytest.raises(GuessError, match="twice, by name and by variable"):
-        b.set_guess({b.x: 1}, x=2)
-    with pytest.raises(GuessError, match=r"trajectory 'p' has y; the phase has x\. A guess needs a name in common"):
-        b.set_guess(phase(y=rcp.State()).trajectory())
-    with pytest.raises(GuessError, match=r"'duration': the guess is -1; it must be positive"):
-        phase(duration=rcp.Duration(bounds=(1, 2))).set_guess(duration=-1)
+    with pytest.raises(InitialGuessError, match="'x', which it does not have; it has x"):
+        b.initialize({other.x: 1})
+    with pytest.raises(InitialGuessError, match="twice, by name and by variable"):
+        b.initialize({b.x: 1}, x=2)
+    with pytest.raises(
+        InitialGuessError, match=r"trajectory 'p' has y; the phase has x\. An initial guess needs a name in common"
+    ):
+        b.initialize(phase(y=rcp.State()).trajectory())
+    with pytest.raises(InitialGuessError, match=r"'duration': the initial guess is -1; it must be positive"):
+        phase(duration=rcp.Duration(bounds=(1, 2))).initialize(duration=-1)

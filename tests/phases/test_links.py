@@ -32,8 +32,8 @@ each_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 
 def state_driven(b: Any, initial: float | None = None, final: float | None = None) -> None:
     """A forced, unstable motion whose right-hand side and cost depend on time."""
-    b.x = rcp.State(initial=initial, final=final, guess=1)
-    b.v = rcp.State(initial=initial, guess=1)
+    b.x = rcp.State(initial=initial, final=final, initial_guess=1)
+    b.v = rcp.State(initial=initial, initial_guess=1)
     b.u = rcp.Control()
     b.ode(driven)
 
@@ -223,9 +223,11 @@ def test_links_live_in_sub_blocks_abstract_models_and_prints() -> None:
 def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_own_components() -> None:
     m = pyo.ConcreteModel()
     for name, scheme in (("a", rcp.schemes.gauss_legendre(2)), ("b", rcp.schemes.radau(2))):
-        m.add_component(name, rcp.PhaseBlock(elements=2, scheme=scheme, duration=rcp.Duration(bounds=(1, 2), guess=2)))
+        m.add_component(
+            name, rcp.PhaseBlock(elements=2, scheme=scheme, duration=rcp.Duration(bounds=(1, 2), initial_guess=2))
+        )
         p = m.component(name)
-        p.x, p.u, p.k = rcp.State(), rcp.Control(), rcp.Parameter(guess=3)
+        p.x, p.u, p.k = rcp.State(), rcp.Control(), rcp.Parameter(initial_guess=3)
         p.g = pyo.Param(initialize=10)
         p.twice = pyo.Expression(p.time, rule=lambda b, t: 2 * b.x[t])
         for t in p.points:
@@ -250,7 +252,7 @@ def test_the_end_of_a_linear_control_is_its_knot(scheme: rcp.schemes.Scheme) -> 
     m = pyo.ConcreteModel()
     m.a = rcp.PhaseBlock(elements=3, scheme=scheme)
     m.a.x = rcp.State()
-    m.a.u = rcp.Control(parametrization="piecewise_linear", guess=lambda t: 1 + t**2)
+    m.a.u = rcp.Control(parametrization="piecewise_linear", initial_guess=lambda t: 1 + t**2)
     m.link = rcp.Link(m.a, m.a, jump=same_control)
     assert m.link.pre.u is m.a.u_at_knots[3]
     assert m.link.post.u is m.a.u_at_knots[0]
@@ -295,8 +297,10 @@ def test_a_shared_parameter_is_one_number() -> None:
     for name in ("a", "b"):
         m.add_component(name, rcp.PhaseBlock(elements=4, stages=3))
         b = m.component(name)
-        b.x = rcp.State(initial=1 if name == "a" else None, final=None if name == "a" else math.exp(-1), guess=1)
-        b.rate = rcp.Parameter(guess=1)
+        b.x = rcp.State(
+            initial=1 if name == "a" else None, final=None if name == "a" else math.exp(-1), initial_guess=1
+        )
+        b.rate = rcp.Parameter(initial_guess=1)
         b.ode(lambda b, t: {b.x: -b.rate * b.x[t]})
     m.link = rcp.Link(m.a, m.b, parameters=["rate"])
     m.nothing = pyo.Objective(expr=0)

@@ -16,8 +16,8 @@ from pyrobocop_pyomo.errors import TrajectoryError
 
 
 def state_oscillators(b: Any, *index: Any) -> None:
-    b.x = rcp.State(initial=1, guess=ramp, bounds=wide)
-    b.y = rcp.State(initial=1, guess=1)
+    b.x = rcp.State(initial=1, initial_guess=ramp, bounds=wide)
+    b.y = rcp.State(initial=1, initial_guess=1)
     b.push = rcp.Control(parametrization="piecewise_constant")
     b.push_per_element.fix(0)
     b.ode(pushed)
@@ -120,8 +120,8 @@ def test_a_pickle_with_rules_of_a_module_comes_back_whole() -> None:
 @pytest.mark.casadi
 def test_a_pickle_with_lambdas_survives_and_says_what_it_cannot_verify() -> None:
     def build(b):
-        b.x = rcp.State(initial=1, guess=lambda t: 1 + t)
-        b.y = rcp.State(initial=1, guess=1)
+        b.x = rcp.State(initial=1, initial_guess=lambda t: 1 + t)
+        b.y = rcp.State(initial=1, initial_guess=1)
         b.ode(lambda b, t: oscillate(b, t))
 
     m = pyo.ConcreteModel()

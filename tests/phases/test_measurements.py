@@ -21,9 +21,9 @@ TIMES = np.array([0.1, 0.33, 0.8, 1.1, 2.0])
 def decay(start: float = 1.0, duration: Any = 2.0) -> Any:
     m = pyo.ConcreteModel("decay")
     m.tank = b = rcp.PhaseBlock(duration=duration, elements=5)
-    b.c = rcp.State(initial=start, guess=start)
-    b.flow = rcp.Control(guess=lambda t: t)
-    b.rate = rcp.Parameter(bounds=(0.01, 10), guess=1.0)
+    b.c = rcp.State(initial=start, initial_guess=start)
+    b.flow = rcp.Control(initial_guess=lambda t: t)
+    b.rate = rcp.Parameter(bounds=(0.01, 10), initial_guess=1.0)
     b.ode(lambda b, t: {b.c: -b.rate * b.c[t]})
     b.flow.fix()
     return m
@@ -56,7 +56,7 @@ def test_parmest_finds_the_parameter_and_its_variance() -> None:
 
 def test_labels_hold_polynomials_at_the_times_of_the_data() -> None:
     m = decay()
-    m.tank.set_guess(c=lambda t: t**3)
+    m.tank.initialize(c=lambda t: t**3)
     frame = pandas.DataFrame({"c": TIMES, "flow": -TIMES}, index=TIMES)
     assert rcp.label_measurements(m, m.tank, frame, error={"c": 0.1, "flow": 0.2}, unknown=["rate"]) is m
     predicted = [pyo.value(each) for each in m.experiment_outputs]

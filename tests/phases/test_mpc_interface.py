@@ -10,7 +10,7 @@ import pytest
 from pyomo.contrib.mpc import TimeSeriesData
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GuessError, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 
 SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendre(2), rcp.schemes.lobatto(3)]
 
@@ -18,9 +18,9 @@ SCHEMES = [rcp.schemes.radau(1), rcp.schemes.radau(3), rcp.schemes.gauss_legendr
 def cart(elements: int = 4, duration: Any = 2.0, scheme: Any = "radau", held: bool = False) -> Any:
     m = pyo.ConcreteModel()
     m.cart = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme=scheme)
-    b.x = rcp.State(guess=lambda t: 1 + t)
-    b.u = rcp.Control(guess=lambda t: 2 * t, parametrization="piecewise_constant" if held else "collocated")
-    b.k = rcp.Parameter(guess=3)
+    b.x = rcp.State(initial_guess=lambda t: 1 + t)
+    b.u = rcp.Control(initial_guess=lambda t: 2 * t, parametrization="piecewise_constant" if held else "collocated")
+    b.k = rcp.Parameter(initial_guess=3)
     return b
 
 
@@ -33,7 +33,7 @@ def test_a_series_over_the_points_leaves_and_comes_back(scheme: Any) -> None:
     assert series.get_data_from_key(b.u[:]) == pytest.approx([2 * t for t in b.points])
     assert {str(key): each for key, each in b.interface().get_scalar_variable_data().items()} == {"cart.k": 3.0}
     fresh = cart(scheme=scheme)
-    fresh.set_guess(x=0, u=0)
+    fresh.initialize(x=0, u=0)
     fresh.interface().load_data(b.trajectory().to_time_series())
     assert [v.value for v in fresh.x.values()] == pytest.approx([1 + t for t in fresh.time])
     assert [v.value for v in fresh.u.values()] == pytest.approx([2 * t for t in fresh.points])
@@ -41,7 +41,7 @@ def test_a_series_over_the_points_leaves_and_comes_back(scheme: Any) -> None:
 
 def test_a_series_is_interpolated_onto_another_mesh() -> None:
     b = cart(7)
-    b.set_guess(x=0, u=0)
+    b.initialize(x=0, u=0)
     b.interface().load_data(cart(3).trajectory().to_time_series())
     assert [v.value for v in b.x.values()] == pytest.approx([1 + t for t in b.time])
     assert [v.value for v in b.u.values()] == pytest.approx([2 * t for t in b.points])
@@ -71,14 +71,16 @@ def test_the_rest_of_the_interface_is_pyomos() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     b = cart()
-    with pytest.raises(GuessError, match=r"has the key 'cart.z\[\*\]'; the phase has cart.x\[\*\], cart.u\[\*\]"):
+    with pytest.raises(
+        InitialGuessError, match=r"has the key 'cart.z\[\*\]'; the phase has cart.x\[\*\], cart.u\[\*\]"
+    ):
         b.interface().load_data(TimeSeriesData({"cart.z[*]": [0, 1]}, [0, 2]))
-    with pytest.raises(GuessError, match=r"the series runs from 0 to 1; 'x' needs 0 to 2\. Shift"):
+    with pytest.raises(InitialGuessError, match=r"the series runs from 0 to 1; 'x' needs 0 to 2\. Shift"):
         b.interface().load_data(TimeSeriesData({"cart.x[*]": [0, 1]}, [0, 1]))
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
-@pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(1, 3), guess=1.7)], ids=["fixed", "free"])
+@pytest.mark.parametrize("duration", [2.0, rcp.Duration(bounds=(1, 3), initial_guess=1.7)], ids=["fixed", "free"])
 def test_a_trajectory_becomes_a_series_and_a_trajectory_again(scheme: Any, duration: Any) -> None:
     before = cart(duration=duration, scheme=scheme).trajectory()
     after = rcp.Trajectory.from_time_series(before.to_time_series(), like=before)
@@ -92,7 +94,7 @@ def test_a_series_of_unknown_origin_is_joined_by_lines_and_makes_a_guess() -> No
     trajectory = rcp.Trajectory.from_time_series(series)
     assert trajectory([0.5, 2])["x"] == pytest.approx([0.5, 0.5])
     b = cart(duration=6.0)
-    b.set_guess(trajectory)
+    b.initialize(trajectory)
     assert [v.value for v in b.u.values()] == pytest.approx([np.interp(t / 2, [0, 1, 3], [4, 2, 0]) for t in b.points])
 
 

@@ -28,7 +28,7 @@ def leg(b: Any, *index: Any) -> None:
     b.z = rcp.Algebraic(bounds=(0, None))
     b.u = rcp.Control(bounds=(-20, 20), parametrization="piecewise_constant")
     b.w = rcp.Control(bounds=(-20, 20), parametrization="piecewise_linear")
-    b.k = rcp.Parameter(bounds=(1, 2), guess=1)
+    b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1)
     b.ode(motion)
     b.complementarity(stop)
 

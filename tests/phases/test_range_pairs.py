@@ -18,9 +18,9 @@ def sliding(speed: float = 1.0) -> Any:
     m = pyo.ConcreteModel(name="sliding")
     m.p = b = rcp.PhaseBlock(duration=2, elements=20, scheme="implicit_euler")
     b.position = rcp.State(initial=0)
-    b.speed = rcp.State(initial=speed, guess=speed)
-    b.friction = rcp.Algebraic(bounds=(-1, 1), guess=0)
-    b.half = rcp.Algebraic(guess=0)
+    b.speed = rcp.State(initial=speed, initial_guess=speed)
+    b.friction = rcp.Algebraic(bounds=(-1, 1), initial_guess=0)
+    b.half = rcp.Algebraic(initial_guess=0)
     b.ode(lambda b, t: {b.position: b.speed[t], b.speed: b.friction[t]})
 
     @b.complementarity

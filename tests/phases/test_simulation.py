@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import GuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
 
 SCHEMES = [
     rcp.schemes.radau(1),
@@ -30,7 +30,7 @@ def pendulum(implicit: bool = False, **options: Any) -> Any:
     m.swing = b = rcp.PhaseBlock(**{"duration": 2.0, "elements": 8, **options})
     b.theta, b.omega = rcp.State(initial=0.5), rcp.State(initial=0)
     b.torque = rcp.Control(bounds=(-1, 1))
-    b.g = rcp.Parameter(guess=9.81)
+    b.g = rcp.Parameter(initial_guess=9.81)
     if implicit:
         b.pull = rcp.Algebraic()
         b.ode(lambda b, t: {b.theta: b.omega[t]})
@@ -79,7 +79,7 @@ def test_steps_of_the_scheme_solve_its_rows(scheme: Any, implicit: bool) -> None
     trajectory = b.simulate({"torque": math.sin}, method="scheme")
     verdict = trajectory.verify()
     assert max(verdict.defect, verdict.continuity, verdict.equations) < 1e-9
-    b.set_guess(trajectory)
+    b.initialize(trajectory)
     for row in b.component_data_objects(pyo.Constraint):
         assert abs(pyo.value(row.body) - row.lower) < 1e-9
 
@@ -93,22 +93,22 @@ def test_implicit_and_explicit_statements_move_alike(scheme: Any) -> None:
 
 def test_controls_are_given_or_as_the_phase_holds_them() -> None:
     b = pendulum()
-    b.set_guess(torque=3.0)  # moved onto its bound
+    b.initialize(torque=3.0)  # moved onto its bound
     held, given_ = b.simulate(), b.simulate({"torque": 1.0})
     np.testing.assert_allclose(held.theta, given_.theta)
     assert set(b.simulate({"torque": 3.0}).torque) == {3.0}  # a simulation does not look at bounds
-    with pytest.raises(GuessError, match=r"'speed' is given to a simulation, but .* these are torque"):
+    with pytest.raises(InitialGuessError, match=r"'speed' is given to a simulation, but .* these are torque"):
         b.simulate({"speed": 1.0})
-    with pytest.raises(GuessError, match=r"'torque': the guess has 3 values; 8 elements need 8 or 24"):
+    with pytest.raises(InitialGuessError, match=r"'torque': the initial guess has 3 values; 8 elements need 8 or 24"):
         b.simulate({"torque": [1, 2, 3]})
-    with pytest.raises(GuessError, match="initial value is given for 'torque'; its states are theta, omega"):
+    with pytest.raises(InitialGuessError, match="initial value is given for 'torque'; its states are theta, omega"):
         b.simulate(initial={"torque": 1.0})
-    with pytest.raises(GuessError, match="initial value of 'theta'.* is nan"):
+    with pytest.raises(InitialGuessError, match="initial value of 'theta'.* is nan"):
         b.simulate(initial={"theta": math.nan})
-    with pytest.raises(GuessError, match="method 'euler' is unknown; choose one of RK45"):
+    with pytest.raises(InitialGuessError, match="method 'euler' is unknown; choose one of RK45"):
         b.simulate(method="euler")
     b.torque[b.points.last()].value = None
-    with pytest.raises(GuessError, match=r"torque\[2.0\]' has no value to simulate with"):
+    with pytest.raises(InitialGuessError, match=r"torque\[2.0\]' has no value to simulate with"):
         b.simulate()
 
 
@@ -116,7 +116,7 @@ def test_held_controls_and_phases_without_states() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=2)
     b.u = rcp.Control(parametrization="piecewise_constant")
-    b.f = rcp.Algebraic(guess=1)
+    b.f = rcp.Algebraic(initial_guess=1)
 
     def cube(b: Any, t: float) -> Any:
         return b.f[t] ** 3 == b.u[t]
@@ -132,7 +132,7 @@ def contact() -> Any:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=4)
     b.x = rcp.State(initial=1)
-    b.force, b.slack = rcp.Algebraic(bounds=(0, None), guess=2), rcp.Algebraic(bounds=(0, None))
+    b.force, b.slack = rcp.Algebraic(bounds=(0, None), initial_guess=2), rcp.Algebraic(bounds=(0, None))
     b.ode(lambda b, t: {b.x: b.force[t]})
     b.complementarity(touch)
     return b
@@ -159,7 +159,9 @@ def test_algebraics_that_pairs_determine_are_given_or_keep_their_guess() -> None
     assert b.simulate().x[-1] == pytest.approx(3)
     assert b.simulate({"force": 5.0}).x[-1] == pytest.approx(6)
     b.residual(height)
-    with pytest.raises(GuessError, match=r"has 1 residual equations per point for 2 unknowns: force, slack\. Compl"):
+    with pytest.raises(
+        InitialGuessError, match=r"has 1 residual equations per point for 2 unknowns: force, slack\. Compl"
+    ):
         b.simulate()
     trajectory = b.simulate({"force": 2.0})
     np.testing.assert_allclose(trajectory.slack, trajectory(trajectory.points)["x"], atol=1e-9)
@@ -201,7 +203,7 @@ def test_equations_without_a_value_stop_a_simulation() -> None:
 def test_equations_without_a_root_stop_a_simulation() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=2)
-    b.f = rcp.Algebraic(guess=1)
+    b.f = rcp.Algebraic(initial_guess=1)
     b.residual(no_root_in_the_end)
     with pytest.raises(SimulationFailed, match=r"stopped at t = 0.5: the rows of element 1 were not solved \(resid"):
         b.simulate()

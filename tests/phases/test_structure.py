@@ -19,7 +19,7 @@ def plant(scheme: rcp.schemes.Scheme, parametrization: str = "collocated", **opt
     b.v = rcp.State(initial=0)
     b.f = rcp.Algebraic()
     b.u = rcp.Control(bounds=(-1, 1), parametrization=parametrization)
-    b.k = rcp.Parameter(bounds=(1, 2), guess=1.5)
+    b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1.5)
     b.ode(motion)
     b.residual(spring)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.x[t]))
@@ -101,9 +101,9 @@ def test_bounds_in_time_hold_where_the_variable_is_asked() -> None:
 def test_boundary_values_fix_bound_or_leave_free() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=2)
-    b.fixed = rcp.State(initial=1, final=2, bounds=(0, 5), guess=4)
-    b.bound = rcp.State(initial=(-1, 3), final=(None, 4), bounds=(0, 5), guess=4.5)
-    b.free = rcp.State(bounds=(0, 5), guess=9)
+    b.fixed = rcp.State(initial=1, final=2, bounds=(0, 5), initial_guess=4)
+    b.bound = rcp.State(initial=(-1, 3), final=(None, 4), bounds=(0, 5), initial_guess=4.5)
+    b.free = rcp.State(bounds=(0, 5), initial_guess=9)
     first, last = b.initial_time, b.final_time
     assert [(b.fixed[t].fixed, b.fixed[t].value) for t in (first, last)] == [(True, 1), (True, 2)]
     assert (b.bound[first].bounds, b.bound[last].bounds) == ((0, 3), (0, 4))
@@ -114,7 +114,7 @@ def test_boundary_values_fix_bound_or_leave_free() -> None:
 def test_a_duration_starts_within_its_bounds() -> None:
     m = pyo.ConcreteModel()
     m.a = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 4)))
-    m.b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 4), guess=9))
+    m.b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 4), initial_guess=9))
     m.c = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, None)))
     assert [phase.duration.value for phase in (m.a, m.b, m.c)] == [2, 4, 1]
 

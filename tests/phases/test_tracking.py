@@ -16,14 +16,14 @@ from pyrobocop_pyomo.errors import DeclarationError
 def phase(duration: Any = 2.0, **options: Any) -> Any:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=duration, elements=4, **options)
-    b.x, b.u, b.k = rcp.State(guess=lambda t: t), rcp.Control(guess=1), rcp.Parameter()
+    b.x, b.u, b.k = rcp.State(initial_guess=lambda t: t), rcp.Control(initial_guess=1), rcp.Parameter()
     return b
 
 
 def test_every_kind_of_reference_means_the_same() -> None:
     b = phase()
     line = phase()
-    line.set_guess(x=lambda t: 3 * t)
+    line.initialize(x=lambda t: 3 * t)
     for reference in (lambda t: 3 * t, ([0, 2], [0, 6]), np.array([[-1, 5.0], [-3, 15]]), line.trajectory()):
         assert pyo.value(b.tracking(b.x, reference)) == pytest.approx(4 * 2**3 / 3)  # integral of (2 t)^2
     assert pyo.value(b.tracking("u", 3, weight=0.5)) == pytest.approx(0.5 * 4 * 2)
@@ -32,14 +32,14 @@ def test_every_kind_of_reference_means_the_same() -> None:
 
 def test_samples_are_joined_by_lines() -> None:
     b = phase()
-    b.set_guess(x=0)
+    b.initialize(x=0)
     cost = b.tracking(b.x, ([0, 0.5, 2], [0, 1, 1]))
     assert pyo.value(cost) == pytest.approx(0.5 / 3 + 1.5)
 
 
 def test_a_free_duration_takes_functions_of_pyomo() -> None:
-    b = phase(rcp.Duration(bounds=(1, 3), guess=2.0))
-    b.set_guess(x=0)
+    b = phase(rcp.Duration(bounds=(1, 3), initial_guess=2.0))
+    b.initialize(x=0)
     assert pyo.value(b.tracking(b.x, lambda t: pyo.sin(t))) == pytest.approx(1 - math.sin(4) / 4, abs=1e-4)
     with pytest.raises(
         DeclarationError, match="data need times that are numbers, but something of the horizon is to be found"

@@ -18,7 +18,7 @@ HORIZONS = {
     "fixed": {"duration": 2},
     "free": {"duration": rcp.Duration(bounds=(1, 3))},
     "later": {"duration": 2, "start": rcp.Start(bounds=(0, 1))},
-    "moving": {"duration": 2, "moving": (0.5, 2)},
+    "moving": {"duration": 2, "free_element_widths": (0.5, 2)},
 }
 
 
@@ -29,7 +29,7 @@ def cart(**options: Any) -> pyo.ConcreteModel:
     b.v = rcp.State(initial=0, units=U.m / U.s, derivative_bounds=(-3, 3))
     b.f = rcp.Control(units=U.N, parametrization="piecewise_linear", rate_bounds=(-50, 50))
     b.drag = rcp.Algebraic(units=U.N)
-    b.mass = rcp.Parameter(units=U.kg, bounds=(1, 2), guess=1)
+    b.mass = rcp.Parameter(units=U.kg, bounds=(1, 2), initial_guess=1)
     b.ode(newton)
     b.residual(air)
     m.work = pyo.Objective(expr=b.integral(power))

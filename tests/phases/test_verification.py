@@ -74,8 +74,8 @@ def test_a_free_duration_that_starts_late_is_judged_in_its_own_time() -> None:
 def test_a_relation_with_two_bounds_and_a_side_that_is_a_bound_are_judged() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=1, scheme="implicit_euler")
-    b.u = rcp.Control(bounds=lambda t: (None, 4 * t), guess=1.5)
-    b.v = rcp.Control(bounds=(-1, None), guess=2)
+    b.u = rcp.Control(bounds=lambda t: (None, 4 * t), initial_guess=1.5)
+    b.v = rcp.Control(bounds=(-1, None), initial_guess=2)
 
     def window(b, t):
         return pyo.inequality(2, b.u[t], 9)
@@ -106,7 +106,7 @@ def hand_made() -> Any:
     b.x = rcp.State(initial=0, final=(None, 2), bounds=(0, 3), derivative_bounds=(-1, 4))
     b.gap = rcp.Algebraic(bounds=(0, 1))
     b.force = rcp.Control(bounds=lambda t: (0, 10 * t))
-    b.k = rcp.Parameter(bounds=(1, 2), guess=1)
+    b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1)
     b.ode(slide)
     b.residual(height)
     b.constraint(limits)
@@ -195,7 +195,7 @@ def test_rules_that_need_the_grid_cost_the_re_integration_and_nothing_else() -> 
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=2)
     b.demand = pyo.Param(b.points, initialize=lambda b, t: 2.0)
-    b.x = rcp.State(initial=0, guess=lambda t: 2 * t)
+    b.x = rcp.State(initial=0, initial_guess=lambda t: 2 * t)
     b.ode(lambda b, t: {b.x: b.demand[t]})
     verdict = b.trajectory().verify()
     assert verdict.defect < 1e-12
@@ -203,7 +203,7 @@ def test_rules_that_need_the_grid_cost_the_re_integration_and_nothing_else() -> 
     assert "'<lambda>' cannot be asked at t = " in verdict.remarks[0]
 
     m.q = q = rcp.PhaseBlock(elements=2)
-    q.x, q.y = rcp.State(initial=0, guess=lambda t: 2 * t), rcp.State(initial=0, guess=lambda t: 2 * t)
+    q.x, q.y = rcp.State(initial=0, initial_guess=lambda t: 2 * t), rcp.State(initial=0, initial_guess=lambda t: 2 * t)
     q.ode(lambda b, t: {b.x: 2.0})
     q.ode(lambda b, t: {b.y: b.derivative(b.x)[t]})
     verdict = q.trajectory().verify()
@@ -223,7 +223,7 @@ def test_rows_that_were_not_stated_through_the_phase_are_named_as_not_judged() -
 def test_an_unstable_motion_is_no_crash() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=10, elements=2, scheme="implicit_euler")
-    b.x = rcp.State(initial=1, guess=1)
+    b.x = rcp.State(initial=1, initial_guess=1)
     b.ode(lambda b, t: {b.x: b.x[t] ** 2})
     verdict = b.trajectory().verify()
     assert verdict.horizon_error == math.inf

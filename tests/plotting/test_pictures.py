@@ -25,9 +25,9 @@ def _no_pyplot():
 def trajectory(controls: int, scheme: str = "radau") -> rcp.Trajectory:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(duration=2, elements=3, scheme=scheme)
-    b.x = rcp.State(guess=lambda t: t**2)
+    b.x = rcp.State(initial_guess=lambda t: t**2)
     for i in range(controls):
-        setattr(b, f"u{i}", rcp.Control(guess=[1, 3, 2], parametrization="piecewise_constant"))
+        setattr(b, f"u{i}", rcp.Control(initial_guess=[1, 3, 2], parametrization="piecewise_constant"))
     return b.trajectory()
 
 

@@ -41,7 +41,7 @@ def test_the_history_has_every_run_and_marks_the_returned_one(result):
     names = {line.get_label() for line in lower.lines}
     assert {"delta", "mu", "largest product", "largest |min(first, second)|"} <= names
     delta = next(line for line in lower.lines if line.get_label() == "delta")
-    path = [each for _, each in result.steps[0].path]
+    path = [values for _, values in result.steps[0].path]
     assert list(delta.get_ydata())[: len(path)] == path
     assert lower.get_yscale() == "log"
     figure.canvas.draw()
@@ -52,7 +52,7 @@ def test_both_sides_are_drawn_over_a_numeric_index_in_its_order(result):
     figure = result.plot_pairs(axis_label="time [s]")
     first, second = figure.axes
     assert list(first.lines[0].get_xdata()) == [0.1, 0.2, 0.3]
-    by_index = {each.index: each for each in result.pairs}
+    by_index = {pair.index: pair for pair in result.pairs}
     assert list(first.lines[0].get_ydata()) == [by_index[i].first for i in ("0.1", "0.2", "0.3")]
     assert second.get_xlabel() == "time [s]"
     figure.canvas.draw()

@@ -35,7 +35,7 @@ def test_snapshots_are_where_the_body_is_at_these_times() -> None:
     for corners, i in ((outlines[0], 0), (outlines[-1], -1)):
         c, s = np.cos(0.2 * TIME[i]), np.sin(0.2 * TIME[i])
         expected = CAR.vertices @ np.array([[c, -s], [s, c]]).T + [TIME[i], 0]
-        assert {tuple(each) for each in np.round(corners, 9)} == {tuple(each) for each in np.round(expected, 9)}
+        assert {tuple(row) for row in np.round(corners, 9)} == {tuple(row) for row in np.round(expected, 9)}
 
 
 def test_bodies_at_one_time_share_a_colour_and_later_is_darker() -> None:

@@ -101,14 +101,14 @@ def test_programs_do_not_disturb_each_other(derivatives):
 @every_derivative
 def test_rows_and_variables_are_in_the_order_of_the_model_lists(derivatives):
     model = transcendental()
-    written = CompiledModel(model, derivatives)
-    x = np.linspace(-0.5, 0.5, written.nlp.n)
-    written.load_point(x)
-    assert written.current_point() == pytest.approx(x)
-    assert written.nlp.objective(x) == pytest.approx(-pyo.value(model.cost))
-    values = written.nlp.constraints(x)
-    for constraint, row in written.row_of.items():
-        upper, lower = written.nlp.g_upper[row], written.nlp.g_lower[row]
+    compiled = CompiledModel(model, derivatives)
+    x = np.linspace(-0.5, 0.5, compiled.nlp.n)
+    compiled.load_point(x)
+    assert compiled.current_point() == pytest.approx(x)
+    assert compiled.nlp.objective(x) == pytest.approx(-pyo.value(model.cost))
+    values = compiled.nlp.constraints(x)
+    for constraint, row in compiled.row_of.items():
+        upper, lower = compiled.nlp.g_upper[row], compiled.nlp.g_lower[row]
         if constraint.upper is not None:
             assert upper - values[row] == pytest.approx(constraint.uslack())
         if constraint.lower is not None:
@@ -122,10 +122,10 @@ def test_a_range_is_one_row_and_a_constant_row_is_none(derivatives):
     model = every_kind_of_row()
     model.x[0].fix(1.75)
     model.constant = pyo.Constraint(expr=model.x[0] <= 2)
-    written = CompiledModel(model, derivatives)
-    assert model.range_low in written.row_of
-    assert model.constant not in written.row_of
-    assert written.nlp.m == len(written.constraints) == 5
+    compiled = CompiledModel(model, derivatives)
+    assert model.range_low in compiled.row_of
+    assert model.constant not in compiled.row_of
+    assert compiled.nlp.m == len(compiled.constraints) == 5
 
 
 @every_derivative

@@ -28,11 +28,11 @@ class InModelOrder:
     """A program's values by names of variables and constraints, so that two programs can be compared."""
 
     def __init__(self, model: pyo.ConcreteModel, derivatives: str) -> None:
-        self.written = written = CompiledModel(model, derivatives)
-        self.nlp = written.nlp
-        self.columns = np.argsort([v.name for v in written.variables])
-        self.rows = np.argsort([c.name for c in written.constraints])
-        self.names = sorted(v.name for v in written.variables), sorted(c.name for c in written.constraints)
+        self.compiled = compiled = CompiledModel(model, derivatives)
+        self.nlp = compiled.nlp
+        self.columns = np.argsort([v.name for v in compiled.variables])
+        self.rows = np.argsort([c.name for c in compiled.constraints])
+        self.names = sorted(v.name for v in compiled.variables), sorted(c.name for c in compiled.constraints)
 
     def own(self, x, multipliers):
         """Values in model order, in the order of the program."""
@@ -209,16 +209,16 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 def test_changes_of_structure_are_noticed(change):
     model = parameters_everywhere()
-    written = CompiledModel(model, "vectorised")
-    before = written.nlp
+    compiled = CompiledModel(model, "vectorised")
+    before = compiled.nlp
     change(model)
     with pytest.raises(StructureChanged, match="'parameters': .* since it was prepared"):
-        written.nlp.refresh()
-    written.update()
-    assert written.nlp is not before
+        compiled.nlp.refresh()
+    compiled.update()
+    assert compiled.nlp is not before
     anew = InModelOrder(model, "vectorised")
-    assert [v.name for v in written.variables] == [v.name for v in anew.written.variables]
-    assert written.row_of[written.constraints[-1]] == len(written.constraints) - 1
+    assert [v.name for v in compiled.variables] == [v.name for v in anew.compiled.variables]
+    assert compiled.row_of[compiled.constraints[-1]] == len(compiled.constraints) - 1
 
 
 def test_a_changed_named_expression_is_noticed():

@@ -49,12 +49,15 @@ def sliding(elements: int) -> pyo.ConcreteModel:
     """x' = u - sign(x), y' = 1 + sign(x) / 2 from (1, 0) to (0, 4) in minimal time, which is 2.8; pairs in a list."""
     m = pyo.ConcreteModel(name="sliding")
     m.phase = b = rcp.PhaseBlock(
-        duration=rcp.Duration(bounds=(0.5, 10), guess=3), elements=elements, stages=2, moving=(0.2, 3.0)
+        duration=rcp.Duration(bounds=(0.5, 10), initial_guess=3),
+        elements=elements,
+        stages=2,
+        free_element_widths=(0.2, 3.0),
     )
-    b.x = rcp.State(initial=1, final=0, guess=lambda t: 1 - t)
-    b.y = rcp.State(initial=0, final=4, guess=lambda t: 4 * t)
+    b.x = rcp.State(initial=1, final=0, initial_guess=lambda t: 1 - t)
+    b.y = rcp.State(initial=0, final=4, initial_guess=lambda t: 4 * t)
     b.u = rcp.Control(bounds=(-0.5, 0.5), parametrization="piecewise_constant")
-    b.right = rcp.Algebraic(bounds=(0, 1), guess=0.5)
+    b.right = rcp.Algebraic(bounds=(0, 1), initial_guess=0.5)
     b.above, b.below = rcp.Algebraic(bounds=(0, None)), rcp.Algebraic(bounds=(0, None))
 
     @b.ode

@@ -40,7 +40,7 @@ def build(**options: Any) -> pyo.ConcreteModel:
     kind = "piecewise_linear" if b.grid.elements_share_points else "piecewise_constant"
     for name in ("x_rate", "y_rate", "theta_rate"):
         b.declare(name, rcp.Control(bounds=(-3, 3), parametrization=kind))
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
 
     @b.ode
     def velocities(b, t):
@@ -76,7 +76,7 @@ def test_every_scheme(scheme: str, stages: int | None) -> None:
 
 @pytest.mark.parametrize("moving", [None, (0.4, 2.5)])
 def test_a_free_duration_and_moving_elements(moving: tuple[float, float] | None) -> None:
-    m = build(duration=rcp.Duration(bounds=(1, 10), guess=4), stages=2, moving=moving)
+    m = build(duration=rcp.Duration(bounds=(1, 10), initial_guess=4), stages=2, free_element_widths=moving)
     rcp.solve(m, progress=False).raise_for_status()
     assert closest(m) >= 0.99 * CLEARANCE - 1e-9
 

@@ -40,7 +40,7 @@ def touching_mass(elements: int = 15) -> pyo.ConcreteModel:
     """A mass pushed towards a wall at 0: the wall pushes back only where it is touched."""
     m = pyo.ConcreteModel(name="mass at a wall")
     m.move = b = rcp.PhaseBlock(duration=1.5, elements=elements, scheme="implicit_euler")
-    b.gap = rcp.State(initial=1.0, bounds=(0, None), guess=0.5)
+    b.gap = rcp.State(initial=1.0, bounds=(0, None), initial_guess=0.5)
     b.speed = rcp.State(initial=-1.0)
     b.contact = rcp.Algebraic(bounds=(0, None))
     b.push = rcp.Control(bounds=(-2, 2))

@@ -20,7 +20,7 @@ def through_a_wall(**avoidance: Any) -> pyo.ConcreteModel:
         b.declare(name, rcp.State(initial=-2 if name == "x" else 0, final=last))
         b.declare(f"{name}_rate", rcp.Control(bounds=(-9, 9)))
     b.ode(lambda b, t: {b.x: b.x_rate[t], b.y: b.y_rate[t], b.theta: b.theta_rate[t]})
-    b.guess_straight_lines()
+    b.initialize_straight_lines()
     b.avoid = rcp.ObstacleAvoidanceBlock(
         b.time,
         body=rcp.Polytope.box(0.4, 0.2),

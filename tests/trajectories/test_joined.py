@@ -17,12 +17,12 @@ def phases() -> pyo.ConcreteModel:
     """x is the time in the first phase, 10 plus the time in the second; u and y are in one of them only."""
     m = pyo.ConcreteModel()
     m.a = rcp.PhaseBlock(duration=2, start=1, elements=2, stages=2)
-    m.a.x = rcp.State(guess=lambda t: t)
-    m.a.u = rcp.Control(guess=lambda t: -t)
+    m.a.x = rcp.State(initial_guess=lambda t: t)
+    m.a.u = rcp.Control(initial_guess=lambda t: -t)
     m.b = rcp.PhaseBlock(duration=1, elements=2, stages=3)
-    m.b.x, m.b.y = rcp.State(guess=lambda t: 13 + t), rcp.State(guess=7)
-    m.b.w = rcp.Control(guess=lambda t: t, parametrization="piecewise_constant")
-    m.b.k = rcp.Parameter(guess=4)
+    m.b.x, m.b.y = rcp.State(initial_guess=lambda t: 13 + t), rcp.State(initial_guess=7)
+    m.b.w = rcp.Control(initial_guess=lambda t: t, parametrization="piecewise_constant")
+    m.b.k = rcp.Parameter(initial_guess=4)
     return m
 
 
@@ -81,7 +81,7 @@ def test_one_phase_may_stand_several_times() -> None:
 def test_a_name_that_is_a_state_in_one_phase_and_a_control_in_another() -> None:
     m = phases()
     m.c = rcp.PhaseBlock(duration=1, elements=1)
-    m.c.u = rcp.State(guess=5)
+    m.c.u = rcp.State(initial_guess=5)
     joined = rcp.join_trajectories([m.a, m.c])
     assert joined.u.shape == joined.time.shape
     assert joined.u[-1] == 5

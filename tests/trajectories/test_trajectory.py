@@ -29,10 +29,10 @@ def polynomials(scheme: Any, *, free: bool = False) -> rcp.Trajectory:
     m.p = b = rcp.PhaseBlock(duration=duration, start=1, elements=3, scheme=scheme)
     if free:
         b.duration.fix(2.0)
-    b.x = rcp.State(guess=lambda t: state(b, t, s))
-    b.u = rcp.Control(guess=lambda t: control(b, t, s), bounds=(0, None))
-    b.held = rcp.Control(parametrization="piecewise_constant", guess=[3, 1, 2])
-    b.k = rcp.Parameter(guess=0.1)
+    b.x = rcp.State(initial_guess=lambda t: state(b, t, s))
+    b.u = rcp.Control(initial_guess=lambda t: control(b, t, s), bounds=(0, None))
+    b.held = rcp.Control(parametrization="piecewise_constant", initial_guess=[3, 1, 2])
+    b.k = rcp.Parameter(initial_guess=0.1)
 
     def pair(b, t):
         return [rcp.complements(b.u[t] >= 0, b.x[t] + 1 >= 0)] if t < b.points.last() else []

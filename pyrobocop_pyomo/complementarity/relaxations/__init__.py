@@ -8,11 +8,11 @@ from .kanzow_schwartz import KanzowSchwartz
 from .lin_fukushima import LinFukushima
 from .penalty import Penalty
 from .protocol import KeepsBounds, KeepsMultipliers, ObjectiveTerm, Relaxation
+from .registry import as_relaxation
 from .scholtes import Scholtes
 from .smoothed_minimum import ChenHarkerKanzowSmale
 from .steffensen_ulbrich import SteffensenUlbrich
 from .two_sided import TwoSided
-from .words import as_relaxation
 
 __all__ = [
     "AugmentedLagrangian",

@@ -1,4 +1,4 @@
-"""Charging the products and their squares, with multipliers that are learned."""
+"""Penalties of the products and their squares, with multipliers that are updated."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class AugmentedLagrangian:
-    """Charge products and squares: add ``sum_l w_l * (lambda_l * p_l + rho / 2 * p_l^2)``, ``p_l = a_l * b_l``.
+    """Penalise products and squares: add ``sum_l w_l * (lambda_l * p_l + rho / 2 * p_l^2)``, ``p_l = a_l * b_l``.
 
     Here ``rho = 1 / delta``. After each solve ``lambda_l`` grows by ``rho * p_l``, so that the products vanish in the
     limit although delta stays away from zero. The model keeps ``u_l = lambda_l / rho``, with which the term is
@@ -26,7 +26,7 @@ class AugmentedLagrangian:
         """Return ``rho = 1 / delta``."""
         return 1 / delta
 
-    def charge(self, product: Any, multiplier: Any) -> Any:
+    def penalty(self, product: Any, multiplier: Any) -> Any:
         """Return ``u * p + p^2 / 2``."""
         return multiplier * product + product**2 / 2
 

@@ -1,4 +1,4 @@
-"""One bound for all products, and a price for the bound."""
+"""One bound for all products, and a penalty of the bound."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pyrobocop_pyomo.errors import ComplementarityError
 
 @dataclass(frozen=True)
 class Elastic:
-    """Bound all products by one variable that the objective pays for: ``a * b <= t`` and ``J + t / delta``.
+    """Bound all products by one variable with a penalty: ``a * b <= t`` and ``J + t / delta``.
 
-    Here ``0 <= t <= excess_bound``: the l-infinity norm of the products is charged and not their sum. Near a
-    strongly stationary solution the price is exact: t vanishes at some positive delta already.
+    Here ``0 <= t <= excess_bound``: the penalty is the l-infinity norm of the products and not their sum. Near a
+    strongly stationary solution it is exact: t vanishes at some positive delta already.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Elastic:
     excess_bound: float = 10.0
 
     def __post_init__(self) -> None:
-        """Refuse a bound that leaves nothing to pay for."""
+        """Refuse a bound that leaves t no room."""
         if not self.excess_bound > 0:
             raise ComplementarityError(f"{self}: excess_bound must be positive.")
 
@@ -42,5 +42,5 @@ class Elastic:
         return delta
 
     def coefficient(self, delta: Any) -> Any:
-        """Return ``1 / delta``, the price of t."""
+        """Return ``1 / delta``, the penalty coefficient of t."""
         return 1 / delta

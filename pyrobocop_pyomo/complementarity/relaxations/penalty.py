@@ -1,4 +1,4 @@
-"""Charging the products instead of bounding them."""
+"""A penalty of the products instead of a bound."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Penalty:
-    """Charge the products: add ``(1 / delta) * sum_l w_l * a_l * b_l`` to a minimised objective.
+    """Penalise the products: add ``(1 / delta) * sum_l w_l * a_l * b_l`` to a minimised objective.
 
     The sides stay constraints, and nothing bounds a product. Near a solution that is strongly stationary the
     penalty is exact: the products vanish at some positive delta already, which need not go to zero. The

@@ -1,4 +1,4 @@
-"""What a relaxation is: small protocols, of which an object meets those that it needs."""
+"""The protocols of relaxations; an object has the methods of those that it needs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 @runtime_checkable
 class Relaxation(Protocol):
-    """What bounds the products of pairs by rows ``residual(a, b, delta) <= 0``.
+    """Rows ``residual(a, b, delta) <= 0`` that bound the products of pairs.
 
     Floats, arrays and Pyomo expressions all go through the same line, so a relaxation can be tested
     without a model and without a solver. Three further members are optional:
@@ -16,7 +16,7 @@ class Relaxation(Protocol):
     ``equality`` : bool
         True when the row is ``residual(a, b, delta) == 0``; default False.
     ``further_residuals(a, b, delta)`` : tuple
-        What must not be positive beside the residual; default none.
+        Further expressions that must not be positive; default none.
     ``side_slack(delta)``
         How far below zero a side may fall, or None when no row is to keep its sign; default 0. A bound that the
         user put on a variable is never touched: where it keeps the sign already, it keeps it exactly.
@@ -37,15 +37,15 @@ class Relaxation(Protocol):
 
 @runtime_checkable
 class ObjectiveTerm(Protocol):
-    """What adds ``coefficient(delta) * sum_l w_l * a_l * b_l`` to a minimised objective.
+    """The penalty term ``coefficient(delta) * sum_l w_l * a_l * b_l`` of a minimised objective.
 
     Two further members are optional:
 
-    ``charge(product, multiplier)``
-        What stands in place of the product; it comes with `next_multiplier`.
+    ``penalty(product, multiplier)``
+        Replaces the product in the sum; it comes with `next_multiplier`.
     ``excess_bound`` : float
-        With it the objective pays for one generated variable t, ``0 <= t <= excess_bound``, in place of the
-        products, and the object is a `Relaxation` as well, whose rows get t for delta.
+        With it the objective has the penalty term ``coefficient(delta) * t`` of one generated variable t,
+        ``0 <= t <= excess_bound``. The object is a `Relaxation` as well, and its rows get t for delta.
     """
 
     def coefficient(self, delta: Any) -> Any:
@@ -57,8 +57,8 @@ class ObjectiveTerm(Protocol):
 class KeepsMultipliers(Protocol):
     """An objective term with a number for each product that is updated after each solve."""
 
-    def charge(self, product: Any, multiplier: Any) -> Any:
-        """Return what one product costs, before the coefficient."""
+    def penalty(self, product: Any, multiplier: Any) -> Any:
+        """Return the penalty of one product, before the coefficient."""
         ...
 
     def next_multiplier(self, multiplier: float, product: float, delta: float, next_delta: float) -> float:
@@ -81,7 +81,7 @@ class KeepsBounds(Protocol):
 
 @dataclass(frozen=True)
 class Abilities:
-    """What a relaxation can do, asked once: looking at a protocol for each pair would cost more than the pair.
+    """What a relaxation can do. It is asked once: a check of the protocols for each pair would be slow.
 
     Attributes
     ----------

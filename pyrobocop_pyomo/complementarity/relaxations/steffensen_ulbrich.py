@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .piecewise import choose
+from pyrobocop_pyomo.modeling.expressions import choose
 
 
 @dataclass(frozen=True)

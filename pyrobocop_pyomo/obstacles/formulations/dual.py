@@ -9,7 +9,7 @@ import numpy as np
 
 from .facets import add_both_shapes, declare_both_shapes, start_both_shapes
 from .protocol import PlacedShape, PosedShape, SeparationIndex
-from .rows import empty_rows, norm_relation
+from .rows import empty_rows, norm_relation, set_norm
 
 
 @dataclass(frozen=True)
@@ -51,4 +51,4 @@ class Dual:
 
     def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
-        block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
+        set_norm(block, index, norm)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .facets import add_normal, add_weights, start_weights, weights_component
 from .protocol import PlacedShape, PosedShape, SeparationIndex
-from .rows import add_components, dot, empty_expressions, empty_rows, norm_relation, turned
+from .rows import add_components, dot, empty_expressions, empty_rows, norm_relation, set_norm, turned
 
 
 @dataclass(frozen=True)
@@ -65,4 +65,4 @@ class Mixed:
 
     def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
-        block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
+        set_norm(block, index, norm)

@@ -18,6 +18,7 @@ from .rows import (
     has_constant_rotation,
     norm_relation,
     rotation_of,
+    set_norm,
     turned,
 )
 
@@ -102,4 +103,4 @@ class Plane:
 
     def set_norm(self, block: Any, index: SeparationIndex, norm: str) -> None:
         """Bound the length of the normal, or fix it."""
-        block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
+        set_norm(block, index, norm)

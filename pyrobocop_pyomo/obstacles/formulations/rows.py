@@ -14,6 +14,8 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.optional_imports import scipy
 
+from .protocol import SeparationIndex
+
 
 def add_components(block: Any, **components: Any) -> None:
     """Add components by name, in the order given."""
@@ -68,6 +70,11 @@ def norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:
     """The relation that bounds ("ball") or fixes ("sphere") the length of the normal."""
     square = sum(entry**2 for entry in normal)
     return (1.0, square, 1.0) if norm == "sphere" else (None, square, 1.0)
+
+
+def set_norm(block: Any, index: SeparationIndex, norm: str) -> None:
+    """Bound the length of the normal of one separation, or fix it."""
+    block.unit[index].set_value(norm_relation([block.normal[(*index, axis)] for axis in block.axes], norm))
 
 
 def facet_weights(shape: Polytope, direction: np.ndarray) -> np.ndarray:

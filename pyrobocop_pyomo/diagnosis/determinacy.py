@@ -1,0 +1,191 @@
+"""Variables that nothing determines, and equations of the whole model that contradict or repeat each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+from pyomo.core.base.var import Var
+from pyomo.core.expr.visitor import identify_variables
+
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.numerics import maximum_matching
+from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases.structure import sides_of
+
+from .findings import Finding, Severity, Subject
+from .linearised_rows import LinearisedRows, Row, equilibrate
+
+
+def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
+    """Variables in no row, pair or objective, and states whose level is arbitrary; `known` names are left out."""
+    seen = _seen(block.model())
+    lost = [
+        data
+        for data in block.component_data_objects(Var, active=True, descend_into=Block)
+        if id(data) not in seen and not data.fixed and data.parent_component().name not in known
+    ]
+    if lost:
+        yield Finding(
+            Severity.WARNING,
+            Subject.UNDETERMINED,
+            f"{len(lost)} variables are in no active row, pair or objective, for example '{lost[0].name}': their "
+            "values come back as they are.",
+            tuple(dict.fromkeys(data.parent_component().name for data in lost)),
+            "Use them, fix them or remove them.",
+        )
+    for phase in phases_of(block):
+        yield from (_adrift(phase, name) for name in _states_adrift(phase, seen))
+
+
+def _seen(model: Any) -> dict[int, set[str]]:
+    """The names of the components in which each variable appears, by the variable's id."""
+    seen: dict[int, set[str]] = {}
+
+    def note(expression: Any, name: str) -> None:
+        for variable in identify_variables(expression, include_fixed=True):
+            seen.setdefault(id(variable), set()).add(name)
+
+    for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
+        note(row.body, row.parent_component().name)
+    for objective in model.component_data_objects(Objective, active=True, descend_into=Block):
+        note(objective.expr, objective.name)
+    for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
+        for side in sides_of(pair):
+            if hasattr(side, "is_expression_type"):
+                note(side, pair.parent_component().name)
+    return seen
+
+
+def _states_adrift(phase: Any, seen: dict[int, set[str]]) -> Iterator[str]:
+    """States that only their own collocation rows hold, nowhere fixed or bounded, and not in their own derivative."""
+    for name in phase.record.names_of_states:
+        values = list(phase.component(name).values())
+        own = {f"{phase.name}.{name}_{kind}" for kind in ("collocation", "continuity")}
+        if any(data.fixed or data.lb is not None or data.ub is not None for data in values):
+            continue
+        ids = {id(data) for data in values}
+        rates = phase.record.rates.get(name, {}).values()
+        in_own_rate = any(
+            id(variable) in ids
+            for rate in rates
+            if hasattr(rate, "is_expression_type")
+            for variable in identify_variables(rate)
+        )
+        if not in_own_rate and not set().union(*(seen.get(number, set()) for number in ids)) - own:
+            yield name
+
+
+def _adrift(phase: Any, name: str) -> Finding:
+    return Finding(
+        Severity.WARNING,
+        Subject.UNDETERMINED,
+        f"phase '{phase.name}': state '{name}' is in no other row and no objective, and no value of it is given: any "
+        "constant may be added to it.",
+        (f"{phase.name}.{name}",),
+        "Give it an initial value, or remove it.",
+    )
+
+
+Array = NDArray[np.float64]
+
+# Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
+DEPENDENT = 1e-10
+
+
+def dependence_findings(block: Any, linearised: LinearisedRows) -> Iterator[Finding]:
+    """More equations than variables somewhere, else equations of which one follows from the others."""
+    rows = linearised.equalities
+    matching = maximum_matching([sorted(row.gradient) for row in rows], len(linearised.variables))
+    over, columns = matching.overdetermined
+    if over:
+        yield Finding(
+            Severity.ERROR,
+            Subject.CONTRADICTION,
+            f"{len(over)} equations hold only {len(columns)} variables that may move: "
+            f"{_quoted(_components(rows[i] for i in over))}.{_fixed_ends(block)}",
+            _components(rows[i] for i in over),
+            "Remove an equation, or free an initial or final value.",
+        )
+    elif rows and all(row.is_finite for row in rows):
+        yield from _dependent(block, linearised, rows)
+
+
+def _dependent(block: Any, linearised: LinearisedRows, rows: list[Row]) -> Iterator[Finding]:
+    jacobian = linearised.jacobian(rows)
+    row_factors, column_factors = equilibrate(jacobian)
+    scaled = scipy.sparse.diags(row_factors) @ jacobian @ scipy.sparse.diags(column_factors)
+    weights = left_null_vector(scaled)
+    if weights is None:
+        return
+    concerned = [row for row, weight in zip(rows, weights, strict=True) if abs(weight) > 1e-3 * np.abs(weights).max()]
+    residuals = row_factors * np.array([row.residual for row in rows])
+    gap = abs(weights @ residuals)
+    linear = all(row.data.body.polynomial_degree() in (0, 1) for row in concerned)
+    names = _components(concerned)
+    if linear and gap > 1e-8 * max(1.0, float(np.abs(residuals).max())):
+        yield Finding(
+            Severity.ERROR,
+            Subject.CONTRADICTION,
+            f"the equations {_quoted(names)} contradict each other.{_fixed_ends(block)}",
+            names,
+            "Remove an equation, or free an initial or final value.",
+        )
+    else:
+        yield Finding(
+            Severity.WARNING,
+            Subject.DEPENDENT,
+            f"at the initial guess one of the equations {_quoted(names)} follows from the others.{_fixed_ends(block)}",
+            names,
+            "Remove one of them, free an initial or final value, or start from another initial guess.",
+        )
+
+
+def left_null_vector(matrix: Any) -> Array | None:
+    """Unit vector ``y`` with ``y @ matrix`` as good as zero, or None where the rows are independent.
+
+    Inverse iteration on ``matrix @ matrix.T``, through one sparse factorisation of the augmented system.
+    """
+    count, columns = matrix.shape
+    shift = 1e-14
+    augmented = scipy.sparse.bmat(
+        [[scipy.sparse.identity(columns), matrix.T], [matrix, -shift * scipy.sparse.identity(count)]], format="csc"
+    )
+    try:
+        factorised = scipy.sparse.linalg.splu(augmented)
+    except RuntimeError:  # exactly singular: the shift was lost in rounding
+        return None
+    vector = np.random.default_rng(0).standard_normal(count)
+    for _ in range(4):
+        vector = factorised.solve(np.concatenate([np.zeros(columns), vector]))[columns:]
+        size = float(np.linalg.norm(vector))
+        if not np.isfinite(size) or size == 0.0:
+            return None
+        vector = vector / size
+    return vector if np.linalg.norm(matrix.T @ vector) < np.sqrt(DEPENDENT) * 1e-4 else None
+
+
+def _components(rows: Any) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(row.data.parent_component().name for row in rows))
+
+
+def _quoted(names: tuple[str, ...]) -> str:
+    shown = ", ".join(map(repr, names[:6]))
+    return shown if len(names) <= 6 else f"{shown} and {len(names) - 6} more"
+
+
+def _fixed_ends(block: Any) -> str:
+    """Which states are fixed at both ends: the usual suspects."""
+    found = [
+        f"'{phase.name}.{name}'"
+        for phase in phases_of(block)
+        for name in phase.record.names_of_states
+        if phase.component(name)[phase.initial_time].fixed and phase.component(name)[phase.final_time].fixed
+    ]
+    return f" Fixed at both ends: {', '.join(found)}." if found else ""

@@ -1,0 +1,159 @@
+"""What the nodes of Pyomo's expressions mean, and the value of an expression over any kind of number.
+
+Floats, arrays, Taylor forms in interval arithmetic and symbols of CasADi know arithmetic by themselves. What differs
+between them is a table from the name of a function to what it does: ``"sin"``, ..., the relations of `comparisons`, and
+``"choose"`` for a condition with two alternatives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, reduce
+from operator import add, mul
+from typing import Any
+
+from pyomo.common.numeric_types import native_numeric_types
+from pyomo.core.base.expression import NamedExpressionData
+from pyomo.core.expr import numeric_expr, relational_expr
+from pyomo.core.expr.numvalue import NumericValue, value
+
+# Kinds of nodes: operators with a fixed count of arguments, then the others.
+PRODUCT, DIVISION, NEGATION, POWER, CHOICE = 1, 2, 3, 4, 5
+CONSTANT, LEAF, NAMED, SUMMATION, FUNCTION, RELATION, UNKNOWN = range(10, 17)
+
+_KIND_OF_BASE: dict[type, int] = {
+    numeric_expr.ProductExpression: PRODUCT,
+    numeric_expr.DivisionExpression: DIVISION,
+    numeric_expr.NegationExpression: NEGATION,
+    numeric_expr.PowExpression: POWER,
+    numeric_expr.Expr_ifExpression: CHOICE,
+    numeric_expr.SumExpression: SUMMATION,
+    numeric_expr.UnaryFunctionExpression: FUNCTION,
+    relational_expr.InequalityExpression: RELATION,
+    relational_expr.EqualityExpression: RELATION,
+    relational_expr.RangedExpression: RELATION,
+    NamedExpressionData: NAMED,
+}
+
+# Pyomo's functions of one argument, with NumPy's names for them.
+NUMPY_NAMES = {
+    "sin": "sin", "cos": "cos", "tan": "tan", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "sinh": "sinh",
+    "cosh": "cosh", "tanh": "tanh", "asinh": "arcsinh", "acosh": "arccosh", "atanh": "arctanh", "exp": "exp",
+    "log": "log", "log10": "log10", "sqrt": "sqrt", "ceil": "ceil", "floor": "floor", "abs": "absolute",
+}  # fmt: skip
+
+
+def comparisons(both: Callable[[Any, Any], Any]) -> dict[str, Callable[..., Any]]:
+    """What relations mean, given what it means that two of them hold at once."""
+    return {
+        "==": lambda a, b: a == b,
+        "<=": lambda a, b: a <= b,
+        "<": lambda a, b: a < b,
+        "<=<=": lambda a, b, c: both(a <= b, b <= c),
+        "<=<": lambda a, b, c: both(a <= b, b < c),
+        "<<=": lambda a, b, c: both(a < b, b <= c),
+        "<<": lambda a, b, c: both(a < b, b < c),
+    }
+
+
+FLOAT_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(math, name, abs) for name in NUMPY_NAMES},
+    **comparisons(lambda a, b: a and b),
+    "choose": lambda condition, a, b: a if condition else b,
+}
+
+
+@cache
+def kind_of_node(cls: type) -> int:
+    """Kind of the nodes of a class; Pyomo derives several classes from each of its operators."""
+    if cls in native_numeric_types:
+        return CONSTANT
+    for base in cls.__mro__:
+        if base in _KIND_OF_BASE:
+            return _KIND_OF_BASE[base]
+    numeric = issubclass(cls, NumericValue) and not issubclass(cls, numeric_expr.NumericExpression)
+    return LEAF if numeric else UNKNOWN
+
+
+def comparison_name(node: Any) -> str:
+    """Name of a relation among `comparisons`."""
+    if isinstance(node, relational_expr.EqualityExpression):
+        return "=="
+    strict = node.strict if isinstance(node.strict, tuple) else (node.strict,)
+    return "".join("<" if is_strict else "<=" for is_strict in strict)
+
+
+def apply_operator(kind: int, arguments: Sequence[Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+    """Value of an operator that its kind describes: arithmetic, or a choice."""
+    if kind == SUMMATION:
+        return reduce(add, arguments)
+    if kind == PRODUCT:
+        return reduce(mul, arguments)
+    if kind == NEGATION:
+        return -arguments[0]
+    if kind == CHOICE:
+        return functions["choose"](*arguments)
+    first, last = arguments
+    return first / last if kind == DIVISION else first**last
+
+
+class ExpressionEvaluator:
+    """Evaluates expressions of the same variables; common subexpressions are evaluated once.
+
+    Parameters
+    ----------
+    leaves : mapping of int to Any
+        From the ``id`` of a variable to its replacement. Other variables count with their values.
+    functions : mapping of str to callable
+        What functions and relations mean for those replacements; those that are absent are refused.
+    refuse : callable
+        From a node and a reason, which continues a sentence about the node, to the exception that is raised.
+    """
+
+    def __init__(
+        self,
+        leaves: Mapping[int, Any],
+        functions: Mapping[str, Callable[..., Any]] = FLOAT_FUNCTIONS,
+        refuse: Callable[[Any, str], Exception] = lambda node, reason: ValueError(f"'{node}' {reason}."),
+    ) -> None:
+        self._values: dict[int, Any] = dict(leaves)
+        self._functions, self._refuse = functions, refuse
+        # Values are stored by id: a temporary node, as LinearExpression makes them, has to live on to keep its id.
+        self._seen: list[Any] = []
+
+    def of(self, node: Any) -> Any:
+        """Value of an expression."""
+        if node.__class__ in native_numeric_types:
+            return float(node)
+        if id(node) not in self._values:
+            self._seen.append(node)
+            self._values[id(node)] = self._evaluate(node)
+        return self._values[id(node)]
+
+    def _evaluate(self, node: Any) -> Any:
+        kind = kind_of_node(node.__class__)
+        if kind == UNKNOWN:
+            raise self._refuse(node, f"is a {type(node).__name__}")
+        if kind == LEAF:
+            number = value(node, exception=False)
+            if number is None:
+                raise self._refuse(node, "has no value")
+            return float(number)
+        if kind == NAMED:
+            return self.of(node.arg(0))
+        name = None
+        if kind in (FUNCTION, RELATION):
+            name = node.getname() if kind == FUNCTION else comparison_name(node)
+        elif kind == CHOICE:
+            name = "choose"
+        if name is not None and name not in self._functions:
+            reason = f"holds the function '{name}'" if kind == FUNCTION else f"is a {type(node).__name__}"
+            raise self._refuse(node, reason)
+        arguments = [self.of(argument) for argument in node.args]
+        try:
+            if name is not None:
+                return self._functions[name](*arguments)
+            return apply_operator(kind, arguments, self._functions)
+        except TypeError as error:  # a replacement for which this operator is not defined
+            raise self._refuse(node, f"cannot be evaluated: {error}") from None

@@ -1,0 +1,128 @@
+"""Expressions: what they hold, whether two are alike, their values, and a choice between two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.component import ComponentBase
+from pyomo.core.base.var import VarData
+from pyomo.core.expr import Expr_if, LinearExpression, MonomialTermExpression
+from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
+
+
+def holds_variable(expression: Any) -> bool:
+    """True when the expression may hold a variable, fixed or not."""
+    return expression.__class__ not in native_numeric_types and expression.is_potentially_variable()
+
+
+def is_plain_variable(expression: Any) -> bool:
+    """True for one variable (a scalar or one index), False for an expression or an indexed component."""
+    if isinstance(expression, VarData):  # nearly always; the questions below find the variables of other packages
+        return True
+    if expression.__class__ in native_types or not hasattr(expression, "is_variable_type"):
+        return False
+    # "is True": a slice answers every question with another slice, which counts as true.
+    return expression.is_variable_type() is True and expression.is_numeric_type()
+
+
+def is_bare_expression(expression: Any) -> bool:
+    """True for one numeric expression or parameter that is no plain variable and no relation."""
+    if (
+        expression.__class__ in native_types
+        or not hasattr(expression, "is_numeric_type")
+        or is_indexed_component(expression)
+    ):
+        return False
+    return expression.is_numeric_type() is True and not is_plain_variable(expression)
+
+
+def is_indexed_component(expression: Any) -> bool:
+    """True for a family of variables or expressions, such as an indexed Var."""
+    return isinstance(expression, ComponentBase) and expression.is_indexed()
+
+
+def never_changes(expression: Any) -> bool:
+    """True for numbers, immutable parameters and expressions of these."""
+    if expression.__class__ in native_types or not expression.is_expression_type():
+        return expression.__class__ in native_types or expression.is_constant()
+    return all(map(never_changes, expression.args))
+
+
+def same_expression(first: Any, second: Any) -> bool:
+    """True when two expressions are built alike from the same variables, parameters and numbers."""
+    stack = [(first, second)]
+    while stack:
+        one, other = stack.pop()
+        natives = (one.__class__ in native_types) + (other.__class__ in native_types)
+        if one is other or (natives == 2 and one == other):
+            continue
+        if natives or one.__class__ is not other.__class__ or not one.is_expression_type():
+            return False
+        if (one.getname(), one.nargs()) != (other.getname(), other.nargs()):  # sin and cos have one class
+            return False
+        stack.extend(zip(one.args, other.args, strict=True))
+    return True
+
+
+def new_leaves(expressions: Iterable[Any], seen: set[int]) -> Iterator[Any]:
+    """Every number that is NaN, and every parameter and variable that is not yet in `seen`.
+
+    What several expressions share is entered with the first of them only: `seen` may outlive the call. Nearly all
+    nodes are terms of sums, which are taken apart here and not put on the stack.
+    """
+    stack = list(expressions)
+    while stack:
+        node = stack.pop()
+        if node.__class__ is MonomialTermExpression:
+            coefficient, node = node.args
+            if coefficient.__class__ not in native_types:
+                stack.append(coefficient)
+            elif coefficient != coefficient:
+                yield coefficient
+        if node.__class__ in native_types:
+            if node != node:
+                yield node
+        elif id(node) not in seen:
+            seen.add(id(node))
+            if isinstance(node, VarData) or not node.is_expression_type():
+                yield node
+            else:
+                stack.extend(node.args)
+
+
+def value_or_none(expression: Any) -> Any:
+    """The value of an expression, None where a variable or a parameter of it has none.
+
+    Affine expressions are summed up here: Pyomo's general walk takes five times as long.
+    """
+    if expression.__class__ is not LinearExpression:
+        return value(expression, exception=False)
+    total: Any = 0
+    for term in expression.args:
+        if term.__class__ is MonomialTermExpression:
+            coefficient, variable = term.args
+            number = variable.value
+            if coefficient.__class__ not in native_numeric_types:
+                coefficient = value(coefficient, exception=False)
+            if coefficient is None or number is None:
+                return None
+            total += coefficient * number
+        else:
+            number = term if term.__class__ in native_numeric_types else value(term, exception=False)
+            if number is None:
+                return None
+            total += number
+    return total
+
+
+def choose(number: Any, where_nonnegative: Any, elsewhere: Any) -> Any:
+    """Return the first formula where the number is at least zero, and the second one elsewhere.
+
+    Both are evaluated for arrays, and only the one that is chosen in a solver.
+    """
+    if hasattr(number, "is_potentially_variable"):
+        return Expr_if(IF_=number >= 0, THEN_=where_nonnegative, ELSE_=elsewhere)
+    chosen = np.where(np.asarray(number) >= 0, where_nonnegative, elsewhere)
+    return chosen if chosen.ndim else chosen.item()

@@ -1,0 +1,260 @@
+"""What all studies give back: outcomes of single solves, the answer among them, and one table for all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cmp_to_key
+from typing import Any, ClassVar, Generic, TypeVar
+
+from pyrobocop_pyomo.errors import SolveFailed
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """What became of one solve of a study.
+
+    Attributes
+    ----------
+    result : SolveResult or None
+        None where building or solving raised an error.
+    error : str
+        That error, empty otherwise.
+    seconds : float
+        Elapsed, with all that the study did for this solve.
+    values : list of float or None
+        Values of the variables at the point.
+    """
+
+    result: SolveResult | None = None
+    error: str = ""
+    seconds: float = 0.0
+    values: Values = field(default_factory=list, repr=False)
+
+    @property
+    def feasible(self) -> bool:
+        """True when the point is feasible, whether it is shown to be optimal or not."""
+        return self.result is not None and self.result.quality is not Quality.INFEASIBLE
+
+    @property
+    def objective(self) -> float:
+        """Objective of a feasible point; NaN otherwise."""
+        return self.result.objective if self.result is not None and self.feasible else math.nan
+
+    @property
+    def iterations(self) -> int:
+        """Ipopt's iterations in all runs of this solve."""
+        return 0 if self.result is None else self.result.iterations
+
+    @property
+    def verdict(self) -> str:
+        """The quality in one word, or ``error``."""
+        return "error" if self.result is None else self.result.quality.name.lower()
+
+    @property
+    def certificate(self) -> str:
+        """The certificate in one word; empty where there is no result."""
+        return "" if self.result is None else self.result.certificate.name.lower()
+
+    @property
+    def reason(self) -> str:
+        """Why there is no feasible point, or why it is not shown to be optimal; empty for an optimal point."""
+        if self.result is None:
+            return self.error
+        if self.result.solved:
+            return ""
+        stopped = self.result.stop_reason
+        if self.result.quality is Quality.OPTIMAL:
+            return "The motion is not proven to be safe."
+        return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
+
+    @property
+    def cut_short(self) -> bool:
+        """True when the time limit or Ctrl-C ended the solve."""
+        return self.result is not None and self.result.stop_reason.is_final
+
+
+OutcomeType = TypeVar("OutcomeType", bound=Outcome)
+
+
+def ranked(outcomes: Iterable[OutcomeType]) -> tuple[OutcomeType, ...]:
+    """The best first, by `Standing`; equally good ones as they came; those without a result last."""
+
+    def compare(one: Outcome, other: Outcome) -> int:
+        if one.result is None or other.result is None:
+            return (one.result is None) - (other.result is None)
+        if one.result.standing.is_better_than(other.result.standing):
+            return -1
+        return int(other.result.standing.is_better_than(one.result.standing))
+
+    return tuple(sorted(outcomes, key=cmp_to_key(compare)))
+
+
+def seconds_left(deadline: Deadline) -> float | None:
+    """What is left for a solve; a moment where nothing is, so that it still says what it started from."""
+    return None if deadline.left is None else max(deadline.left, 1e-3)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table of outcomes.
+
+    Attributes
+    ----------
+    name : str
+        In the data frame and, unless `heading` is given, in the text.
+    width : int
+        In the text; numbers are aligned right, words left.
+    value : callable
+        From an outcome to its entry.
+    style : str
+        Format of a number in the text.
+    heading : str
+    """
+
+    name: str
+    width: int
+    value: Callable[[Any], Any]
+    style: str = ""
+    heading: str = ""
+
+    def header(self) -> str:
+        """The heading in its width."""
+        return f"{self.heading or self.name:{'<' if not self.style else '>'}{self.width}}"
+
+    def text(self, outcome: Any) -> str:
+        """The entry in its width."""
+        value = self.value(outcome)
+        if not self.style:
+            return f"{value:<{self.width}}"
+        return f"{'-' if math.isnan(value) else format(value, self.style):>{self.width}}"
+
+
+COMMON_COLUMNS = (
+    Column("objective", 14, lambda outcome: outcome.objective, ".7g"),
+    Column("quality", 10, lambda outcome: outcome.verdict),
+    Column("certificate", 11, lambda outcome: outcome.certificate),
+    Column("iterations", 6, lambda outcome: outcome.iterations, "d", heading="iter"),
+    Column("seconds", 8, lambda outcome: outcome.seconds, ".2f"),
+    Column("reason", 0, lambda outcome: outcome.reason),
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StudyResult(Sequence[OutcomeType], Generic[OutcomeType]):
+    """The answer of a study: a sequence of its outcomes, which prints as a table.
+
+    ``best``, ``result`` and ``reached`` mean the same in every study.
+
+    Attributes
+    ----------
+    name : str
+        Of the model.
+    outcomes : tuple of Outcome
+        In the order of the table.
+    remaining : tuple
+        What a time limit or Ctrl-C left undone.
+    seconds : float
+        Elapsed in all.
+    """
+
+    name: str
+    outcomes: tuple[OutcomeType, ...]
+    remaining: tuple[Any, ...] = ()
+    seconds: float = 0.0
+
+    item: ClassVar[str] = "start"  # what an outcome is of
+    numbered_by: ClassVar[str] = "rank"
+    own_columns: ClassVar[tuple[Column, ...]] = ()
+
+    @property
+    def best(self) -> OutcomeType:
+        """The outcome that answers the study; its point is the one on the model.
+
+        Raises
+        ------
+        SolveFailed
+            When no outcome has a point.
+        """
+        if self.outcomes and self.outcomes[0].result is not None:
+            return self.outcomes[0]
+        why = self.outcomes[0].reason if self.outcomes else "Nothing was tried."
+        raise SolveFailed(f"'{self.name}': no {self.item} could be solved. {why}", self)
+
+    @property
+    def result(self) -> SolveResult:
+        """The result of `best`.
+
+        Raises
+        ------
+        SolveFailed
+            When no outcome has a point.
+        """
+        found = self.best.result
+        assert found is not None
+        return found
+
+    @property
+    def reached(self) -> bool:
+        """Whether the study reached its goal, at a point that is optimal and, where there are obstacles, safe."""
+        return bool(self.outcomes) and self.outcomes[0].result is not None and self.outcomes[0].result.solved
+
+    @property
+    def iterations(self) -> int:
+        """Ipopt's iterations in all solves together."""
+        return sum(outcome.iterations for outcome in self.outcomes)
+
+    def raise_for_status(self) -> None:
+        """Do nothing when the goal was reached.
+
+        Raises
+        ------
+        SolveFailed
+            Otherwise; its attribute ``result`` is what fell short of the goal.
+        """
+        if not self.reached:
+            self.result.raise_for_status()
+
+    def to_pandas(self) -> Any:
+        """A data frame with a row per outcome, in their order."""
+        rows = [{column.name: column.value(outcome) for column in self.columns} for outcome in self.outcomes]
+        index = pandas.RangeIndex(1, len(rows) + 1, name=self.numbered_by)
+        return pandas.DataFrame(rows, index=index, columns=[column.name for column in self.columns])
+
+    def table(self) -> str:
+        """The outcomes as a table in text."""
+        rows = [table_row(self.columns, outcome, number) for number, outcome in enumerate(self.outcomes, start=1)]
+        return "\n".join([table_header(self.columns, self.numbered_by), *rows])
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the table: those of this kind of study, then those of all."""
+        return (*self.own_columns, *COMMON_COLUMNS)
+
+    def __len__(self) -> int:
+        return len(self.outcomes)
+
+    def __getitem__(self, place: Any) -> Any:
+        return self.outcomes[place]
+
+    def __iter__(self) -> Iterator[OutcomeType]:
+        return iter(self.outcomes)
+
+    def __str__(self) -> str:
+        return self.table()
+
+
+def table_header(columns: Sequence[Column], numbered_by: str) -> str:
+    """The first line of a table."""
+    return "  ".join([f"{numbered_by:>4}", *(column.header() for column in columns)]).rstrip()
+
+
+def table_row(columns: Sequence[Column], outcome: Outcome, number: int) -> str:
+    """The line of an outcome; of its reason the first sentence only, which a number such as 0.5 does not end."""
+    *numbers, reason = (column.text(outcome) for column in columns)
+    return "  ".join([f"{number:>4}", *numbers, reason.partition(". ")[0].partition("\n")[0]]).rstrip()

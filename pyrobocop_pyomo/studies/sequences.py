@@ -1,0 +1,395 @@
+"""Sequences of modes: `mode_sequences` lists those that are allowed, `solve_sequences` solves and ranks them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, TimeoutError, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any
+
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.ipopt.backends import best_backend
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.solving import StopReason
+from pyrobocop_pyomo.solving.iterate_log import ModelCheck
+from pyrobocop_pyomo.solving.progress import Progress
+
+from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left
+
+ModeSequence = tuple[str, ...]
+Allowed = Callable[[str, str], bool] | Mapping[str, Iterable[str]]
+
+
+def mode_sequences(
+    modes: Iterable[str], length: int | Iterable[int], *, allowed: Allowed | None = None
+) -> list[ModeSequence]:
+    """All sequences of modes of a length, or of several lengths, whose successions are allowed.
+
+    Parameters
+    ----------
+    modes : iterable of str
+        Their names; of a dictionary, its keys.
+    length : int or iterable of int
+        Number of modes in a sequence, such as ``3`` or ``range(1, 4)``.
+    allowed : callable or mapping, optional
+        ``allowed(before, after)`` says whether one mode may follow another; or {mode: the modes that may follow it}.
+        By default every mode may follow every mode, itself included.
+
+    Returns
+    -------
+    list of tuple of str
+        The shortest first, otherwise in the order of ``modes``; an ordinary list, to be filtered further.
+
+    Raises
+    ------
+    ModelError
+        When a mode is named twice or is unknown, a length is not positive, or nothing is left.
+
+    Examples
+    --------
+    >>> mode_sequences(["stick", "slip"], 2, allowed=lambda before, after: before != after)
+    [('stick', 'slip'), ('slip', 'stick')]
+    """
+    names = list(modes)
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ModelError(f"mode '{twice}' is named twice; each mode needs a name of its own.")
+    lengths = [length] if isinstance(length, int) else sorted(set(length))
+    for count in lengths:
+        if not isinstance(count, int) or count < 1:
+            raise ModelError(f"length = {count!r}; a sequence has at least one mode.")
+    followers = {name: _followers(name, names, allowed) for name in names}
+    sequences: list[ModeSequence] = []
+    grown: list[ModeSequence] = [(name,) for name in names]
+    # Grown one by one, and not filtered out of the product, whose size may explode where few successions are allowed.
+    for count in range(1, max(lengths, default=0) + 1):
+        if count > 1:
+            grown = [(*sequence, name) for sequence in grown for name in followers[sequence[-1]]]
+        if count in lengths:
+            sequences += grown
+    if not sequences:
+        raise ModelError(f"no sequence of {', '.join(map(repr, names)) or 'no modes'} has the length {length!r}.")
+    return sequences
+
+
+def _followers(name: str, names: list[str], allowed: Allowed | None) -> list[str]:
+    if allowed is None:
+        return names
+    if not isinstance(allowed, Mapping):
+        return [other for other in names if allowed(name, other)]
+    given = set(allowed.get(name, ()))
+    unknown = sorted({*given, *allowed} - set(names))
+    if unknown:
+        raise ModelError(f"allowed= names the mode {unknown[0]!r}; the modes are {', '.join(map(repr, names))}.")
+    return [other for other in names if other in given]
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceOutcome(Outcome):
+    """What became of one sequence.
+
+    Attributes
+    ----------
+    sequence : tuple of str
+    number : int
+        Its place in the list that was given, from 0; it decides between equal objectives.
+    """
+
+    sequence: ModeSequence
+    number: int
+
+    @property
+    def name(self) -> str:
+        """The modes in one text."""
+        return " - ".join(self.sequence)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SequenceRanking(StudyResult[SequenceOutcome]):
+    """Outcomes, the best first: feasible ones by objective, then infeasible ones by violation, then errors.
+
+    Where there are obstacles, plans that are proven safe come before all others that are feasible. Sequences that a
+    time limit or Ctrl-C left undone are in `remaining`. No model is kept: `best_model` and `model` build it again.
+
+    Attributes
+    ----------
+    build : callable
+        What makes the model of a sequence.
+    """
+
+    build: Callable[..., Any] = field(repr=False)
+
+    item = "sequence"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns of all studies, behind the sequence in its width."""
+        width = max([len("sequence"), *(len(outcome.name) for outcome in self.outcomes)])
+        return (Column("sequence", width, lambda outcome: outcome.name), *super().columns)
+
+    def outcome(self, sequence: Sequence[str]) -> SequenceOutcome:
+        """The outcome of a sequence.
+
+        Raises
+        ------
+        KeyError
+            When it was not solved.
+        """
+        for outcome in self.outcomes:
+            if outcome.sequence == tuple(sequence):
+                return outcome
+        raise KeyError(tuple(sequence))
+
+    @cached_property
+    def best_model(self) -> Any:
+        """The model of the best sequence, with its solution.
+
+        Raises
+        ------
+        SolveFailed
+            When no sequence has a feasible point.
+        """
+        if not self.outcomes or not self.outcomes[0].feasible:
+            raise SolveFailed(f"no sequence has a feasible point.\n{self}", self)
+        return self.model(self.outcomes[0].sequence)
+
+    def model(self, sequence: Sequence[str]) -> Any:
+        """The model of a sequence, built again and given the values that were found, feasible or not.
+
+        Raises
+        ------
+        KeyError
+            When it was not solved.
+        SolveFailed
+            When an error left no values.
+        ModelError
+            When ``build`` makes another model than the one that was solved.
+        """
+        found = self.outcome(sequence)
+        if found.result is None:
+            raise SolveFailed(f"{found.name}: there is no solution. {found.error}", self)
+        model = self.build(found.sequence)
+        VariableValues.of_all(model).write(found.values)
+        objective = ModelCheck(model).objective()
+        if abs(objective - found.result.objective) > 1e-9 * max(1.0, abs(objective)):
+            raise ModelError(
+                f"{found.name}: the model built again has the objective {objective:.9g} where "
+                f"{found.result.objective:.9g} was found. The function that builds it must give the same each time."
+            )
+        return model
+
+    def __str__(self) -> str:
+        undone = "; ".join(" - ".join(sequence) for sequence in self.remaining)
+        return self.table() + (f"\ninterrupted; not solved: {undone}" if undone else "")
+
+
+Build = Callable[[ModeSequence], Any]
+SolveOne = Callable[[int, ModeSequence], "SequenceOutcome | None"]
+Take = Callable[[SequenceOutcome], bool]
+
+SECONDS_TO_ANSWER = 0.5
+
+
+def solve_sequences(
+    build: Build,
+    sequences: Iterable[Iterable[str]],
+    *,
+    workers: int = 1,
+    time_limit: float | None = None,
+    time_limit_per_sequence: float | None = None,
+    progress: bool | None = None,
+    **options: Any,
+) -> SequenceRanking:
+    """Build and solve the model of each sequence, and rank them.
+
+    A time limit or Ctrl-C stops the work; what was finished is ranked and returned.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(sequence)`` returns the model of a sequence, the same each time.
+    sequences : iterable of tuples of str
+        Such as `mode_sequences` gives.
+    workers : int
+        Number of processes; with 1 all is done in this one. More need a ``build`` that stands at the top level of a
+        module (or a `functools.partial` of such), and a script whose work stands under
+        ``if __name__ == "__main__":``, since each process imports it.
+    time_limit : float, optional
+        Seconds, for all sequences together.
+    time_limit_per_sequence : float, optional
+        Seconds, for the solve of one sequence.
+    progress : bool, optional
+        Show a line per sequence; by default only on a terminal.
+    **options
+        Passed to `solve`.
+
+    Returns
+    -------
+    SequenceRanking
+        Errors of single sequences are in it, as their reason.
+
+    Raises
+    ------
+    ModelError
+        When the arguments make no sense.
+    SolverNotFoundError
+        When there is no Ipopt.
+    """
+    tasks = [(sequence,) if isinstance(sequence, str) else tuple(sequence) for sequence in sequences]
+    if not tasks:
+        raise ModelError("no sequences to solve; mode_sequences(...) makes them.")
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise ModelError(f"workers = {workers!r}; expected a number of processes of at least 1.")
+    best_backend()  # raises with the remedies where there is none, once and not for every sequence
+    started, deadline = time.perf_counter(), Deadline.after(time_limit)
+    bar = Progress(progress)
+    done: dict[int, SequenceOutcome] = {}
+
+    def take(outcome: SequenceOutcome) -> bool:
+        """Keep an outcome that Ctrl-C did not cut short."""
+        if outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED:
+            return False
+        done[outcome.number] = outcome
+        found = f"objective {outcome.objective:.7g}" if outcome.feasible else outcome.reason
+        bar.line(f"{len(done)}/{len(tasks)} {outcome.name}: {outcome.verdict}, {found}")
+        if len(done) < len(tasks):
+            bar.live(f"{len(tasks) - len(done)} left")
+        return True
+
+    solve_one = partial(
+        _solve_one, build=build, options=options, deadline=deadline, time_limit_per_sequence=time_limit_per_sequence
+    )
+    if workers == 1:
+        _solve_here(solve_one, tasks, take)
+    else:
+        _check_picklable(build, options)
+        _solve_in_processes(solve_one, tasks, deadline, min(workers, len(tasks)), take)
+    bar.live("")
+    return SequenceRanking(
+        name="sequences",
+        outcomes=ranked(done[number] for number in sorted(done)),
+        remaining=tuple(task for number, task in enumerate(tasks) if number not in done),
+        seconds=time.perf_counter() - started,
+        build=build,
+    )
+
+
+def _solve_one(
+    number: int,
+    sequence: ModeSequence,
+    *,
+    build: Build,
+    options: Mapping[str, Any],
+    deadline: Deadline,
+    time_limit_per_sequence: float | None,
+) -> SequenceOutcome | None:
+    """The outcome of a sequence; None where no time is left for it."""
+    if deadline.has_passed and number:
+        return None
+    started = time.perf_counter()
+    try:
+        model = build(sequence)
+        limit = seconds_left(deadline.within(time_limit_per_sequence))
+        result = solve(model, **{"progress": False, **options, "time_limit": limit})
+    except SolverNotFoundError:
+        raise
+    except Exception as error:  # whatever goes wrong with one sequence must not lose the others
+        seconds = time.perf_counter() - started
+        return SequenceOutcome(sequence, number, error=f"{type(error).__name__}: {error}", seconds=seconds)
+    return SequenceOutcome(
+        sequence, number, result=result, seconds=time.perf_counter() - started,
+        values=VariableValues.of_all(model).taken,
+    )  # fmt: skip
+
+
+def _solve_here(solve_one: SolveOne, tasks: list[ModeSequence], take: Take) -> None:
+    try:
+        for number, task in enumerate(tasks):
+            outcome = solve_one(number, task)
+            if outcome is None or not take(outcome):
+                return
+    except KeyboardInterrupt:
+        return
+
+
+def _check_picklable(build: Build, options: Mapping[str, Any]) -> None:
+    for what, sent in (("build", build), ("the options", dict(options))):
+        try:
+            pickle.dumps(sent)
+        except Exception as error:
+            raise ModelError(
+                f"{what} cannot be sent to another process ({error}). Define functions at the top level of a module "
+                "(functools.partial fills in arguments), or use workers=1."
+            ) from error
+
+
+def _solve_in_processes(
+    solve_one: SolveOne, tasks: list[ModeSequence], deadline: Deadline, workers: int, take: Take
+) -> None:
+    # Spawned, not forked: a forked child would share the state of threads and solver libraries.
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(stop,))
+    futures: list[Future[SequenceOutcome | None]] = []
+    taken: set[int] = set()
+
+    def take_finished(future: Future[SequenceOutcome | None]) -> None:
+        taken.add(id(future))
+        outcome = future.result()
+        if outcome is not None:
+            take(outcome)
+
+    in_time = True
+    try:
+        futures += [executor.submit(solve_one, number, task) for number, task in enumerate(tasks)]
+        # A process ends its solve at the time limit by itself; how long it may take to say so is limited here.
+        timeout = None if deadline.left is None else max(deadline.left, 0.0) + SECONDS_TO_ANSWER
+        for future in as_completed(futures, timeout=timeout):
+            take_finished(future)
+    except TimeoutError:
+        in_time = False
+    except KeyboardInterrupt:
+        stop.set()
+        executor.shutdown(wait=True, cancel_futures=True)
+        for future in futures:
+            if id(future) not in taken and not future.cancelled() and future.exception() is None:
+                take_finished(future)
+    except BrokenProcessPool as error:
+        raise PyRobocopError(
+            "a worker process ended abruptly. A script must keep its work under 'if __name__ == \"__main__\":', since "
+            "each worker imports it; workers=1 needs no other process."
+        ) from error
+    finally:
+        stop.set()
+        # A process that is still starting needs what the executor holds: it is kept until all have ended.
+        closing = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True})
+        closing.start()
+        if in_time:
+            closing.join()
+
+
+def _start_worker(stop: Any) -> None:
+    """Let a request to stop reach the solve that runs here, as Ctrl-C would."""
+    # On a terminal Ctrl-C reaches every process; here it means something to a running solve only, which puts its own
+    # handler in place of this one.
+    signal.signal(signal.SIGINT, lambda number, frame: None)
+    # One thread each: the processes are the parallelism, and thread pools would fight over the cores.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    threading.Thread(target=_pass_on, args=(stop,), daemon=True).start()
+
+
+def _pass_on(stop: Any) -> None:
+    stop.wait()
+    while True:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)

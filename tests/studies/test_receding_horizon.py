@@ -1,0 +1,119 @@
+"""Planning again and again: the same plans as from scratch, at no preparation, and no plan is ever lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+
+pytestmark = pytest.mark.casadi
+
+PARAMETRIZATIONS = ["collocated", "piecewise_constant", "piecewise_linear"]
+
+
+def regulator(parametrization: str = "collocated", start: float = 1.0, **options: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="regulator")
+    m.ahead = b = rcp.PhaseBlock(**{"duration": 3.0, "elements": 12, **options})
+    b.x = rcp.State(initial=start)
+    b.v = rcp.State(initial=0, derivative_bounds=(-3, 3))
+    b.u = rcp.Control(bounds=(-2, 2), parametrization=parametrization)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: pyo.sin(b.x[t]) + b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.v[t] ** 2 + 0.1 * b.u[t] ** 2))
+    return m
+
+
+@pytest.mark.parametrize("parametrization", PARAMETRIZATIONS)
+def test_each_plan_is_that_of_a_model_built_from_scratch(parametrization: str) -> None:
+    m = regulator(parametrization)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
+    state = {"x": 0.5, "v": 0.2}
+    for k in range(6):
+        step = controller.step(state, advance=0.2 if k else 0.0)
+        assert step.solved
+        fresh = regulator(parametrization, state["x"])
+        fresh.ahead.v[0.0].set_value(state["v"])
+        result = rcp.solve(fresh)
+        assert pyo.value(m.cost) == pytest.approx(result.objective, rel=1e-6)
+        times = np.linspace(0, 3, 31)
+        expected, plan = fresh.ahead.trajectory()(times), step.plan(times)
+        for name in expected:
+            np.testing.assert_allclose(plan[name], expected[name], atol=2e-4)
+        state = {name: step.plan(0.2)[name] for name in ("x", "v")}
+    assert controller._program.preparations == 1
+
+
+def test_the_loop_settles_and_its_steps_are_short() -> None:
+    m = regulator("piecewise_constant")
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
+    state = {"x": 1.0, "v": 0.0}
+    first = controller.step(state)
+    iterations = []
+    for _ in range(20):
+        step = controller.step(state, advance=0.25)
+        iterations.append(step.iterations)
+        state = {name: step.plan(0.25)[name] for name in state}
+    assert abs(state["x"]) < 0.02
+    assert np.mean(iterations[5:]) <= 0.7 * first.iterations
+    assert step.seconds >= step.ipopt_seconds > 0
+
+
+@pytest.mark.parametrize("parametrization", PARAMETRIZATIONS)
+def test_moving_ahead_is_reading_the_plan_later(parametrization: str) -> None:
+    m = regulator(parametrization)
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
+    before = controller.step({"x": 0.5, "v": 0.0}).plan
+    controller._shifted(0.25)  # one element: held values move onto each other exactly
+    after = m.ahead.trajectory()
+    times = np.linspace(0.26, 2.74, 40)  # from the second element on: the first starts at the measured state
+    for name in ("x", "v", "u"):
+        np.testing.assert_allclose(after(times)[name], before(times + 0.25)[name], atol=1e-6)
+    assert after.x[-1] == pytest.approx(before.x[-1])
+    assert m.ahead.x[0.0].value == 0.5  # a fixed start is moved by the measurement only
+
+
+def test_a_failed_solve_leaves_the_rest_of_the_plan_before() -> None:
+    m = regulator()
+    controller = rcp.studies.RecedingHorizon(m, m.ahead, options={"max_iter": 30})
+    good = controller.step({"x": 0.5, "v": 0.0})
+    bad = controller.step({"x": 0.5, "v": 1e7}, advance=0.25)
+    assert good.solved
+    assert not bad.solved
+    times = np.linspace(0.3, 2.7, 9)
+    np.testing.assert_allclose(bad.plan(times)["u"], good.plan(times + 0.25)["u"], atol=1e-6)
+    assert controller.step({"x": 0.4, "v": 0.0}).solved
+
+
+WRONG_STEPS = {
+    "missing": ({"x": 1.0}, 0.0, "phase 'ahead': 'v' has no value in the measured state; needed are v, x"),
+    "unknown": ({"x": 1.0, "v": 0.0, "u": 1.0}, 0.0, "'u' has no fixed initial value"),
+    "nan": ({"x": float("nan"), "v": 0.0}, 0.0, "the measured 'x' is nan"),
+    "backwards": ({"x": 1.0, "v": 0.0}, -0.1, "advance = -0.1; expected a time between 0 and 3"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_STEPS)
+def test_a_senseless_measurement_is_refused(case: str) -> None:
+    state, advance, message = WRONG_STEPS[case]
+    m = regulator()
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
+    with pytest.raises(ModelError, match=message):
+        controller.step(state, advance)
+
+
+def test_what_cannot_recede_is_refused() -> None:
+    m = regulator(duration=rcp.Duration(bounds=(1, 2)))
+    with pytest.raises(ModelError, match="phase 'ahead': a receding horizon needs a fixed start, a fixed duration"):
+        rcp.studies.RecedingHorizon(m, m.ahead)
+    with pytest.raises(ModelError, match="'ahead' is no phase of 'regulator'"):
+        rcp.studies.RecedingHorizon(regulator(), m.ahead)
+    m = regulator()
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.ahead.u[3.0] >= 0, m.ahead.x[3.0] >= 0))
+    with pytest.raises(ComplementarityError, match="'regulator' has active complementarity pairs"):
+        rcp.studies.RecedingHorizon(m, m.ahead)
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, delta=1e-4)
+    assert rcp.studies.RecedingHorizon(m, m.ahead).step({"x": 0.3, "v": 0.0}).solved
