@@ -220,3 +220,11 @@ def check_bounds(bounds: object, name: str, what: str) -> Bounds:
     if lower is not None and upper is not None and lower > upper:
         raise DeclarationError(f"{name}: the lower of its {what}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
     return lower, upper
+
+
+def within(value: float, bounds: Bounds | None) -> float:
+    """The value, moved onto the nearest bound if it lies outside."""
+    lower, upper = bounds or (None, None)
+    if lower is not None and value < lower:
+        return lower
+    return upper if upper is not None and value > upper else float(value)

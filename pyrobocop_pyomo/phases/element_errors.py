@@ -12,10 +12,9 @@ from pyrobocop_pyomo.numerics import radau
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic
-from .implicit_steps import step_element
+from .element_integration import Unknowns, find_unknowns, step_element
 from .point_model import PointEquations
 from .record import PhaseRecord
-from .simulation_inputs import Unknowns, find_unknowns
 from .verification import element_errors as reintegrated_errors
 from .verification import indices_of
 

@@ -14,11 +14,10 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import collocation_rows
 
-from .building import add_generated, rate_units
 from .declarations import State, check_bounds
 from .horizon import element_widths
-from .record import PhaseRecord
-from .rule_results import labelled_rows
+from .record import PhaseRecord, labelled_rows
+from .variables import add_generated, rate_units
 
 Rule = Callable[..., Any]
 

@@ -22,8 +22,7 @@ from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshErro
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import initial_number
 
-from .building import within
-from .declarations import Bounds, Duration, Start, check_bounds
+from .declarations import Bounds, Duration, Start, check_bounds, within
 from .record import PhaseRecord
 
 

@@ -18,8 +18,7 @@ from pyrobocop_pyomo.numerics import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
-from .building import within
-from .declarations import Parameter, State
+from .declarations import Parameter, State, within
 from .horizon import horizon_fraction, real_grid
 from .phase_values import PhaseValues
 from .record import PhaseRecord

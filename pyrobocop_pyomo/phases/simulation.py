@@ -1,8 +1,8 @@
 """Forward simulation: what a phase does from its initial values under given controls.
 
 Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations are
-stepped with the rows of the scheme itself (`implicit_steps`). Bounds, path constraints and complementarity have no say:
-a simulation follows the equations.
+stepped with the rows of the scheme itself (`element_integration`). Bounds, path constraints and
+complementarity are ignored.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, Trajecto
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess
+from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
+from .element_integration import Unknowns, find_unknowns, step_element, step_start
 from .horizon import real_grid
-from .implicit_steps import step_element, step_start
-from .phase_values import make_trajectory
+from .phase_values import make_trajectory, read_values
 from .point_model import PointEquations
 from .record import PhaseRecord
-from .simulation_inputs import Unknowns, find_unknowns, given_values, initial_states
 
 Array = NDArray[np.float64]
 
 # What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
 _NO_VALUE = (ArithmeticError, ValueError)
+
+_WHAT_IS_MISSING = "has no value to simulate with. Give it in the call, or an initial guess."
 
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
@@ -215,3 +216,51 @@ class _Run:
         for times, values in zip(grid.stage_times, per_stage, strict=False):
             at |= dict(zip(times, values.tolist(), strict=True))
         return np.array([at[t] for t in grid.points])
+
+
+def given_values(
+    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], unknowns: Unknowns
+) -> dict[str, Array]:
+    """Values over its nodes of everything that is not to be found: as given, or as the phase has them.
+
+    Raises
+    ------
+    InitialGuessError
+        When a value has the wrong length, is missing or is not finite.
+    """
+    values = {}
+    for name in unknowns.order:
+        if name not in unknowns.algebraics:
+            nodes = record.nodes(name)
+            if name in given:
+                values[name] = nodes.from_guess(given[name], f"phase '{block.name}': '{name}'")
+            else:
+                values[name] = read_values(nodes.variables(block), InitialGuessError, _WHAT_IS_MISSING)
+    return values
+
+
+def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) -> Array:
+    """Where the states start: as given, or as the phase holds them.
+
+    Raises
+    ------
+    InitialGuessError
+        When a name is no state or a value no finite number.
+    """
+    names = record.names_of_states
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        raise InitialGuessError(
+            f"phase '{block.name}': an initial value is given for '{unknown[0]}'; its states are "
+            f"{', '.join(names) or 'none'}."
+        )
+    first = record.grid.times[0]
+    return np.array(
+        [
+            initial_number(given[name], f"phase '{block.name}': initial value of '{name}'")
+            if name in given
+            else float(read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0])
+            for name in names
+        ],
+        dtype=float,
+    )

@@ -17,10 +17,9 @@ from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
+from .element_integration import integrate_elements, integrate_horizon
 from .point_model import PointModel
-from .record import PhaseRecord, Statement
-from .reintegration import integrate_elements, integrate_horizon
-from .rule_results import labelled_rows
+from .record import PhaseRecord, Statement, labelled_rows
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
 
-from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series
-from .storage import read_archive, write_archive
+from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
 
 Array = NDArray[np.float64]
 
