@@ -45,7 +45,7 @@ class Measured:
         All that is neither of the others: writing, loading, starting, reading back.
     solve : float
         Within Ipopt, derivatives included.
-    judge : float
+    check : float
         Recomputing the residuals of the answer, which only `rcp.solve` does.
     """
 
@@ -56,12 +56,12 @@ class Measured:
     objective: float
     iterations: int
     variables: int
-    judge: float = 0.0
+    check: float = 0.0
 
     @property
     def total(self) -> float:
         """Seconds from nothing to the solution."""
-        return self.build + (self.transcribe or 0.0) + self.hand_off + self.solve + self.judge
+        return self.build + (self.transcribe or 0.0) + self.hand_off + self.solve + self.check
 
     def or_faster(self, other: Measured) -> Measured:
         """The smallest seconds of two runs, each for itself."""
@@ -71,7 +71,7 @@ class Measured:
             transcribe=None if self.transcribe is None else min(self.transcribe, other.transcribe or 0.0),
             hand_off=min(self.hand_off, other.hand_off),
             solve=min(self.solve, other.solve),
-            judge=min(self.judge, other.judge),
+            check=min(self.check, other.check),
         )
 
 
@@ -133,9 +133,9 @@ def as_phase(elements: int, backend: str, keep_derivatives: bool = False) -> Mea
         inside = sum(step.seconds for step in result.steps)
     ended = time.perf_counter()
     free = sum(not v.fixed for v in m.component_data_objects(pyo.Var))
-    judge = result.checking_seconds
-    hand_off = ended - built - inside - judge
-    return Measured(built - started, None, hand_off, inside, result.objective, result.iterations, free, judge)
+    check = result.checking_seconds
+    hand_off = ended - built - inside - check
+    return Measured(built - started, None, hand_off, inside, result.objective, result.iterations, free, check)
 
 
 def stated_with_pyomo_dae() -> pyo.ConcreteModel:

@@ -55,7 +55,7 @@ def main() -> None:
         measure(arguments.measure[0], int(arguments.measure[1]))
         return
     table = Table(
-        [("way", "<14"), ("elements", ">8d"), ("seconds", ">8.3f"), ("ms per element", ">14.3f"), ("MB", ">7.1f")]
+        [("way", "<18"), ("elements", ">8d"), ("seconds", ">8.3f"), ("ms per element", ">14.3f"), ("MB", ">7.1f")]
     )
     table.header()
     for way in WAYS:

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_viol
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.point_model import PointModel
-from pyrobocop_pyomo.phases.rule_results import labelled_rows
+from pyrobocop_pyomo.phases.record import labelled_rows
 
 from .findings import Finding, Severity, Subject
 from .linearised_rows import LinearisedRows, gradient, residual_of

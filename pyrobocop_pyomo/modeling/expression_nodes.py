@@ -148,7 +148,8 @@ class ExpressionEvaluator:
         elif kind == CHOICE:
             name = "choose"
         if name is not None and name not in self._functions:
-            raise self._refuse(node, f"is a {type(node).__name__}: '{name}'")
+            reason = f"holds the function '{name}'" if kind == FUNCTION else f"is a {type(node).__name__}"
+            raise self._refuse(node, reason)
         arguments = [self.of(argument) for argument in node.args]
         try:
             if name is not None:

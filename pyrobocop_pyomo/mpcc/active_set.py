@@ -100,6 +100,8 @@ class Limits:
         Trust radii for the search beyond a B-stationary point.
     exploring_nodes : int
         Of the search tree, for one linear program of that search: its answer is not to depend on the machine.
+    exploring_gap : float
+        Relative distance from its optimum at which such a program may stop: it is asked for a direction, no proof.
     exploring_iterations : int
         For one branch of that search.
     polishing_iterations : int
@@ -115,8 +117,25 @@ class Limits:
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
     exploring_nodes: int = 200
+    exploring_gap: float = 1e-2
     exploring_iterations: int = 200
     polishing_iterations: int = 300
+
+
+@dataclass(eq=False)
+class ExploredBranches:
+    """Keys of branches that an exploration need not look at again.
+
+    Attributes
+    ----------
+    tried : set
+        Those that were solved.
+    exhausted : set
+        Those from whose solution nothing better was found.
+    """
+
+    tried: set[bytes] = field(default_factory=set)
+    exhausted: set[bytes] = field(default_factory=set)
 
 
 @dataclass(eq=False)
@@ -179,7 +198,7 @@ class ActiveSetSearch:
                 best = self._go("projection", nearby.branch, best, start.x + nearby.step) or best
         return best
 
-    def explore(self, start: BranchPoint, tried: set[bytes], deadline: Deadline) -> BranchPoint:
+    def explore(self, start: BranchPoint, explored: ExploredBranches, deadline: Deadline) -> BranchPoint:
         """Try the branches that look best from a B-stationary point when the trust region reaches far.
 
         Where objective and rows are linear, the linear program with a large enough trust region knows the global
@@ -188,20 +207,21 @@ class ActiveSetSearch:
         Parameters
         ----------
         start : BranchPoint
-        tried : set
-            Keys of branches to leave out; grows by those that are tried.
+        explored : ExploredBranches
+            What need not be tried again; grows.
         deadline : Deadline
             Of the exploration.
         """
         within, self.deadline = self.deadline, deadline
         try:
-            best, improved = start, True
-            while improved and best.branch is not None:
-                tried.add(best.branch.key())
-                better = self._explored_from(best, tried)
-                improved = better is not None
-                best = better or best
-            return best
+            best: BranchPoint | None = start
+            while best is not None and best.branch is not None and best.branch.key() not in explored.exhausted:
+                start, key = best, best.branch.key()
+                explored.tried.add(key)
+                best = self._explored_from(start, explored.tried)
+                if best is None and not self._late():
+                    explored.exhausted.add(key)
+            return start if best is None else best
         finally:
             self.deadline = within
 
@@ -211,7 +231,9 @@ class ActiveSetSearch:
         for radius in self.limits.exploring_radii:
             if self._late():
                 return None
-            nearby = self._steepest(point, radius, node_limit=self.limits.exploring_nodes)
+            nearby = self._steepest(
+                point, radius, node_limit=self.limits.exploring_nodes, gap=self.limits.exploring_gap
+            )
             if nearby is None or nearby.branch.key() in tried or self._late():
                 continue
             tried.add(nearby.branch.key())

@@ -53,6 +53,7 @@ def steepest_branch(
     elastic: float | None = None,
     time_limit: float = 5.0,
     node_limit: int | None = None,
+    gap: float = 1e-6,
 ) -> Descent | None:
     """Minimise the linearised objective over the linearised feasible set within a trust region.
 
@@ -78,6 +79,8 @@ def steepest_branch(
         Seconds.
     node_limit : int, optional
         Most nodes of the search tree.
+    gap : float
+        Relative distance from the optimum at which the search may stop.
 
     Returns
     -------
@@ -124,6 +127,7 @@ def steepest_branch(
         constraints,
         time_limit,
         node_limit,
+        gap,
     )
     if answer is None:
         return None

@@ -12,6 +12,11 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 
+def prepare() -> None:
+    """Import the solver, which takes longer than it does for a small program."""
+    _ = scipy.optimize.milp
+
+
 def minimise(
     cost: FloatArray,
     lower: FloatArray,
@@ -20,6 +25,7 @@ def minimise(
     constraints: Sequence[tuple[Any, FloatArray | float, FloatArray | float]],
     time_limit: float,
     node_limit: int | None = None,
+    gap: float = 1e-6,
 ) -> tuple[FloatArray | None, bool]:
     """Minimise ``cost @ x``.
 
@@ -33,6 +39,8 @@ def minimise(
         Seconds.
     node_limit : int, optional
         Most nodes of the search tree: unlike seconds, the same on a busy machine.
+    gap : float
+        Relative distance from the optimum at which the search may stop.
 
     Returns
     -------
@@ -49,6 +57,6 @@ def minimise(
             integrality=binary,
             bounds=scipy.optimize.Bounds(lower, np.maximum(lower, upper)),
             constraints=rows or None,
-            options={"time_limit": time_limit, "mip_rel_gap": 1e-6, "node_limit": node_limit},
+            options={"time_limit": time_limit, "mip_rel_gap": gap, "node_limit": node_limit},
         )
     return result.x, result.status == 0

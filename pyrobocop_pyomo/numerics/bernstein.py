@@ -34,8 +34,8 @@ def bernstein_from_samples(degree: int) -> tuple[Array, Array]:
     """
     points = (1.0 - np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))) / 2.0
     matrix = np.asarray(np.linalg.inv(bernstein_matrix(degree, points)), dtype=np.float64)
-    for each in (points, matrix):
-        each.setflags(write=False)  # shared by all callers
+    for shared in (points, matrix):
+        shared.setflags(write=False)  # shared by all callers
     return points, matrix
 
 

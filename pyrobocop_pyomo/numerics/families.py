@@ -75,7 +75,7 @@ def explicit(stages: int) -> Scheme:
             f"explicit: stages = {stages}; there are one to three. With four, order four needs a stage at the element "
             "end beside the end value itself. Use radau or gauss for higher orders."
         )
-    A, b = (np.array(each) for each in tableaux[stages])
+    A, b = (np.array(coefficients) for coefficients in tableaux[stages])
     return Scheme(f"explicit({stages})", A=A, b=b, c=A.sum(axis=1))
 
 

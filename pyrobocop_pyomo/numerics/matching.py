@@ -66,8 +66,8 @@ class Matching:
         columns = set(self.unmatched_columns)
         rows: set[int] = set()
         rows_with: dict[int, list[int]] = {}
-        for row, held in enumerate(self.incidence):
-            for column in held:
+        for row, own_columns in enumerate(self.incidence):
+            for column in own_columns:
                 rows_with.setdefault(column, []).append(row)
         waiting = list(columns)
         while waiting:
@@ -96,8 +96,8 @@ def maximum_matching(incidence: Incidence, columns: int) -> Matching:
     """
     column_of = [-1] * len(incidence)
     row_of = [-1] * columns
-    for row, held in enumerate(incidence):
-        free = next((column for column in held if row_of[column] < 0), -1)
+    for row, own_columns in enumerate(incidence):
+        free = next((column for column in own_columns if row_of[column] < 0), -1)
         if free >= 0:
             column_of[row], row_of[free] = free, row
     for row in [row for row, column in enumerate(column_of) if column < 0]:

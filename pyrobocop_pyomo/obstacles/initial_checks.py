@@ -14,6 +14,7 @@ from pyomo.core.expr.visitor import identify_variables
 from pyrobocop_pyomo.errors import GeometryError, ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
+from pyrobocop_pyomo.modeling.row_violations import constraint_violation
 from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 
@@ -139,7 +140,9 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
     """
     poses = region.record.poses
     fixed = {time for time, pose in poses.items() if all(variable.fixed for variable in variables_of(pose))}
-    beyond = {(time, side): -row.uslack() for (time, _, side), row in region.inside.items() if time in fixed}
+    beyond = {
+        (time, side): constraint_violation(row) for (time, _, side), row in region.inside.items() if time in fixed
+    }
     worst = max(beyond, key=lambda place: beyond[place], default=None)
     if worst is not None and beyond[worst] > tolerance:
         time, side = worst

@@ -1,12 +1,12 @@
 """What the user states: declarations, `PhaseBlock`, and the judgement of a trajectory by it."""
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
+from .link_states import PhaseEnd
 from .links import Link, LinkData
 from .measurements import label_measurements
 from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData, phases_of
-from .phase_end import PhaseEnd
 from .verification import Verification
 
 __all__ = [

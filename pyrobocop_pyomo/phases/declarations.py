@@ -142,11 +142,11 @@ class Control(Declaration):
         One value per collocation point (the default), one per element, or continuous and linear over each element.
         A piecewise constant control respects its bounds at every collocation point, a linear one at its knots.
     knots : sequence of float, optional
-        Time indices, the first and the last of the phase among them, between which a piecewise control is held or
+        Time indices, the first and the last of the phase among them, between which a piecewise control is constant or
         linear; each must be an element boundary. All element boundaries by default.
     rate_bounds : (lower, upper) or None
         Bounds on the rate of change in real time: the slope of a linear control; for the others, the difference of
-        neighbouring values over the distance of their times (middles, where values are held).
+        neighbouring values over the distance of their times (middles, where values are constant).
     """
 
     parametrization: str = "collocated"
@@ -220,3 +220,11 @@ def check_bounds(bounds: object, name: str, what: str) -> Bounds:
     if lower is not None and upper is not None and lower > upper:
         raise DeclarationError(f"{name}: the lower of its {what}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
     return lower, upper
+
+
+def within(value: float, bounds: Bounds | None) -> float:
+    """The value, moved onto the nearest bound if it lies outside."""
+    lower, upper = bounds or (None, None)
+    if lower is not None and value < lower:
+        return lower
+    return upper if upper is not None and value > upper else float(value)

@@ -12,10 +12,9 @@ from pyrobocop_pyomo.numerics import radau
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic
-from .implicit_steps import step_element
+from .element_integration import Unknowns, find_unknowns, step_element
 from .point_model import PointEquations
 from .record import PhaseRecord
-from .simulation_inputs import Unknowns, find_unknowns
 from .verification import element_errors as reintegrated_errors
 from .verification import indices_of
 
@@ -56,7 +55,7 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
         nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
         nearby |= {f"d {name}": float(states[name][i, -1] - states[name][i, 0]) / width for name in unknowns.implicit}
         answer = step_element(
-            equations, fine, width, asked, {name: each.copy() for name, each in signals.items()},
+            equations, fine, width, asked, {name: values.copy() for name, values in signals.items()},
             {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns, start, nearby,
         )  # fmt: skip
         if isinstance(answer, float):

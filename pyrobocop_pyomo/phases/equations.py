@@ -14,11 +14,10 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import collocation_rows
 
-from .building import add_generated, rate_units
 from .declarations import State, check_bounds
 from .horizon import element_widths
-from .record import PhaseRecord
-from .rule_results import labelled_rows
+from .record import PhaseRecord, labelled_rows
+from .variables import add_generated, rate_units
 
 Rule = Callable[..., Any]
 
@@ -116,7 +115,7 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
                     )
                 rows[label] = row == 0
         if len(rows) != len(next(iter(answers.values()))):
-            first, count = next((each, len(stated)) for each, stated in answers.items())
+            first, count = next((time_of_first, len(stated)) for time_of_first, stated in answers.items())
             raise TranscriptionError(
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."

@@ -22,8 +22,7 @@ from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshErro
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import initial_number
 
-from .building import within
-from .declarations import Bounds, Duration, Start, check_bounds
+from .declarations import Bounds, Duration, Start, check_bounds, within
 from .record import PhaseRecord
 
 
@@ -133,7 +132,7 @@ def real_grid(block: Any, record: PhaseRecord) -> Grid:
     if not record.normalised:
         return record.grid
     boundaries = (value(real_time(block, record, tau)) for tau in record.grid.mesh.boundaries)
-    return Grid(record.grid.scheme, Mesh(tuple(float(each) for each in boundaries)))
+    return Grid(record.grid.scheme, Mesh(tuple(float(boundary) for boundary in boundaries)))
 
 
 def horizon_fraction(phase: Any) -> Callable[[float], float]:

@@ -18,8 +18,7 @@ from pyrobocop_pyomo.numerics import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
-from .building import within
-from .declarations import Parameter, State
+from .declarations import Parameter, State, within
 from .horizon import horizon_fraction, real_grid
 from .phase_values import PhaseValues
 from .record import PhaseRecord
@@ -42,8 +41,8 @@ def set_guesses(block: Any, record: PhaseRecord, guesses: Mapping[Any, InitialGu
             f"phase '{block.name}': an initial guess is given twice, by name and by variable. Give it once."
         )
     values = {name: guess_values(block, record, name, guess) for name, guess in named.items()}
-    for each in values.values():
-        _assign(each)
+    for assigned in values.values():
+        _assign(assigned)
     for name in record.names_of_states:
         if name in named and name in record.kept_derivatives and f"{name}_derivative" not in named:
             _assign(_slopes(block, record, name))
@@ -135,7 +134,7 @@ def _name_of(block: Any, record: PhaseRecord, key: Any) -> str:
             )
         raise InitialGuessError(
             f"phase '{block.name}': an initial guess is given for '{name}', which it does not have; it has "
-            f"{', '.join(each for each in known if block.component(each) is not None) or 'nothing'}."
+            f"{', '.join(known_name for known_name in known if block.component(known_name) is not None) or 'nothing'}."
         )
     return name
 

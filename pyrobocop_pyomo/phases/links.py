@@ -14,11 +14,9 @@ from pyrobocop_pyomo.errors import LinkError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 
-from .continuing import listed, omitted_states, shared_parameter, states_given, states_of_both
-from .jumps import sort_jump
+from .link_states import PhaseEnd, listed, omitted_states, shared_parameter, sort_jump, states_given, states_of_both
 from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData
-from .phase_end import PhaseEnd
 
 
 @dataclass
@@ -98,7 +96,7 @@ class LinkData(BuiltBlockData):
             self._add(self.jump, name, expression, getattr(post, name))
         for label, relation in relations.rows.items():
             self.jump.add(label, relation)
-        names = [shared_parameter(*joined, each) for each in parameters]
+        names = [shared_parameter(*joined, parameter) for parameter in parameters]
         self.shared = Constraint(names)
         for name in names:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))

@@ -65,7 +65,7 @@ def label_measurements(
         raise DeclarationError(f"{what}: measurements have times that are numbers; give the phase a fixed duration.")
     times, series = _read(data, what)
     names = list(series) if outputs is None else list(outputs)
-    known = [name for name, each in phase.record.declarations.items() if not isinstance(each, Parameter)]
+    known = [name for name, declaration in phase.record.declarations.items() if not isinstance(declaration, Parameter)]
     for name in names:
         if name not in known or name not in series:
             raise DeclarationError(
@@ -119,7 +119,7 @@ def _at(phase: Any, name: str, time: float) -> Any:
 def _read(data: Any, what: str) -> tuple[Array, dict[str, Array]]:
     try:
         if isinstance(data, Mapping):
-            series = {name: np.asarray(each, dtype=float) for name, each in data.items()}
+            series = {name: np.asarray(samples, dtype=float) for name, samples in data.items()}
             times = series.pop("time")
         else:  # a data frame, without asking pandas what that is
             times = np.asarray(data.index, dtype=float)
@@ -131,8 +131,8 @@ def _read(data: Any, what: str) -> tuple[Array, dict[str, Array]]:
             f"{what}: measurements are a data frame with times as index, or a mapping of names to numbers with the key "
             f"'time' ({error})."
         ) from None
-    for name, each in (("time", times), *series.items()):
-        if each.shape != (len(times),) or not np.isfinite(each).all():
+    for name, samples in (("time", times), *series.items()):
+        if samples.shape != (len(times),) or not np.isfinite(samples).all():
             raise DeclarationError(f"{what}: the data of '{name}' are not {len(times)} finite numbers.")
     if len(np.unique(times)) != len(times):
         raise DeclarationError(f"{what}: the data have a time twice; give repeated measurements as experiments.")

@@ -45,7 +45,7 @@ class PhaseInterface(DynamicModelInterface):
         # A piecewise linear control is an expression at each point: it can be read, and loaded at its knots.
         self._dae_expr = [Reference(block.component(name)[:], ctype=Expression) for name in linear]
         self._dae_vars = [Reference(block.component(name)[:], ctype=Var) for name in names]
-        self._scalar_var_cuids = [ComponentUID(each, context=self.model) for each in scalars]
+        self._scalar_var_cuids = [ComponentUID(scalar, context=self.model) for scalar in scalars]
         self._dae_var_cuids = [ComponentUID(f"{block.name}.{name}[*]") for name in names]
         self._dae_expr_cuids = [ComponentUID(f"{block.name}.{name}[*]") for name in linear]
         keys = [*self._dae_var_cuids, *self._dae_expr_cuids]

@@ -105,7 +105,7 @@ class PhaseActions:
         Notes
         -----
         Parameters and the duration are as the phase holds them. Bounds, path constraints and complementarity have no
-        say. Algebraics are found where residual equations determine all of them, and held at the phase's values where
+        say. Algebraics are found where residual equations determine all of them, and keep the phase's values where
         there are no such equations; in between, those that pairs determine have to be given.
         """
         options = SimulationOptions(method=method, rtol=rtol, atol=atol)

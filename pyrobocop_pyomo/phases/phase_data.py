@@ -16,8 +16,6 @@ from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
 
-from .consistency import check_phase
-from .controls import control_rate
 from .declarations import Bounds, Control, Declaration, Duration
 from .equations import (
     add_complementarity,
@@ -32,7 +30,8 @@ from .horizon import add_horizon, check_horizon, make_mesh, quadrature_weights, 
 from .phase_actions import PhaseActions
 from .phase_values import PhaseValues
 from .record import PhaseRecord, Statement
-from .variables import add_variables
+from .structure import check_phase
+from .variables import add_variables, control_rate
 from .verification import Verification, verify
 
 

@@ -74,7 +74,7 @@ class PhaseValues:
             From the time indices of the phase to the times of the trajectory.
         """
         # Between schemes, rates of the polynomial through the new nodes would be less exact than the trajectory's own.
-        rates = replace(trajectory, states={}, signals=trajectory.rates, linear={})
+        rates = replace(trajectory, states={}, signals=trajectory.rates, piecewise_linear={})
         answers: dict[Any, dict[str, Array]] = {}
         found = {}
         for name, nodes in self.nodes.items():
@@ -141,7 +141,15 @@ def make_trajectory(
         if whole and isinstance(of, KnotNodes)
     }
     constant = frozenset(name for name, of in nodes.items() if isinstance(of, IntervalNodes))
-    return Trajectory(name=phase.name, grid=grid, signals=signals, linear=linear, held=constant, phase=phase, **facts)
+    return Trajectory(
+        name=phase.name,
+        grid=grid,
+        signals=signals,
+        piecewise_linear=linear,
+        piecewise_constant=constant,
+        phase=phase,
+        **facts,
+    )
 
 
 def read_values(

@@ -21,8 +21,7 @@ from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Parameter
-from .record import PhaseRecord, Statement
-from .rule_results import labelled_rows
+from .record import PhaseRecord, Statement, labelled_rows
 
 
 class PointModel(Signals):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
+
+from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
@@ -108,8 +110,32 @@ class PhaseRecord:
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""
         duplicate = copy.copy(self)
-        for each in fields(self):
-            value = getattr(self, each.name)
+        for attribute in fields(self):
+            value = getattr(self, attribute.name)
             if isinstance(value, (dict, list, set)):
-                setattr(duplicate, each.name, copy.copy(value))
+                setattr(duplicate, attribute.name, copy.copy(value))
         return duplicate
+
+
+def labelled_rows(kind: str, answer: Any) -> dict[Hashable, Any]:
+    """The rows of an answer by label; the label is None where there is just one.
+
+    Parameters
+    ----------
+    kind : {"residual", "constraint", "complementarity"}
+        What the rule states. It decides what a tuple is: one pair in a complementarity, Pyomo's
+        ``(lower, body, upper)`` in a constraint unless relations stand in it, and otherwise several rows.
+    answer : object
+        What the rule returned.
+    """
+    if isinstance(answer, Mapping):
+        return dict(answer)
+    if isinstance(answer, list) or (isinstance(answer, tuple) and not _is_one_row(kind, answer)):
+        return dict(enumerate(answer))
+    return {None: answer}
+
+
+def _is_one_row(kind: str, answer: tuple[Any, ...]) -> bool:
+    if kind == "constraint":
+        return not any(isinstance(entry, (RelationalExpression, tuple)) for entry in answer)
+    return kind == "complementarity"

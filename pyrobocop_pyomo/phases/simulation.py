@@ -1,8 +1,8 @@
 """Forward simulation: what a phase does from its initial values under given controls.
 
 Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations are
-stepped with the rows of the scheme itself (`implicit_steps`). Bounds, path constraints and complementarity have no say:
-a simulation follows the equations.
+stepped with the rows of the scheme itself (`element_integration`). Bounds, path constraints and
+complementarity are ignored.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, Trajecto
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess
+from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
+from .element_integration import Unknowns, find_unknowns, step_element, step_start
 from .horizon import real_grid
-from .implicit_steps import step_element, step_start
-from .phase_values import make_trajectory
+from .phase_values import make_trajectory, read_values
 from .point_model import PointEquations
 from .record import PhaseRecord
-from .simulation_inputs import Unknowns, find_unknowns, given_values, initial_states
 
 Array = NDArray[np.float64]
 
 # What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
 _NO_VALUE = (ArithmeticError, ValueError)
+
+_WHAT_IS_MISSING = "has no value to simulate with. Give it in the call, or an initial guess."
 
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
@@ -120,11 +121,11 @@ class _Run:
         scheme, names = self.record.grid.scheme, self.record.names_of_states
         first, last = self.record.grid.mesh.boundaries[i : i + 2]
         width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
-        given = {name: each[i] for name, each in self.signals.items()}
+        given = {name: per_stage[i] for name, per_stage in self.signals.items()}
 
         def slope(local: float, state: Array) -> Array:
             weights = scheme.stage_polynomial_at([local])[0]
-            values = {name: float(weights @ each) for name, each in given.items()}
+            values = {name: float(weights @ stages) for name, stages in given.items()}
             values |= dict(zip(names, state.tolist(), strict=True))
             answer = self.equations.rates(first + local * (last - first), values)
             return width * np.array([answer[name] for name in names])
@@ -149,8 +150,11 @@ class _Run:
         start = dict(zip(names, self.start.tolist(), strict=True))
         shared = self.record.grid.elements_share_points and i > 0
         if shared:
-            for each in (*(self.rates[name] for name in names), *(self.signals[n] for n in self.unknowns.algebraics)):
-                each[i, 0] = each[i - 1, -1]
+            for per_stage in (
+                *(self.rates[name] for name in names),
+                *(self.signals[n] for n in self.unknowns.algebraics),
+            ):
+                per_stage[i, 0] = per_stage[i - 1, -1]
         arguments = self.record.grid.stage_times[i], self.signals, self.rates, i, self.unknowns
         if scheme.starts_on_a_stage and not shared:
             residual = step_start(self.equations, *arguments, start, self._near(i))
@@ -174,8 +178,8 @@ class _Run:
         return near
 
     def _take(self, i: int, nodes: Mapping[str, Array], ends: Array) -> None:
-        for name, each in nodes.items():
-            self.states[name][i] = each
+        for name, numbers in nodes.items():
+            self.states[name][i] = numbers
         self.start = self.ends[i] = np.asarray(ends)
 
     def _fill_rates(self, i: int) -> None:
@@ -183,7 +187,7 @@ class _Run:
         first = 0 if scheme.starts_on_a_stage else 1
         for k, time in enumerate(self.record.grid.stage_times[i]):
             values = {name: float(self.states[name][i, first + k]) for name in names}
-            values |= {name: float(each[i, k]) for name, each in self.signals.items()}
+            values |= {name: float(per_stage[i, k]) for name, per_stage in self.signals.items()}
             for name, rate in self.equations.rates(time, values).items():
                 self.rates[name][i, k] = rate
 
@@ -205,7 +209,7 @@ class _Run:
             signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
             parameters=self.equations.parameters,
             pairs={},
-            rates={name: self._at_points(grid, each) for name, each in self.rates.items()},
+            rates={name: self._at_points(grid, per_stage) for name, per_stage in self.rates.items()},
             knot_values=self.given,
         )
 
@@ -215,3 +219,51 @@ class _Run:
         for times, values in zip(grid.stage_times, per_stage, strict=False):
             at |= dict(zip(times, values.tolist(), strict=True))
         return np.array([at[t] for t in grid.points])
+
+
+def given_values(
+    block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess], unknowns: Unknowns
+) -> dict[str, Array]:
+    """Values over its nodes of everything that is not to be found: as given, or as the phase has them.
+
+    Raises
+    ------
+    InitialGuessError
+        When a value has the wrong length, is missing or is not finite.
+    """
+    values = {}
+    for name in unknowns.order:
+        if name not in unknowns.algebraics:
+            nodes = record.nodes(name)
+            if name in given:
+                values[name] = nodes.from_guess(given[name], f"phase '{block.name}': '{name}'")
+            else:
+                values[name] = read_values(nodes.variables(block), InitialGuessError, _WHAT_IS_MISSING)
+    return values
+
+
+def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) -> Array:
+    """Where the states start: as given, or as the phase holds them.
+
+    Raises
+    ------
+    InitialGuessError
+        When a name is no state or a value no finite number.
+    """
+    names = record.names_of_states
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        raise InitialGuessError(
+            f"phase '{block.name}': an initial value is given for '{unknown[0]}'; its states are "
+            f"{', '.join(names) or 'none'}."
+        )
+    first = record.grid.times[0]
+    return np.array(
+        [
+            initial_number(given[name], f"phase '{block.name}': initial value of '{name}'")
+            if name in given
+            else float(read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0])
+            for name in names
+        ],
+        dtype=float,
+    )

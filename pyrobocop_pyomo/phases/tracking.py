@@ -31,7 +31,7 @@ def _function(block: Any, record: PhaseRecord, name: str, reference: Any, what: 
     if isinstance(reference, Trajectory):
         if name not in reference.names:
             raise DeclarationError(f"{what}: trajectory '{reference.name}' has no '{name}'.")
-        first, last = (float(each) for each in reference.time[[0, -1]])
+        first, last = (float(time) for time in reference.time[[0, -1]])
         asked: Callable[[Any], Any] = lambda t: reference(t)[name]  # noqa: E731
     elif callable(reference):
         return reference
@@ -56,7 +56,7 @@ def _function(block: Any, record: PhaseRecord, name: str, reference: Any, what: 
 
 def _samples(reference: Any, what: str) -> tuple[Any, Any]:
     try:
-        times, values = (np.asarray(each, dtype=float) for each in reference)
+        times, values = (np.asarray(numbers, dtype=float) for numbers in reference)
     except (TypeError, ValueError) as error:
         raise DeclarationError(
             f"{what}: the reference is no number, function, trajectory or pair (times, values) of numbers ({error})."

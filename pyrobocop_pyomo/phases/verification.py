@@ -17,10 +17,9 @@ from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
+from .element_integration import integrate_elements, integrate_horizon
 from .point_model import PointModel
-from .record import PhaseRecord, Statement
-from .reintegration import integrate_elements, integrate_horizon
-from .rule_results import labelled_rows
+from .record import PhaseRecord, Statement, labelled_rows
 
 Array = NDArray[np.float64]
 
@@ -174,11 +173,11 @@ class _Judge:
     def at_collocation_points(self) -> tuple[float, float, float, float]:
         equations = natural = product = 0.0
         stated = {name: np.full_like(slopes, np.nan) for name, slopes in self.slopes.items()}
-        stage_states = {name: self._at_stages(each) for name, each in self.states.items()}
+        stage_states = {name: self._at_stages(at_nodes) for name, at_nodes in self.states.items()}
         for i, times in enumerate(self.indices.stage_times):
             for k, time in enumerate(times):
-                values = {name: each[i, k] for name, each in (stage_states | self.signals).items()}
-                slope = {name: float(each[i, k]) for name, each in self.slopes.items()}
+                values = {name: per_stage[i, k] for name, per_stage in (stage_states | self.signals).items()}
+                slope = {name: float(per_stage[i, k]) for name, per_stage in self.slopes.items()}
                 self.point.set_values(values, slope)
                 self.point.set_bounds(time)
                 for name, rate in self.point.rates(self.record.statements_of("ode"), time).items():
@@ -202,7 +201,7 @@ class _Judge:
         statements = self.record.statements_of("constraint at boundaries")
         position = {time: i for i, time in enumerate(self.indices.times)}
         for time in self.indices.mesh.boundaries if statements else ():
-            self.point.set_values({name: each[position[time]] for name, each in self.trajectory.states.items()})
+            self.point.set_values({name: samples[position[time]] for name, samples in self.trajectory.states.items()})
             for statement in statements:
                 for row in labelled_rows("constraint", self.point.result_of(statement, time)).values():
                     worst = max(worst, relation_violation(row))
@@ -288,8 +287,8 @@ class _Judge:
             weights = scheme.stage_polynomial_at([local])[0]
             values: Mapping[str, float] = {
                 **dict(zip(names, state, strict=True)),
-                **{name: weights @ each[element] for name, each in self.signals.items()},
-                **{name: np.interp(time, *knots) for name, knots in self.trajectory.linear.items()},
+                **{name: weights @ per_stage[element] for name, per_stage in self.signals.items()},
+                **{name: np.interp(time, *knots) for name, knots in self.trajectory.piecewise_linear.items()},
             }
             self.point.set_values(values)
             self.point.forget_derivatives()

@@ -169,8 +169,6 @@ class Iterate:
         Fills the user's suffixes with its multipliers.
     classify : callable
         Looks for the multipliers of the pairs; None where there are none to be found.
-    outdone : bool
-        Whether its strategy has left another local solution for it: there are several then.
     """
 
     label: str
@@ -194,7 +192,6 @@ class Iterate:
     multipliers: Any = field(default=None, repr=False)
     load_suffixes: Callable[[], None] = field(default=_nothing_to_load, repr=False)
     classify: Callable[[], Multipliers | None] = field(default=_nothing_to_classify, repr=False)
-    outdone: bool = False
 
     @classmethod
     def of_run(cls, label: str, status: IpoptStatus, **facts: Any) -> Iterate:

@@ -15,9 +15,10 @@ from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, Limits
-from pyrobocop_pyomo.mpcc.branch import restricted
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, ExploredBranches, Limits
+from pyrobocop_pyomo.mpcc.branch import nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
+from pyrobocop_pyomo.mpcc.mixed_integer import prepare
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -50,14 +51,14 @@ class Exploration:
         When the solve started, on the clock `time.perf_counter`.
     seconds : float
         Elapsed in exploring.
-    tried : set
-        Keys of branches that need not be tried again.
+    branches : ExploredBranches
+        What need not be tried again.
     """
 
     factor: float
     started: float
     seconds: float = 0.0
-    tried: set[bytes] = field(default_factory=set)
+    branches: ExploredBranches = field(default_factory=ExploredBranches)
 
     def budget(self, pairs: int) -> float:
         """Seconds that may be spent from now on in a problem with so many pairs."""
@@ -78,8 +79,6 @@ class Polish:
     log : IterateLog
     values : VariableValues
         The user's variables.
-    sign : float
-        1 where the objective is minimised, -1 where it is maximised.
     exploration : Exploration
 
     Attributes
@@ -95,11 +94,10 @@ class Polish:
         compiled: CompiledModel,
         log: IterateLog,
         values: VariableValues,
-        sign: float,
         exploration: Exploration,
     ) -> None:
         self._settings, self._compiled, self._log = settings, compiled, log
-        self._values, self._sign, self._exploration = values, sign, exploration
+        self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
         self._program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
@@ -142,18 +140,37 @@ class Polish:
         found = self._search.project(start)
         return self._better(iterate, self._examined(replace(iterate, strategy="projection"), found, start))
 
+    def explore(self, iterate: Iterate) -> Iterate:
+        """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
+        prepare()
+        budget = self._exploration.budget(self._program.pairs)
+        deadline = self._settings.deadline.within(budget)
+        if deadline.has_passed:
+            return iterate
+        self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
+        started = time.perf_counter()
+        x = self._compiled.current_point()
+        start = BranchPoint.at(self._program, PrimalDualPoint(x), nearest_branch(self._program, x))
+        try:
+            found = self._search.explore(start, self._exploration.branches, deadline)
+            self._add_linear_programs("explore", found)
+        finally:
+            self._exploration.seconds += time.perf_counter() - started
+        return iterate if found is start else self._examined(iterate, found, start)
+
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
-        """A polish that failed must not cost the point that it started from."""
-        return before if before.is_better_than(after, self._settings.tolerances, self._sign) else after
+        """A polish that failed must not cost the point that it started from.
+
+        Products of a relaxed point flatter its objective, so that does not decide; and where another branch descends
+        from the polished point, it does from the point before, too.
+        """
+        shown = {Quality.INFEASIBLE: 0, Quality.FEASIBLE: 1, Quality.OPTIMAL: 2}
+        ranks = [shown[iterate.quality(self._settings.tolerances)] for iterate in (before, after)]
+        return before if ranks[0] > ranks[1] and after.certificate is not Certificate.DESCENT else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
         best, certificate = self._certified(found)
-        if certificate is Certificate.PROVEN and best.branch is not None:
-            explored = self._explored(best)
-            if explored is not best:
-                best, certificate = self._certified(explored)
-                iterate = replace(iterate, outdone=True)
         if best is not start:
             iterate = self._at(best, iterate.strategy)
         iterate = replace(
@@ -176,19 +193,6 @@ class Polish:
         descended = self._search.descend(found)
         self._add_linear_programs("certificate", descended)
         return descended, self._search.certificate
-
-    def _explored(self, best: BranchPoint) -> BranchPoint:
-        """Look for a better optimum beyond the nearest, in the time that this may take."""
-        budget = self._exploration.budget(self._program.pairs)
-        deadline = self._settings.deadline.within(budget)
-        if deadline.has_passed:
-            return best
-        self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
-        started = time.perf_counter()
-        explored = self._search.explore(best, self._exploration.tried, deadline)
-        self._add_linear_programs("explore", explored)
-        self._exploration.seconds += time.perf_counter() - started
-        return explored
 
     def _classified(self, found: BranchPoint) -> Multipliers | None:
         """Multipliers of the strongest kind at a point; None where it is not met, or there was no time."""

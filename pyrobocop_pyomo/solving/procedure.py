@@ -88,11 +88,14 @@ class _Procedure:
         sequence = DEFAULT_SEQUENCE if self._settings.strategies is None else self._settings.strategies
         with self._stack:
             for strategy in sequence:
+                if strategy is not TIGHT:
+                    self._explore()
                 if self._best is not None and not self._needs(strategy):
                     continue
                 self._try(strategy)
                 if self._cut is not None or (self._place is not None and not self._place.relaxed.pairs):
                     break
+            self._explore()
             if self._best is not None and self._cut is not StopReason.INTERRUPTED:
                 self._classify(self._best)
         best = self._best
@@ -125,10 +128,13 @@ class _Procedure:
                 raise
             logger.warning("'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
             return
-        if iterate is None:
-            return
-        if iterate.stop_reason.is_final and self._cut is None:
-            self._cut = iterate.stop_reason
+        if iterate is not None:
+            if iterate.stop_reason.is_final and self._cut is None:
+                self._cut = iterate.stop_reason
+            self._keep(iterate)
+
+    def _keep(self, iterate: Iterate) -> None:
+        """Remember what was found, and whether it is the best."""
         self._found.append(iterate)
         if self._best is None or self._is_better(iterate, self._best):
             logger.info("'%s': strategy '%s' has the best point so far", self._model.name, iterate.strategy)
@@ -216,6 +222,26 @@ class _Procedure:
         finally:
             self._note_interruption(polish)
 
+    def _explore(self) -> None:
+        """Look for better optima beyond the best point, if that is certified and there is time for it."""
+        best, place = self._best, self._place
+        if best is None or place is None or self._cut is not None or best.certificate is not Certificate.PROVEN:
+            return
+        try:
+            polish, _ = self._polish(place)
+            if polish is None:
+                return
+            self._values.write(best.values)
+            place.relaxed.start_lifted()
+            explored = polish.explore(best)
+            self._note_interruption(polish)
+            if explored is not best:
+                self._keep(explored)
+        except KeyboardInterrupt:
+            self._cut = StopReason.INTERRUPTED
+        except EvaluationError as error:
+            logger.info("'%s': exploration ends: %s", self._model.name, error)
+
     def _note_interruption(self, polish: Polish) -> None:
         if polish.interrupted:
             self._cut = StopReason.INTERRUPTED
@@ -232,7 +258,7 @@ class _Procedure:
         if compiled is None:
             return None, None
         settings = replace(self._settings, options=self._options())
-        polish = Polish(settings, place.relaxed, compiled, self._log, self._values, self._check.sign, self._exploration)
+        polish = Polish(settings, place.relaxed, compiled, self._log, self._values, self._exploration)
         return polish, compiled
 
     # ---------------------------------------------------------------- where it is run
@@ -327,8 +353,6 @@ class _Procedure:
 
     def _disagree(self) -> bool:
         """Whether the strategies so far have found different solutions."""
-        if any(iterate.outdone for iterate in self._found):
-            return True
         tolerances = self._settings.tolerances
         feasible = [iterate.objective for iterate in self._found if iterate.excess(tolerances) <= 1.0]
         return len(feasible) > 1 and max(feasible) - min(feasible) > 1e-4 * max(1.0, *map(abs, feasible))

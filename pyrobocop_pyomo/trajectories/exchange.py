@@ -1,9 +1,12 @@
-"""Named signals on common times: pandas frames, xarray data sets, and the time series of Pyomo's ``contrib.mpc``."""
+"""Values on common times in other forms: pandas frames, xarray data sets, time series, files."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +30,14 @@ def as_time_series(owner: str, times: Array, values: Mapping[str, Array]) -> Tim
     """Time series with a key such as ``push.theta[*]`` per signal, as ``contrib.mpc`` reads and writes them."""
     index = Set(initialize=times.tolist(), ordered=True)
     index.construct()
-    return TimeSeriesData({ComponentUID(f"{owner}.{name}[*]"): each.tolist() for name, each in values.items()}, index)
+    return TimeSeriesData(
+        {ComponentUID(f"{owner}.{name}[*]"): samples.tolist() for name, samples in values.items()}, index
+    )
 
 
 def as_data_set(times: Array, values: Mapping[str, Array], facts: Mapping[str, Any]) -> Any:
     """An xarray data set over the coordinate ``time``, with facts as its attributes."""
-    variables = {name: ("time", each) for name, each in values.items()}
+    variables = {name: ("time", samples) for name, samples in values.items()}
     return xarray.Dataset(variables, coords={"time": times}, attrs=dict(facts))
 
 
@@ -63,7 +68,7 @@ def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
         "states": {name: values[name] for name in like.states},
         "signals": {name: values[name][positions] for name in like.signals},
         "parameters": like.parameters,
-        "held": like.held,
+        "piecewise_constant": like.piecewise_constant,
         "phase": like.phase,
     }
 
@@ -94,3 +99,48 @@ def _read(series: Any) -> tuple[str, Array, dict[str, Array]]:
             "of one phase. Use series.extract_variables(...) first."
         )
     return owners.pop(), times, values
+
+
+_FORMAT = 1
+
+
+def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[str, Mapping[str, Array]]) -> Path:
+    """Write groups of named arrays; the suffix ``.npz`` is added where it is missing.
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    path = Path(path)
+    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    # Names travel in the facts: a pair's name holds characters that an archive member should not.
+    header = {"format": _FORMAT, "facts": dict(facts), "names": {group: list(named) for group, named in groups.items()}}
+    arrays = {f"{group}_{i}": values for group, named in groups.items() for i, values in enumerate(named.values())}
+    members: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
+    np.savez_compressed(path, **members)
+    return path
+
+
+def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, Array]]]:
+    """Read what `write_archive` wrote: the facts and the groups.
+
+    Raises
+    ------
+    TrajectoryError
+        When the file is not there or holds something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(str(archive["header"]))
+            written_in = header["format"]
+            if written_in == _FORMAT:
+                groups = {
+                    group: {name: archive[f"{group}_{i}"] for i, name in enumerate(names)}
+                    for group, names in header["names"].items()
+                }
+                return header["facts"], groups
+    # An array file is no context manager (in Python 3.10 an AttributeError), a list no dict. An empty file: EOFError.
+    except (AttributeError, OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
+        raise TrajectoryError(f"{path}: no trajectory can be read from it ({error}).") from error
+    raise TrajectoryError(f"{path}: written in format {written_in}; this version reads format {_FORMAT}.")

@@ -103,9 +103,9 @@ class JoinedTrajectory:
         position = np.searchsorted(self.boundaries, times, side="right" if after else "left")
         part = np.clip(position - 1, 0, len(self.parts) - 1)
         values = {name: np.full(times.shape, np.nan) for name in self.names}
-        for i, each in enumerate(self.parts):
+        for i, trajectory in enumerate(self.parts):
             if (part == i).any():
-                for name, found in each(times[part == i]).items():
+                for name, found in trajectory(times[part == i]).items():
                     values[name][part == i] = found
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
@@ -177,8 +177,8 @@ def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:
         When there are none.
     """
     joined: list[Trajectory] = []
-    for each in parts:
-        part = each if isinstance(each, Trajectory) else each.trajectory()
+    for given in parts:
+        part = given if isinstance(given, Trajectory) else given.trajectory()
         joined.append(_moved(part, joined[-1].grid.mesh.boundaries[-1]) if joined else part)
     if not joined:
         raise TrajectoryError("no trajectories to join; give the phases in their order.")
@@ -202,6 +202,7 @@ def _moved(part: Trajectory, start: float) -> Trajectory:
         return part
     mesh = Mesh(tuple(start + (boundary - boundaries[0]) for boundary in boundaries))
     linear = {
-        name: np.array([start + (times - boundaries[0]), values]) for name, (times, values) in part.linear.items()
+        name: np.array([start + (times - boundaries[0]), values])
+        for name, (times, values) in part.piecewise_linear.items()
     }
-    return replace(part, grid=Grid(part.grid.scheme, mesh), linear=linear)
+    return replace(part, grid=Grid(part.grid.scheme, mesh), piecewise_linear=linear)

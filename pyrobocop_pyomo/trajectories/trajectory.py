@@ -15,8 +15,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
 
-from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series
-from .storage import read_archive, write_archive
+from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
 
 Array = NDArray[np.float64]
 
@@ -37,9 +36,9 @@ class Trajectory:
         Algebraics and controls, at the collocation points.
     rates : dict of name to array, shape (len(points),)
         Derivatives of the states at the collocation points; may be empty.
-    linear : dict of name to array, shape (2, knots)
+    piecewise_linear : dict of name to array, shape (2, knots)
         Times and values of the controls that are linear between knots.
-    held : frozenset of str
+    piecewise_constant : frozenset of str
         Those of the signals that are constant over each element.
     parameters : dict of name to float
         Values that do not change in time.
@@ -60,8 +59,8 @@ class Trajectory:
     parameters: Mapping[str, float]
     pairs: Mapping[str, Array]
     rates: Mapping[str, Array] = field(default_factory=dict)
-    linear: Mapping[str, Array] = field(default_factory=dict)
-    held: frozenset[str] = frozenset()
+    piecewise_linear: Mapping[str, Array] = field(default_factory=dict)
+    piecewise_constant: frozenset[str] = frozenset()
     phase: Any = field(default=None, repr=False)
 
     def __getattr__(self, name: str) -> Any:
@@ -94,7 +93,11 @@ class Trajectory:
     @property
     def stepwise(self) -> set[str]:
         """Names of the signals whose polynomial has degree zero: it jumps at element ends, and is drawn as a step."""
-        return set(self.held) if self.grid.scheme.stages > 1 else set(self.signals) - set(self.linear)
+        return (
+            set(self.piecewise_constant)
+            if self.grid.scheme.stages > 1
+            else set(self.signals) - set(self.piecewise_linear)
+        )
 
     def __call__(self, t: ArrayLike) -> dict[str, Any]:
         """Values of every state, algebraic and control at given times.
@@ -132,7 +135,7 @@ class Trajectory:
         stage_weights = self.grid.scheme.stage_polynomial_at(local)
         values = {name: self._interpolate_state(name, element, local) for name in self.states}
         values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
-        values |= {name: np.interp(times, *knots) for name, knots in self.linear.items()}
+        values |= {name: np.interp(times, *knots) for name, knots in self.piecewise_linear.items()}
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
     def _interpolate_state(self, name: str, element: NDArray[np.int64], local: Array) -> Array:
@@ -264,11 +267,11 @@ class Trajectory:
             "name": self.name,
             "scheme": self.grid.scheme.name,
             "parameters": dict(self.parameters),
-            "held": sorted(self.held),
+            "piecewise_constant": sorted(self.piecewise_constant),
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
-        groups = {name: getattr(self, name) for name in ("states", "signals", "pairs", "rates", "linear")}
+        groups = {name: getattr(self, name) for name in ("states", "signals", "pairs", "rates", "piecewise_linear")}
         return write_archive(path, facts, {"grid": grid, **groups})
 
     @classmethod
@@ -288,7 +291,7 @@ class Trajectory:
                 name=facts["name"],
                 grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
                 parameters=facts["parameters"],
-                held=frozenset(facts["held"]),
+                piecewise_constant=frozenset(facts["piecewise_constant"]),
                 **groups,
             )
         except (KeyError, TypeError) as error:

@@ -1,8 +1,7 @@
 """Builders of variables' guesses, collocation rows and quadrature on a grid, for any Pyomo block."""
 
-from .collocation_rows import collocation_rows, continuity_rows
+from .collocation_rows import collocation_rows, continuity_rows, quadrature
 from .initial_guesses import InitialGuess, initial_number, initial_stage_values, initial_state_values, initial_values_at
-from .quadrature import quadrature
 
 __all__ = [
     "InitialGuess",

@@ -13,11 +13,12 @@ A[k, j] f_j`` would hold it up to ``s`` times.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numeric_expr import MonomialTermExpression, SumExpression
+from pyomo.core.util import quicksum
 
 from pyrobocop_pyomo.numerics import Grid
 
@@ -71,3 +72,19 @@ def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[fl
         end = grid.mesh.boundaries[i + 1]
         variables = [state[end], *(state[time] for time in nodes)]
         yield end, (LinearExpression(linear_vars=variables, linear_coefs=coefficients), 0)
+
+
+def quadrature(integrand: Callable[[float], Any], weights: Mapping[float, Any]) -> Any:
+    """``sum_t weights[t] * integrand(t)`` as a Pyomo expression (or a number).
+
+    With the weights ``h_i b_k`` that the collocation equations imply, the value has the order of the scheme: it
+    equals what an additional state ``xdot = integrand`` would have gained at the end.
+
+    Parameters
+    ----------
+    integrand : callable
+        Collocation point -> expression or number.
+    weights : mapping of collocation point to number or expression
+        ``Grid.quadrature_weights``, or expressions where element widths are variables.
+    """
+    return quicksum(weight * integrand(time) for time, weight in weights.items())

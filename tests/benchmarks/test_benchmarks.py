@@ -66,7 +66,7 @@ def test_models_of_pyomo_dae_are_more_accurate_and_leave_nothing_free() -> None:
 
 def test_growth_is_about_linear_and_a_phase_costs_less_than_pyomo_dae() -> None:
     lines = [line for line in run_quick("growth").splitlines() if line.startswith(("phase", "pyomo.dae"))]
-    rows = {(line[:14].strip(), int(line[14:].split()[0])): line[14:].split() for line in lines}
+    rows = {(line[:18].strip(), int(line[18:].split()[0])): line[18:].split() for line in lines}
     assert set(rows) == {(way, n) for way in ("phase, vectorised", "phase, ASL", "pyomo.dae") for n in (50, 200)}
     assert float(rows["phase, vectorised", 200][1]) < float(rows["pyomo.dae", 200][1])
 

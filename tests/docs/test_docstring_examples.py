@@ -25,7 +25,7 @@ def modules_with_examples() -> list[Any]:
 def module_parameter(path: Path) -> Any:
     name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     solves = re.search(r"^ +(>>>|\.\.\.) .*solve\w*\(", path.read_text(encoding="utf-8"), re.MULTILINE)
-    return pytest.param(name, marks=[pytest.mark.ipopt] if solves else [])
+    return pytest.param(name, marks=[pytest.mark.casadi] if solves else [])
 
 
 @pytest.mark.parametrize("name", modules_with_examples())

@@ -119,7 +119,7 @@ def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
         solve(m, 1e-10)
     force = held.cart.trajectory().element_signals("force")
     assert (force == force[:, :1]).all()
-    assert held.cart.trajectory().held == {"force"}
+    assert held.cart.trajectory().piecewise_constant == {"force"}
     assert pyo.value(held.effort) > pyo.value(collocated.effort) + 1e-4
 
 

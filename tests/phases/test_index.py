@@ -73,6 +73,7 @@ def test_a_higher_index_is_refused_with_the_equation_and_the_unknown(constraint:
     assert "allow_higher_index=True" in message
 
 
+@pytest.mark.ipopt
 def test_solve_refuses_it_as_well_before_anything_is_solved() -> None:
     m = pendulum(position)
     with pytest.raises(TranscriptionError, match="index is higher than 1"):

@@ -84,7 +84,7 @@ def test_what_does_not_fit_is_refused() -> None:
 def test_a_trajectory_becomes_a_series_and_a_trajectory_again(scheme: Any, duration: Any) -> None:
     before = cart(duration=duration, scheme=scheme).trajectory()
     after = rcp.Trajectory.from_time_series(before.to_time_series(), like=before)
-    assert (after.name, after.parameters, after.held) == ("cart", {"k": 3.0}, frozenset())
+    assert (after.name, after.parameters, after.piecewise_constant) == ("cart", {"k": 3.0}, frozenset())
     np.testing.assert_allclose(after.x, before.x, atol=1e-14)
     np.testing.assert_allclose(after.u, before.u, atol=1e-14)
 

@@ -123,7 +123,7 @@ def test_held_controls_and_phases_without_states() -> None:
 
     b.residual(cube)
     trajectory = b.simulate({"u": [8.0, 27.0]})
-    assert trajectory.held == {"u"}
+    assert trajectory.piecewise_constant == {"u"}
     np.testing.assert_allclose(trajectory.f, [2.0] * 3 + [3.0] * 3, atol=1e-8)
     assert trajectory.verify().equations < 1e-7
 

@@ -58,6 +58,7 @@ def test_a_region_that_is_left_between_the_points_is_no_plan() -> None:
         result.raise_for_status()
 
 
+@pytest.mark.ipopt
 def test_a_fixed_pose_outside_is_refused_with_what_is_missing() -> None:
     m = turning_over_a_floor(ceiling=0.25)
     with pytest.raises(rcp.errors.ObstacleError, match=r"'turn.inside': at [01].0, .* is 0.05 beyond side 2"):
@@ -77,6 +78,7 @@ def test_margins_of_the_best_round_are_left_on_the_model() -> None:
     assert again.safe
 
 
+@pytest.mark.ipopt
 def test_a_pose_that_cannot_be_followed_is_refused_before_the_solve() -> None:
     m = turning_over_a_floor()
     b = m.turn

@@ -76,7 +76,7 @@ def test_values_are_read_by_name() -> None:
     assert trajectory.x is trajectory.states["x"]
     assert trajectory.u is trajectory.signals["u"]
     assert trajectory.k == 0.1
-    assert trajectory.held == {"held"}
+    assert trajectory.piecewise_constant == {"held"}
     assert (trajectory.time[0], trajectory.time[-1], trajectory.duration) == (1, 3, 2)
     assert isinstance(trajectory(1.5)["x"], float)
     assert trajectory([1.5])["x"].shape == (1,)
@@ -129,7 +129,11 @@ def test_save_and_load_keep_every_bit(scheme: Any, tmp_path: Path) -> None:
         assert list(getattr(after, group)) == list(getattr(before, group))
         for name, values in getattr(before, group).items():
             assert getattr(after, group)[name].tobytes() == values.tobytes()
-    assert (after.name, after.parameters, after.held) == (before.name, before.parameters, before.held)
+    assert (after.name, after.parameters, after.piecewise_constant) == (
+        before.name,
+        before.parameters,
+        before.piecewise_constant,
+    )
     assert after(1.234) == before(1.234)
 
 

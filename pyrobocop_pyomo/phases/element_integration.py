@@ -1,27 +1,82 @@
-"""One element of an implicit simulation: the rows of the scheme and the residual equations, solved by SciPy.
+"""One element integrated: explicit equations by SciPy, implicit and algebraic ones by the rows of the scheme.
 
-The unknowns of an element are the states at its nodes, and the algebraics and the slopes of implicit states at those of
-its stages that the element before does not share.
+With rows, the unknowns of an element are the states at its nodes, and the algebraics and the slopes of implicit states
+at those of its stages that the element before does not share.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 from pyrobocop_pyomo.numerics import Scheme
 from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import InitialGuess
 
+from .declarations import Algebraic, Control
 from .point_model import PointEquations
-from .simulation_inputs import Unknowns
+from .record import PhaseRecord
 
 Array = NDArray[np.float64]
+Rates = Callable[[int, float, Array], Array]
 
 # Relative to the size of the terms; hybr often stops above its own tolerance at a residual that is rounding.
 _SOLVED = 1e-9
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What the equations at a collocation point determine.
+
+    Attributes
+    ----------
+    implicit : tuple of str
+        States whose derivatives stand in residual equations.
+    algebraics : tuple of str
+        Algebraics to find.
+    order : tuple of str
+        All algebraics and controls in the order of a trajectory.
+    """
+
+    implicit: tuple[str, ...]
+    algebraics: tuple[str, ...]
+    order: tuple[str, ...]
+
+
+def find_unknowns(block: Any, record: PhaseRecord, given: Mapping[str, InitialGuess]) -> Unknowns:
+    """Tell what is to be found from what is given.
+
+    Raises
+    ------
+    InitialGuessError
+        When a name is unknown, or equations and unknowns do not match.
+    """
+    algebraics, controls = record.names(Algebraic), record.names(Control)
+    for name in given:
+        if name not in algebraics + controls:
+            raise InitialGuessError(
+                f"phase '{block.name}': '{name}' is given to a simulation, but it is neither control nor algebraic; "
+                f"these are {', '.join(controls + algebraics) or 'none'}."
+            )
+    implicit = tuple(name for name in record.names_of_states if name not in record.equation_of)
+    free = tuple(name for name in algebraics if name not in given)
+    equations = record.residuals_per_point
+    if equations == len(implicit) and free:
+        free = ()  # pairs alone determine them, or nothing: they keep their guess
+    if equations != len(implicit) + len(free):
+        raise InitialGuessError(
+            f"phase '{block.name}': a simulation has {equations} residual equations per point for "
+            f"{len(implicit) + len(free)} unknowns: {', '.join((*implicit, *free)) or 'none'}. Complementarity is not "
+            "simulated; give the algebraics that pairs determine in controls={...}, and no others."
+        )
+    return Unknowns(implicit, free, (*algebraics, *controls))
 
 
 def step_start(
@@ -105,7 +160,7 @@ def _stage(
         rates[name][i, k] = slope
     for name, number in zip(algebraics, guess[len(implicit) :].tolist(), strict=True):
         signals[name][i, k] = number
-    values = {**states, **{name: float(each[i, k]) for name, each in signals.items()}}
+    values = {**states, **{name: float(per_stage[i, k]) for name, per_stage in signals.items()}}
     slopes = {name: float(rates[name][i, k]) for name in implicit}
     explicit = equations.rates(time, values, slopes)
     for name, rate in explicit.items():
@@ -126,3 +181,45 @@ def _solve(residuals: Any, guess: Array) -> tuple[Array, float]:
         if left <= _SOLVED:
             break
     return answer.x, left if np.isfinite(left) else np.inf
+
+
+def integrate_elements(trajectory: Trajectory, rates: Rates) -> Array:
+    """Each element from its own start: differences at the ends, shape ``(N, states)``."""
+    boundaries = trajectory.grid.mesh.boundaries
+    values = _at_boundaries(trajectory)
+    ends = [_integrate(rates, i, start, end, values[i]) for i, (start, end) in enumerate(pairwise(boundaries))]
+    return np.array(ends) - values[1:]
+
+
+def integrate_horizon(trajectory: Trajectory, rates: Rates) -> Array:
+    """The whole horizon in one go: differences at element ends, shape ``(N, states)``."""
+    boundaries = trajectory.grid.mesh.boundaries
+    values = _at_boundaries(trajectory)
+    carried, ends = values[0], []
+    for i, (start, end) in enumerate(pairwise(boundaries)):
+        carried = _integrate(rates, i, start, end, carried)
+        ends.append(carried)
+    return np.array(ends) - values[1:]
+
+
+def _at_boundaries(trajectory: Trajectory) -> Array:
+    columns = [
+        [*trajectory.element_states(name)[:, 0].tolist(), float(trajectory.states[name][-1])]
+        for name in trajectory.states
+    ]
+    return np.array(columns).T
+
+
+def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array) -> Array:
+    if not np.isfinite(initial).all():
+        return np.full_like(initial, np.inf)
+    try:
+        with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
+            answer = scipy.integrate.solve_ivp(
+                lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11
+            )
+    except TrajectoryError:
+        raise  # a rule that cannot be asked says nothing about the motion
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return np.full_like(initial, np.inf)
+    return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)

@@ -1,0 +1,74 @@
+"""One word, one meaning, and the field's: retired words do not come back in public names."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+import pyrobocop_pyomo
+
+from .sources import folder_trees, nodes
+
+# What an expert in nonlinear programming, trajectory optimisation or robotics would look for -> what it replaces.
+RETIRED = {
+    "strategy, fallback sequence, run": "rung ladder climb",
+    "iterate, continuation run": "attempt",
+    "persistent, compiled": "kept_model written",
+    "backend, vectorised": "route mapped",
+    "check": "judge",
+    "chord_deviation, curvature_bound, mismatch, jump": "sag bend strays leaps",
+    "interval, taylor_form": "jet enclosure",
+    "segment, subinterval": "piece stretch stretches",
+    "rule_proxies": "stand_in",
+    "grid_path, best_first_search, car_kinematics, heuristic_weight": "ways_around outward_search rolling eagerness",
+    "penalty_term": "charge charged uncharged",
+    "deactivate": "asleep sleeping silence silenced put_to_sleep",
+}
+ADVICE = {word: better for better, words in RETIRED.items() for word in words.split()}
+# A plural counts as its singular.
+PATTERN = re.compile(rf"(?:^|_)({'|'.join(sorted(ADVICE, key=len, reverse=True))})(?:s|d)?(?=_|$)")
+
+
+def words_of(name: str) -> str:
+    """``ModeSequence`` and ``mode_sequence`` are the same words."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def public_names() -> Iterator[tuple[str, str]]:
+    """(where, name) of modules, classes, functions, methods, fields and parameters without a leading underscore."""
+    yield from (("pyrobocop_pyomo.__all__", name) for name in pyrobocop_pyomo.__all__)
+    for path, tree in folder_trees().items():
+        if any(part.startswith("_") for part in path.parts if part != "__init__.py"):
+            continue
+        yield from ((str(path), part.removesuffix(".py")) for part in path.parts)
+        yield from members(str(path), tree.body)
+
+
+def members(where: str, body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
+    """The public names that a module or a class binds, and the parameters of its functions."""
+    for node in body:
+        if isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names = [target.id for target in targets if isinstance(target, ast.Name)]
+            yield from ((f"{where}, line {node.lineno}", name) for name in names if not name.startswith("_"))
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and (
+            not node.name.startswith("_") or node.name in ("__init__", "__call__")
+        ):
+            yield f"{where}, line {node.lineno}", node.name
+            if isinstance(node, ast.ClassDef):
+                yield from members(f"{where}, {node.name}", node.body)
+            else:
+                yield from (
+                    (f"{where}, {node.name}(), line {parameter.lineno}", parameter.arg)
+                    for parameter in nodes(node.args, ast.arg)
+                )
+
+
+def test_no_retired_word_in_a_public_name() -> None:
+    offenders = [
+        f"{where}: '{name}' has '{found.group(1)}'; the field says {ADVICE[found.group(1)]}"
+        for where, name in public_names()
+        if (found := PATTERN.search(words_of(name)))
+    ]
+    assert not offenders, "\n".join(offenders)
