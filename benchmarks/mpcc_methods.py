@@ -3,8 +3,8 @@
     python benchmarks/mpcc_methods.py [--quick] [--methods WORD ...] [--problems WORD ...] [--backend ROUTE]
                                       [--time-limit SECONDS] [--details]
 
-Each problem starts from its own start values, and the point that a method leaves on the model is judged from the
-statement of the model by code that no method shares (``tests/mpcc_catalogue/judge.py``):
+Each problem starts from its own start values, and the point that a method leaves on the model is checked from the
+statement of the model by code that no method shares (``tests/mpcc_catalogue/point_check.py``):
 
 solved    violation <= 1e-6, natural residuals <= 1e-4, and the objective as good as the best known, up to
           1e-4 max(1, |best|)
@@ -13,7 +13,7 @@ feasible  as solved, whatever the objective: the rest are local optima
 false     infeasible problems that the method reports as solved
 broken    an exception instead of a point
 
-The natural residual is min(a, b), or the distance of a range from its projection. Products are shown and not judged: a
+The natural residual is min(a, b), or the distance of a range from its projection. Products are shown and not checked: a
 product of 1e-3 may be 1e5 times 1e-8, which is complementary, and one of 1e-4 may be 1e-2 times 1e-2, which is not.
 
 ``--methods`` and ``--problems`` take parts of names; problems are found by their tags as well. Methods that go through
@@ -39,7 +39,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problems
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from mpcc_catalogue.judge import Judge, Point
+from mpcc_catalogue.point_check import Point, PointCheck
 
 QUICK = ("kth3", "ralph1", "bard1", "toll road", "both at least one")
 ROUTES = ("asl", "casadi", "vectorised", "executable")
@@ -90,7 +90,7 @@ class Outcome:
 def run(problem: MpccProblem, method: Callable[..., Effort], backend: str, limit: float) -> Outcome:
     """Solve one problem by one method; an exception is part of the answer."""
     model = problem.build()
-    judge = Judge(model)
+    check = PointCheck(model)
     started = time.perf_counter()
     effort, error = None, ""
     try:
@@ -98,7 +98,7 @@ def run(problem: MpccProblem, method: Callable[..., Effort], backend: str, limit
     except Exception as exception:  # whatever a method raises counts against it, and the next problem is tried
         error = type(exception).__name__
     seconds = time.perf_counter() - started
-    return Outcome(problem, None if error else judge.point(), effort, seconds, error, judge.maximise)
+    return Outcome(problem, None if error else check.point(), effort, seconds, error, check.maximise)
 
 
 def chosen(names: list[str] | None, known: Any, words: Callable[[Any], list[str]]) -> list[Any]:

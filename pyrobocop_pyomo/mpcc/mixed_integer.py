@@ -49,14 +49,14 @@ def minimise(
     bool
         Whether it is the optimum, to the solver's tolerances.
     """
-    rows = [scipy.optimize.LinearConstraint(*each) for each in constraints if each[0].shape[0]]
-    # HiGHS prints a line of its own now and then, whatever it is told.
+    rows = [scipy.optimize.LinearConstraint(*some) for some in constraints if some[0].shape[0]]
+    # HiGHS now and then prints a line, whatever its options are.
     with c_output_captured():
-        answer = scipy.optimize.milp(
+        result = scipy.optimize.milp(
             cost,
             integrality=binary,
             bounds=scipy.optimize.Bounds(lower, np.maximum(lower, upper)),
             constraints=rows or None,
             options={"time_limit": time_limit, "mip_rel_gap": gap, "node_limit": node_limit},
         )
-    return answer.x, answer.status == 0
+    return result.x, result.status == 0

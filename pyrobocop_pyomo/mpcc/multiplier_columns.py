@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ColumnBlock:
-    """Columns of unknowns in the gradient of the Lagrangian, how large their two parts may be, what they leave."""
+    """Columns of unknowns in the gradient of the Lagrangian, bounds of their two parts, and their weights."""
 
     columns: csr_array
     positive: FloatArray
@@ -52,7 +52,7 @@ class Activity:
         """The unknowns of the active ones: positive multipliers at upper bounds, negative ones at lower bounds."""
         active, one_sided = self.active, self.at_lower ^ self.at_upper
         distance = np.where(one_sided, np.where(self.at_lower, self.to_lower, self.to_upper), 0.0)
-        positive, negative = (np.where(each[active], np.inf, 0.0) for each in (self.at_upper, self.at_lower))
+        positive, negative = (np.where(at_bound[active], np.inf, 0.0) for at_bound in (self.at_upper, self.at_lower))
         return ColumnBlock(columns, positive, negative, distance[active])
 
 
@@ -72,7 +72,7 @@ def rows_of_sides(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows whose lower, and rows whose upper bound only says that a zero side is nonnegative."""
     jacobian = point.jacobian.copy()
-    jacobian.eliminate_zeros()  # what is zero at this point has no say in first derivatives
+    jacobian.eliminate_zeros()  # entries that are zero at this point do not count in first derivatives
     single = np.flatnonzero(np.diff(jacobian.indptr) == 1)
     column, slope = jacobian.indices[jacobian.indptr[single]], jacobian.data[jacobian.indptr[single]]
     at_lower, at_upper = np.zeros(single.size, dtype=bool), np.zeros(single.size, dtype=bool)
@@ -92,7 +92,7 @@ def active_rows(point: Linearisation, activity: Activity) -> ColumnBlock:
 def active_bounds(
     program: ComplementarityProgram, point: Linearisation, zero_pairs: tuple[np.ndarray, np.ndarray], tolerance: float
 ) -> ColumnBlock:
-    """Columns of the active bounds, but for those that only say that a zero side is nonnegative."""
+    """Columns of the active bounds, except those that only keep a zero side nonnegative."""
     nlp = point.nlp
     found = Activity.of(point.x, nlp.x_lower, nlp.x_upper, tolerance)
     # The bound that makes a zero side nonnegative is the pair's own as well.
@@ -105,7 +105,7 @@ def active_bounds(
 
 
 def residual_columns(n: int) -> ColumnBlock:
-    """Columns of what the multipliers leave of the gradient."""
+    """Columns of the part of the gradient that the multipliers do not balance."""
     infinite = np.full(n, np.inf)
     return ColumnBlock(scipy.sparse.eye_array(n, format="csr"), infinite, infinite, np.ones(n))
 

@@ -175,7 +175,7 @@ class MultiplierProblem:
         shape = (len(asked) * count, width + binaries)
         if not entries:
             return scipy.sparse.csr_array(shape), np.empty(0), 0, upper
-        rows, columns, values = (np.concatenate(each) for each in zip(*entries, strict=True))
+        rows, columns, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
         right = np.repeat([limit for _, _, limit in asked], count)
         return scipy.sparse.csr_array((values, (rows, columns)), shape=shape), right, binaries, upper
 

@@ -181,7 +181,7 @@ def _without_copies(constraints: _Constraints, x: FloatArray, near: NDArray[np.i
     jacobian = constraints.jacobian(x)
     seen = set()
     kept = []
-    for number in sorted(near.tolist(), key=lambda each: (not constraints.equations[each], each)):
+    for number in sorted(near.tolist(), key=lambda row: (not constraints.equations[row], row)):
         key = _direction(jacobian, number)
         if not np.isin(key[0], constraints.free).any():
             continue  # a row of parameters alone is a matter of data

@@ -40,7 +40,7 @@ def test_the_mistake_is_named_and_leaves_nothing_behind(name: str) -> None:
             m.find_component(next(iter(m.component_map(pyo.Block)))).check()
         found = rcp.diagnose(m).about(Subject.INDEX) + rcp.diagnose(m).about(Subject.STATEMENT)
     else:
-        found = [each for each in rcp.diagnose(m).about(wrong.expected) if wrong.component in each.components]
+        found = [finding for finding in rcp.diagnose(m).about(wrong.expected) if wrong.component in finding.components]
     assert everything(m) == before
     (finding,) = found
     assert finding.remedy.endswith((".", "?"))
@@ -57,7 +57,7 @@ def test_without_the_mistake_nothing_of_the_kind_is_found(name: str) -> None:
     next(stating)
     if name == "phase without a state":  # here the omission is the mistake
         return
-    assert not [each for each in rcp.diagnose(m).about(wrong.expected) if wrong.component in each.components]
+    assert not [finding for finding in rcp.diagnose(m).about(wrong.expected) if wrong.component in finding.components]
 
 
 def test_right_models_have_no_finding() -> None:

@@ -37,8 +37,8 @@ def state(model: Any) -> dict[str, bool | None]:
     return found
 
 
-def sleep(model: Any) -> list[Any]:
-    """Deactivate all pairs, so that the writer takes the model; returns them for waking up."""
+def deactivate_pairs(model: Any) -> list[Any]:
+    """Deactivate all pairs, so that the writer takes the model; returns them."""
     pairs = active_sources(model)
     for pair in pairs:
         pair.deactivate()
@@ -51,12 +51,13 @@ def row_values(transformation: Any, model: Any) -> list[float]:
 
 
 def text_without_pairs(model: Any) -> str:
-    """What the writer makes of the model when the pairs sleep; they are woken up again."""
-    pairs = sleep(model)
-    text = nl_text(model)
-    for pair in pairs:
-        pair.activate()
-    return text
+    """The written model without its pairs, which are deactivated for a moment."""
+    pairs = deactivate_pairs(model)
+    try:
+        return nl_text(model)
+    finally:
+        for pair in pairs:
+            pair.activate()
 
 
 def round_trip(model: Any, **options: Any) -> None:

@@ -10,8 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import pickle
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import pyomo.dae as dae
@@ -23,7 +22,7 @@ from pyomo.gdp import Disjunct
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import active_pairs, canonical_form, component_residuals, side_values
 
-from .harness import nl_text, relaxation, sleep, state
+from .harness import nl_text, relaxation, state, text_without_pairs
 
 TRANSFORMATIONS = ["pyrobocop.relax_complementarity", "pyrobocop.complementarity_to_disjunctions"]
 with_ipopt = pytest.mark.asl
@@ -47,19 +46,6 @@ def existing_model() -> Any:
     m.cc = mpec.Complementarity(m.I, rule=contact)
     m.cost = pyo.Objective(expr=sum((m.gap[i] - 1) ** 2 + (m.force[i] - 3) ** 2 for i in m.I))
     return m
-
-
-def text_without_pairs(m: Any) -> str:
-    with asleep(m):
-        return nl_text(m)
-
-
-@contextmanager
-def asleep(m: Any) -> Iterator[None]:
-    pairs = sleep(m)
-    yield
-    for pair in pairs:
-        pair.activate()
 
 
 def solve_relaxed(m: Any) -> float:
@@ -292,7 +278,7 @@ def test_pyomo_mpec_and_this_package_mean_the_same(form):
         m.x.set_value(x)
         m.box.set_value(x)
         m.y.set_value(y)
-        ours, theirs = (canonical_form(each) for each in (m.ours, m.theirs))
+        ours, theirs = (canonical_form(pair) for pair in (m.ours, m.theirs))
         assert [side_values(pair) for pair in ours.pairs] == [side_values(pair) for pair in theirs.pairs]
         assert [str(row) for row in ours.rows] == [str(row) for row in theirs.rows]
 
@@ -312,7 +298,7 @@ def test_every_form_reaches_the_best_of_its_branches(form):
             m.cc = rcp.Complementarity(expr=statement(m))
             result = rcp.solve(m)
             result.raise_for_status()
-            assert max((abs(each.natural) for each in result.residuals), default=0) <= 1e-4, (form, aim)
+            assert max((abs(residual.natural) for residual in result.residuals), default=0) <= 1e-4, (form, aim)
             assert all(pyo.value(row.args[0] - row.args[1]) == pytest.approx(0, abs=1e-6) for row in equalities(m.cc))
             best = min(best, result.objective)
         assert best == pytest.approx(enumerated(branches, aim), abs=2e-4), (form, aim)

@@ -16,7 +16,7 @@ import pytest
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, sleep, state
+from .harness import nl_text, relaxation, state, text_without_pairs
 
 NAN, INF = float("nan"), math.inf
 between = pyo.inequality
@@ -119,21 +119,12 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "no pair": (lambda m: None, "the rule returned None. Return complements"),
     "wrong type": (lambda m: 7, "found int"),
 }
-# pyomo.mpec refuses these itself, when they are stated; what it takes, we have to judge.
+# pyomo.mpec refuses these itself, when they are stated; what it accepts is checked here.
 THEIRS = {"tuple of three", "no pair", "wrong type"} | {
     name for name in PAIRS if "chosen bound" in name or "word" in name
 }
 # Bounds of a plain variable are just bounds there, where what is written out suffices.
 LEGAL_THERE = {"three by an own bound", "four by own bounds", "parameter in a range"}
-
-
-def text_without_pairs(m: Any) -> str:
-    asleep = sleep(m)
-    try:
-        return nl_text(m)
-    finally:
-        for pair in asleep:
-            pair.activate()
 
 
 def is_refused(component: Any, wrong: Callable[[Any], Any], words: str) -> None:

@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import nl_text, relaxation, sleep, state
+from .harness import deactivate_pairs, nl_text, relaxation, state
 
 REFORMULATIONS = ["gdp.bigm", "gdp.hull"]
 
@@ -59,7 +59,7 @@ def lpec(seed: int) -> tuple[Any, Any]:
     x4, multiplier = row(x4=1), row(x1=1, x2=-1)
 
     def negative(entries: list[float]) -> list[float]:
-        return [-each for each in entries]
+        return [-entry for entry in entries]
 
     always = [
         (negative(row(x0=1, x1=1, x2=1)), -1.0),
@@ -75,8 +75,8 @@ def lpec(seed: int) -> tuple[Any, Any]:
     ]
     best = np.inf
     for chosen in itertools.product(*branches):
-        equal = [each for equalities, _ in chosen for each in equalities]
-        less = always + [each for _, inequalities in chosen for each in inequalities]
+        equal = [row for equalities, _ in chosen for row in equalities]
+        less = always + [row for _, inequalities in chosen for row in inequalities]
         answer = linprog(
             cost,
             A_ub=[a for a, _ in less],
@@ -152,7 +152,7 @@ def model() -> Any:
 
 
 def text_without_pairs(m: Any) -> str:
-    pairs = sleep(m)
+    pairs = deactivate_pairs(m)
     text = nl_text(m)
     for pair in pairs:
         pair.activate()
@@ -161,7 +161,7 @@ def text_without_pairs(m: Any) -> str:
 
 def lp_text(m: Any) -> str:
     """The model as a mixed-integer solver would get it, with its disjunctions reformulated."""
-    pairs = sleep(m)
+    pairs = deactivate_pairs(m)
     copy = pyo.TransformationFactory("gdp.bigm").create_using(m)
     for pair in pairs:
         pair.activate()
@@ -196,7 +196,7 @@ def test_every_disjunct_variable_and_row_knows_its_pair(choose):
         *block.component_data_objects((pyo.Constraint, pyo.Var), descend_into=(pyo.Block, Disjunct)),
         *block.component_data_objects((Disjunct, Disjunction)),
     ]
-    assert {choose.source_of(each).name for each in generated} == {pair.name for pair in all_sources(m)}
+    assert {choose.source_of(part).name for part in generated} == {pair.name for pair in all_sources(m)}
     for source in all_sources(m):
         for choice in choose.choices_of(source):
             assert choose.source_of(choice) is source
@@ -321,7 +321,7 @@ def side_out_of_reach(m: Any) -> None:
 
 
 def no_pair_left(m: Any) -> None:
-    for pair in sleep(m):
+    for pair in deactivate_pairs(m):
         pair.deactivate()
 
 

@@ -1,4 +1,4 @@
-"""All forms of a statement: what each means, judged by its projection formula and not by our own pairs."""
+"""All forms of a statement: what each means, checked by its projection formula and not by our own pairs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def met(form: Any) -> bool:
     """Whether the canonical form holds exactly, its rows included."""
     rows = [row for pair in form.pairs for row in (pair.a_row, pair.b_row) if row is not None]
     return all(map(row_holds, (*rows, *form.rows))) and all(
-        each.natural == 0 == each.infeasibility for each in pair_residuals(form.pairs)
+        residual.natural == 0 == residual.infeasibility for residual in pair_residuals(form.pairs)
     )
 
 
@@ -185,8 +185,8 @@ def test_swapping_the_sides_changes_nothing(f, h):
     sides = (pyo.inequality(m.lo, m.f, m.up), m.h)
     m.one, m.two = Complementarity(expr=complements(*sides)), Complementarity(expr=complements(*sides[::-1]))
     one, two = (pair_residuals(canonical_form(source).pairs) for source in (m.one, m.two))
-    assert [(each.a, each.b) for each in one] == [(each.a, each.b) for each in two]
-    assert [each.name for each in one] == ["one (lower)", "one (upper)"]
+    assert [(pair.a, pair.b) for pair in one] == [(pair.a, pair.b) for pair in two]
+    assert [pair.name for pair in one] == ["one (lower)", "one (upper)"]
 
 
 @BOTH
@@ -374,14 +374,14 @@ def test_a_clone_and_the_original_write_the_same_and_answer_for_themselves():
 
 
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
-def test_the_products_of_a_range_are_summed_and_charged_like_others(options):
+def test_the_products_of_a_range_are_summed_and_penalised_like_others(options):
     """With its free side split into parts, none of which is negative, no product cancels another."""
     m, relax = two_variables(-3, 4), relaxation()
     m.range = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
     m.cost = pyo.Objective(expr=m.f)
     before = state(m)
     token = relax.apply_to(m, delta=0.5, **options)
-    total = sum(each.product for each in relax.residuals(m))
+    total = sum(residual.product for residual in relax.residuals(m))
     if options.get("relaxation") == "penalty":
         assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
     else:

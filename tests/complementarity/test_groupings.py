@@ -64,7 +64,7 @@ def test_crossed_products_couple_all_stages_of_an_element_and_no_other(values):
 
 
 @given(values=amounts)
-def test_crossed_products_are_charged_with_the_mean_weight(values):
+def test_crossed_products_are_penalised_with_the_mean_weight(values):
     m = stages(values)
     token = relaxation().apply_to(m, grouping="crossed", relaxation="penalty", delta=0.25)
     products = sum(values[2 * i + j] * values[4 + 2 * i + k] for i in (0, 1) for j in (0, 1) for k in (0, 1))
@@ -116,7 +116,7 @@ def test_an_unknown_way_to_sum_or_to_begin_is_refused():
 
 
 def phase(elements=3, stages=2, statements=2):
-    """A rule that answers with a list: one component, several statements at each time."""
+    """A rule that returns a list: one component, several statements at each time."""
     m = pyo.ConcreteModel(name="listed")
     m.phase = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=stages)
     for i in range(statements):

@@ -72,7 +72,7 @@ def test_lifted_sides_start_at_the_nonnegative_part_of_their_value(values):
     relax.apply_to(m, lift=True)
     for lifted in relax.lifted_pairs_of(m):
         for side, stated in ((lifted.a, lifted.pair.a), (lifted.b, lifted.pair.b)):
-            own = any(side.variable is each for each in (m.x, m.y, m.z))
+            own = any(side.variable is variable for variable in (m.x, m.y, m.z))
             expected = pyo.value(stated) if own else max(pyo.value(stated), 0.0)
             assert side_value(side) == pytest.approx(expected, abs=1e-12)
 

@@ -36,7 +36,7 @@ BOUNDING = [
     TwoSided(),
     Elastic(),
 ]
-NESTED = [each for each in BOUNDING if not isinstance(each, Kadrani)]
+NESTED = [bounding for bounding in BOUNDING if not isinstance(bounding, Kadrani)]
 
 sides = st.floats(0, 10)
 signed = st.floats(-2, 10)
@@ -52,7 +52,7 @@ def accepts(relaxation, a, b, delta, margin=0.0):
     """Whether the relaxed set holds the point; with a margin, whether it does so beyond rounding."""
     slack = getattr(relaxation, "side_slack", lambda _: 0.0)(delta)
     signs = [] if slack is None else [-a - slack, -b - slack]
-    return all(each <= margin for each in (*residuals(relaxation, a, b, delta), *signs))
+    return all(number <= margin for number in (*residuals(relaxation, a, b, delta), *signs))
 
 
 def stated(relaxation, a, b, delta):
@@ -83,7 +83,9 @@ def test_floats_arrays_and_expressions_give_the_stated_formula(relaxation, a, b,
     m.a, m.b = pyo.Var(initialize=a), pyo.Var(initialize=b)
     m.delta = pyo.Param(initialize=delta, mutable=True)
     assert residuals(relaxation, a, b, delta) == pytest.approx(expected, abs=1e-9)
-    assert [pyo.value(each) for each in residuals(relaxation, m.a, m.b, m.delta)] == pytest.approx(expected, abs=1e-9)
+    assert [pyo.value(residual) for residual in residuals(relaxation, m.a, m.b, m.delta)] == pytest.approx(
+        expected, abs=1e-9
+    )
     for found, number in zip(residuals(relaxation, np.array([a, a]), np.array([b, b]), delta), expected, strict=True):
         assert found == pytest.approx([number, number], abs=1e-9)
 

@@ -15,7 +15,7 @@ from .harness import relaxation, round_trip, state
 
 GROUPING_CHOICES = [*GROUPINGS, Crossed(summed="stage"), Crossed(summed="element")]
 CHOICES = [word for word in RELAXATIONS if word not in ("l1", "linf")]  # which are other words for two of them
-CHARGES = ("penalty", "augmented-lagrangian")
+PENALTIES = ("penalty", "augmented-lagrangian")
 
 
 def contact(m, element, stage):
@@ -55,7 +55,7 @@ def test_there_and_back(choice, grouping, lift):
 
 
 @pytest.mark.parametrize("grouping", GROUPING_CHOICES, ids=str)
-@pytest.mark.parametrize("choice", [each for each in CHOICES if each not in CHARGES])
+@pytest.mark.parametrize("choice", [choice for choice in CHOICES if choice not in PENALTIES])
 def test_pairs_of_a_disjunct_are_relaxed_there(choice, grouping):
     m = two_elements()
     m.one, m.two = Disjunct(), Disjunct()

@@ -367,7 +367,7 @@ def test_a_second_application_adds_nothing_when_nothing_is_new(model, relax):
     assert nl_text(model) == text
 
 
-def test_a_pair_that_was_woken_up_by_hand_goes_back_to_sleep_without_a_second_row(model, relax):
+def test_a_pair_that_was_activated_by_hand_is_deactivated_again_without_a_second_row(model, relax):
     relax.apply_to(model)
     text = nl_text(model)
     model.ours[2].activate()

@@ -79,7 +79,7 @@ def test_the_report_reads_from_the_worst_to_advice() -> None:
     m.lost = pyo.Var(initialize=0)
     m.second = pyo.Objective(expr=m.p.x[1.0])
     diagnosis = rcp.diagnose(m)
-    assert [each.severity for each in diagnosis.findings] == [Severity.ERROR, Severity.WARNING, Severity.ADVICE]
+    assert [finding.severity for finding in diagnosis.findings] == [Severity.ERROR, Severity.WARNING, Severity.ADVICE]
     text = str(diagnosis)
     assert text.startswith("Diagnosis of 'pushing': 1 errors, 2 other findings")
     assert "19 degrees of freedom (10 in controls)" in text

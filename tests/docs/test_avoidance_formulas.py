@@ -353,7 +353,7 @@ def test_margins_are_sags_and_what_was_missing() -> None:
             wanted.append(before[index] + pair.clearance - pair.interval_distance[interval])
         assert avoid.margin[index].value == pytest.approx(max(wanted), abs=1e-3)
         assert avoid.margin[index].value > 1.5 * before[index]
-    assert unsafe == {0}  # so that in one interval what was missing decides, and in the other one the sag
+    assert unsafe == {0}  # the missing distance decides in one interval, the chord deviation in the other
 
 
 def test_softened_planes_have_normals_of_length_one() -> None:

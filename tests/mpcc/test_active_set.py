@@ -82,7 +82,7 @@ def test_the_linear_program_agrees_with_the_enumeration_of_branches(data):
     best = 0.0
     for choice in itertools.product([True, False], repeat=k):
         zero = np.concatenate([choice, np.logical_not(choice)])
-        bounds = [(0.0, 0.0 if each else 0.1) for each in zero]
+        bounds = [(0.0, 0.0 if is_zero else 0.1) for is_zero in zero]
         best = min(best, linprog(c, A_ub=A, b_ub=[0.0, 0.5], bounds=bounds).fun)
     assert found.proven
     assert found.decrease * 0.1 == pytest.approx(-best, abs=1e-7)

@@ -16,7 +16,7 @@ import pyomo.environ as pyo
 from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.contrib.solver.common.factory import SolverFactory
 
-from .judge import judge, maximises, read_pairs
+from .point_check import check_point, maximises, read_pairs
 
 # Sides are set to zero up to this: with more equations than variables Ipopt would not even start.
 SLACK = 1e-9
@@ -81,7 +81,7 @@ class Branching:
             results.solution_loader.load_vars()
         except Exception:  # no point at all: too few degrees of freedom, proven infeasible
             return math.inf
-        point = judge(self.model)  # of the rows that are active in this node
+        point = check_point(self.model)  # of the rows that are active in this node
         return self.sign * point.objective if point.violation <= FEASIBLE else math.inf
 
     def values(self) -> list[float | None]:

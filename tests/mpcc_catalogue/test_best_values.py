@@ -13,7 +13,7 @@ from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problem, mpcc_problems
 from pyrobocop_pyomo.catalogue.equilibrium import FIRMS
 
 from .branches import Branching, branch_and_bound, enumerate_branches
-from .judge import Judge, read_pairs
+from .point_check import PointCheck, read_pairs
 
 pytestmark = pytest.mark.casadi
 
@@ -82,7 +82,7 @@ def test_the_best_value_is_reached_where_the_answer_says(problem: MpccProblem) -
     agrees(problem, found)
 
 
-@pytest.mark.parametrize("problem", [each for each in problems("bound") if "projection" not in each.id])
+@pytest.mark.parametrize("problem", [problem for problem in problems("bound") if "projection" not in problem.id])
 def test_the_relaxed_problem_is_no_better_than_the_planted_point(problem: MpccProblem) -> None:
     assert "convex" in problem.tags
     bound = Branching(problem.build()).solve({})
@@ -93,10 +93,10 @@ def test_the_relaxed_problem_is_no_better_than_the_planted_point(problem: MpccPr
 def test_planted_points_are_feasible_and_as_good(name: str) -> None:
     problem = mpcc_problem(name)
     model = problem.build()
-    judge = Judge(model)
+    check = PointCheck(model)
     for variable, number in problem.solution.items():
         model.find_component(variable).set_value(number)
-    point = judge.point()
+    point = check.point()
     assert max(point.violation, point.natural) <= 1e-9
     assert point.objective == pytest.approx(0.0, abs=1e-9)
 
@@ -104,9 +104,9 @@ def test_planted_points_are_feasible_and_as_good(name: str) -> None:
 @pytest.mark.parametrize("cells", [6, 12, 20])
 def test_the_planted_membrane_is_feasible_and_costs_nothing(cells: int) -> None:
     model = mpcc_problem(f"membrane {cells}x{cells}").build()
-    judge = Judge(model)
+    check = PointCheck(model)
     from_wanted(model, cells)
-    point = judge.point()
+    point = check.point()
     assert max(point.violation, point.natural) <= 1e-9
     assert point.objective == pytest.approx(0.0, abs=1e-12)
 
@@ -172,7 +172,7 @@ def test_scanning_what_the_leader_sells_finds_the_best_profit(problem: MpccProbl
     assert problem.best == pytest.approx(min(scanned.fun, loss(nearest)), rel=1e-5)
 
 
-def test_the_judge_reads_every_form_of_a_pair() -> None:
+def test_the_check_reads_every_form_of_a_pair() -> None:
     for problem in mpcc_problems():
         for pair in read_pairs(problem.build()):
             assert pair.lower < math.inf

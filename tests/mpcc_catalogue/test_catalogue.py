@@ -10,7 +10,7 @@ import pytest
 
 from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problem, mpcc_problems
 
-from .judge import Judge, read_pairs
+from .point_check import PointCheck, read_pairs
 
 PROBLEMS = mpcc_problems()
 BY_NAME = [
@@ -39,7 +39,7 @@ def test_a_build_is_new_and_has_pairs_and_a_start(problem: MpccProblem) -> None:
     assert read_pairs(first)
     decided = [v for v in first.component_data_objects(pyo.Var) if not v.name.startswith("kkt")]
     assert all(v.value is not None for v in decided)
-    assert ("maximise" in problem.tags) == Judge(first).maximise
+    assert ("maximise" in problem.tags) == PointCheck(first).maximise
 
 
 @every_problem
@@ -51,11 +51,11 @@ def test_a_source_or_a_note_says_where_it_is_from(problem: MpccProblem) -> None:
 @pytest.mark.parametrize("problem", [problem for problem in BY_NAME if problem.values[0].solution])
 def test_known_answers_are_variables_and_complete_ones_are_optimal(problem: MpccProblem) -> None:
     model = problem.build()
-    judge = Judge(model)
+    check = PointCheck(model)
     for name, number in problem.solution.items():
         model.find_component(name).set_value(number)
     if all(v.name in problem.solution for v in model.component_data_objects(pyo.Var)):
-        point = judge.point()
+        point = check.point()
         assert max(point.violation, point.natural) <= 1e-9
         assert point.objective == pytest.approx(problem.best, rel=1e-9, abs=1e-9)
 

@@ -1,4 +1,4 @@
-"""All formulations against each other, on one scene and from one guess."""
+"""All formulations against each other, on one scene and from one initial guess."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Certificates in space, for rotations by angles and by quaternions."""
+"""Separations in space, for rotations by angles and by quaternions."""
 
 from __future__ import annotations
 

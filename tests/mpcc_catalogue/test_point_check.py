@@ -1,4 +1,4 @@
-"""The judge itself: its residual is zero exactly where one of the branches of a pair holds."""
+"""The check of points: its residual is zero exactly where one of the branches of a pair holds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyomo import mpec
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 
-from .judge import Judge, Point, read_pairs
+from .point_check import Point, PointCheck, read_pairs
 
 FORMS = {
     "one-sided": lambda x, y: (x >= 1, y >= 0),
@@ -45,7 +45,7 @@ def test_the_residual_is_zero_exactly_where_a_branch_holds(form: str, package: s
         m.pair = mpec.Complementarity(expr=mpec.complements(*sides))
     (pair,) = read_pairs(m)
     met = holds(pair.hull()) and any(holds(branch) for branch in pair.branches())
-    point = Judge(m).point()
+    point = PointCheck(m).point()
     assert (max(point.natural, point.violation) == 0.0) == met
     if met:
         assert point.product == 0.0
@@ -55,20 +55,20 @@ def test_what_a_method_adds_does_not_count() -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(bounds=(0, 1), initialize=0.5)
     m.cost = pyo.Objective(expr=m.x)
-    judge = Judge(m)
+    check = PointCheck(m)
     m.cost.deactivate()
     m.other = pyo.Objective(expr=-m.x)
     m.row = pyo.Constraint(expr=m.x >= 3)
-    assert judge.point() == Point(0.5, 0.0, 0.0, 0.0)
+    assert check.point() == Point(0.5, 0.0, 0.0, 0.0)
 
 
 def test_a_point_without_finite_values_is_infinitely_bad() -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=0.0)
     m.cost = pyo.Objective(expr=1 / m.x)
-    assert Judge(m).point().violation == math.inf
+    assert PointCheck(m).point().violation == math.inf
     m.x.set_value(math.nan, skip_validation=True)
-    assert Judge(m).point().violation == math.inf
+    assert PointCheck(m).point().violation == math.inf
 
 
 @given(best=st.floats(-100, 100), gap=st.floats(0, 1))

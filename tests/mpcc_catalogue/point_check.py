@@ -148,7 +148,7 @@ class Point:
         return gap <= tolerance * max(1.0, abs(best))
 
 
-class Judge:
+class PointCheck:
     """Remembers the statement of a model, so that what a method adds to the model does not count.
 
     Parameters
@@ -161,7 +161,7 @@ class Judge:
         self.pairs = read_pairs(model)
         self.maximise = maximises(model)
         objectives = model.component_data_objects(pyo.Objective, active=True)
-        self._objective = next((each.expr for each in objectives), 0.0)
+        self._objective = next((objective.expr for objective in objectives), 0.0)
         self._ranges = [(row.lb, row.body, row.ub) for row in model.component_data_objects(pyo.Constraint, active=True)]
         self._ranges += [(v.lb, v, v.ub) for v in model.component_data_objects(pyo.Var)]
         self._ranges += [piece for pair in self.pairs for piece in pair.hull()]
@@ -180,9 +180,9 @@ class Judge:
         return Point(*map(float, numbers))
 
 
-def judge(model: Any) -> Point:
+def check_point(model: Any) -> Point:
     """Evaluate the point on a model that no method has touched."""
-    return Judge(model).point()
+    return PointCheck(model).point()
 
 
 def _number(expression: Any) -> float:

@@ -1,0 +1,151 @@
+"""Several ways to spend time in this package, each with a time limit that it has to keep."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.catalogue import mpcc_problem
+from pyrobocop_pyomo.catalogue.generated import _crossed
+from pyrobocop_pyomo.errors import HomotopyStalled, SensitivityError
+
+from .belt_drive import belt_drive
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def example(name: str) -> ModuleType:
+    """The module of an example, which is in no package."""
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def crossed_pairs(pairs: int, seed: int = 41) -> pyo.ConcreteModel:
+    """A quadratic program with so many pairs, of which nothing says beforehand which side is zero."""
+    model = _crossed(max(2, pairs // 5), pairs, seed, False)
+    model.name = f"{pairs} crossed pairs"
+    return model
+
+
+def weighted_pairs(pairs: int = 60) -> pyo.ConcreteModel:
+    """Crossed pairs with a parameter to differentiate for."""
+    model = crossed_pairs(pairs)
+    model.weight = pyo.Param(initialize=1.0, mutable=True)
+    model.cost.set_value(model.weight * model.cost.expr)
+    return model
+
+
+def sequence_of_pushes(sequence: tuple[str, ...]) -> pyo.ConcreteModel:
+    """Two linked phases of a mass that is thrown against a wall, in a field of force that is soft or hard."""
+    m = pyo.ConcreteModel(name=" - ".join(sequence))
+    m.legs = rcp.PhaseBlock(list(enumerate(sequence)), rule=_push, elements=30, scheme="implicit_euler", duration=1.5)
+    m.joints = rcp.Link(m.legs)
+    first, *_, last = m.legs.values()
+    first.gap[first.initial_time].fix(1.0)
+    first.speed[first.initial_time].fix(-1.0)
+    m.cost = pyo.Objective(
+        expr=sum(leg.integral(_effort) for leg in m.legs.values()) + last.speed[last.final_time] ** 2
+    )
+    return m
+
+
+def _push(b: Any, k: int, mode: str) -> None:
+    b.gap, b.speed = rcp.State(bounds=(0, None), initial_guess=0.5), rcp.State()
+    b.contact = rcp.Algebraic(bounds=(0, None))
+    b.push = rcp.Control(bounds=(-2, 2))
+    stiffness = {"soft": 1.0, "hard": 30.0}[mode]
+    b.ode(lambda b, t: {b.gap: b.speed[t], b.speed: b.push[t] + b.contact[t] - pyo.sin(stiffness * b.gap[t])})
+    b.complementarity(_wall)
+
+
+def _wall(b: Any, t: float) -> Any:
+    return rcp.complements(b.gap[t] >= 0, b.contact[t] >= 0)
+
+
+def _effort(b: Any, t: float) -> Any:
+    return b.push[t] ** 2 + 4 * (b.gap[t] - 0.1) ** 2
+
+
+def _solve(model: Any, limit: float) -> Sequence[Any]:
+    return [rcp.solve(model, time_limit=limit, progress=False)]
+
+
+def _solve_and_differentiate(model: Any, limit: float) -> Sequence[Any]:
+    result = rcp.solve(model, time_limit=limit, progress=False)
+    if result.quality is not rcp.Quality.INFEASIBLE:
+        with contextlib.suppress(SensitivityError):
+            rcp.studies.sensitivity(model, result, model.weight)
+    return [result]
+
+
+def _sequences(build: Any, limit: float) -> Sequence[Any]:
+    sequences = rcp.studies.mode_sequences(["soft", "hard"], [2])
+    ranking = rcp.studies.solve_sequences(build, sequences, time_limit=limit, progress=False)
+    return [outcome.result for outcome in ranking if outcome.result is not None]
+
+
+def _starts(model: Any, limit: float) -> Sequence[Any]:
+    found = rcp.studies.multistart(model, 30, time_limit=limit, progress=False)
+    return [outcome.result for outcome in found if outcome.result is not None]
+
+
+def _path(model: Any, limit: float) -> Sequence[Any]:
+    try:
+        found = rcp.studies.homotopy(model, {"weight": (0.01, 1.0)}, 30, time_limit=limit, progress=False)
+    except HomotopyStalled as stalled:
+        found = stalled.result
+    return [step.result for step in found if step.result is not None]
+
+
+@dataclass(frozen=True)
+class TimedModel:
+    """Something that takes longer than a short limit.
+
+    Attributes
+    ----------
+    name : str
+    build : callable
+        What `run` works on; not part of the time.
+    run : callable
+        ``run(built, limit)`` returns the results of all solves in it.
+    solves : int
+        How many solves have the limit each.
+    """
+
+    name: str
+    build: Callable[[], Any]
+    run: Callable[[Any, float], Sequence[Any]] = field(default=_solve)
+    solves: int = 1
+
+
+TIMED_MODELS = (
+    TimedModel("a hundred pairs", partial(crossed_pairs, 100)),
+    TimedModel("obstacles", lambda: example("crossing").build(60)),
+    TimedModel("sequences of linked phases", lambda: sequence_of_pushes, _sequences, solves=4),
+    TimedModel("sensitivity after a solve", weighted_pairs, _solve_and_differentiate),
+    TimedModel("belt drive", partial(belt_drive, 60)),
+    TimedModel("planar pushing", lambda: example("planar_pushing").build()),
+    TimedModel("cart-pole", lambda: example("cart_pole").build(300)),
+    TimedModel("no pairs", lambda: example("acrobot").build(300)),
+    TimedModel("nonsmooth control", lambda: example("turbo_car").build()),
+    TimedModel("several starts", partial(crossed_pairs, 40), _starts),
+    TimedModel("homotopy", partial(weighted_pairs, 30), _path),
+)
+
+
+def small_program_without_strong_multipliers() -> pyo.ConcreteModel:
+    """One pair whose certificate takes linear programs: there are no multipliers of a strong kind."""
+    return mpcc_problem("ralph1").build()

@@ -1,0 +1,83 @@
+"""`time_limit` is a law: whatever is solved, it is overrun by one iteration of Ipopt or a second at most.
+
+Time is that of this process, for the deadlines and for the tests: other programs on the machine do not count.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+from harness.observed_runs import count_linear_programs, slow_linear_programs, use_processor_time
+from harness.timed_models import TIMED_MODELS, TimedModel, crossed_pairs, small_program_without_strong_multipliers
+
+import pyrobocop_pyomo as rcp
+
+pytestmark = pytest.mark.casadi
+
+every_model = pytest.mark.parametrize("timed", TIMED_MODELS, ids=lambda timed: timed.name)
+
+
+def longest_iteration(results: Iterable[Any]) -> float:
+    """Of one run on average, since a run is cut off after a whole iteration."""
+    steps = [step for result in results for step in result.steps]
+    return max((step.seconds / max(step.iterations or 0, 1) for step in steps), default=0.0)
+
+
+def overrun(timed: TimedModel, limit: float) -> float:
+    """By how much one solve exceeds its limit beyond one iteration of Ipopt, in seconds."""
+    built = timed.build()
+    started = time.perf_counter()
+    results = timed.run(built, limit)
+    elapsed = time.perf_counter() - started
+    allowed = max(1.0, longest_iteration(results))
+    return elapsed - timed.solves * (limit + allowed)
+
+
+@every_model
+def test_a_limit_of_a_second_is_kept(timed: TimedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    use_processor_time(monkeypatch)
+    assert overrun(timed, 1.0) <= 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limit", [3.0, 10.0])
+@every_model
+def test_a_longer_limit_is_kept(timed: TimedModel, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    use_processor_time(monkeypatch)
+    assert overrun(timed, limit) <= 0.0
+
+
+@pytest.mark.parametrize("backend", ["asl", "vectorised"])
+def test_slow_linear_programs_of_the_certificate_get_what_is_left(
+    backend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow_linear_programs(monkeypatch, longest=10.0)
+    model = small_program_without_strong_multipliers()
+    started = time.perf_counter()
+    result = rcp.solve(model, backend=backend, time_limit=1.0, progress=False)
+    assert time.perf_counter() - started <= 2.5
+    assert result.quality is not rcp.Quality.INFEASIBLE
+
+
+def test_no_linear_program_is_given_more_than_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    programs = count_linear_programs(monkeypatch)
+    rcp.solve(crossed_pairs(40), time_limit=2.0, exploration=float("inf"), progress=False)
+    assert programs
+    assert all(0.0 < program.time_limit < 2.0 for program in programs)
+
+
+def test_a_limit_in_the_exploration_keeps_the_optimum() -> None:
+    model = crossed_pairs(40)
+    result = rcp.solve(model, time_limit=3.0, exploration=float("inf"), progress=False)
+    assert result.quality is not rcp.Quality.INFEASIBLE
+    assert model.cost() == pytest.approx(result.objective)
+
+
+def test_the_time_in_the_steps_is_the_time_of_the_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that takes long is hidden: linear programs are steps as well."""
+    use_processor_time(monkeypatch)
+    result = rcp.solve(crossed_pairs(60), exploration=float("inf"), time_limit=4.0, progress=False)
+    assert sum(step.seconds for step in result.steps) >= 0.6 * result.seconds
