@@ -38,7 +38,7 @@ class RelaxComplementarity(Transformation):
     generated sits on one block with the mutable parameter ``delta``; only the rows of pairs inside a
     `Disjunct` sit on a block in that disjunct, so that they hold only where it is chosen.
 
-    Options of ``apply_to`` and ``create_using``: ``relaxation`` (a word such as "scholtes" or "penalty", or an
+    Options of ``apply_to`` and ``create_using``: ``relaxation`` (a name such as "scholtes" or "penalty", or an
     object), ``grouping`` ("pair", "element" or an object), ``delta`` (first value, 1e-2), ``lift`` (False) and
     ``targets`` (blocks, components or single pairs; default all). With ``lift``, a generated variable ``s >= 0``
     with the row ``s == side`` stands for each side that is more than a variable with a sign and an offset, so that

@@ -58,12 +58,16 @@ def same_expression(first: Any, second: Any) -> bool:
         natives = (one.__class__ in native_types) + (other.__class__ in native_types)
         if one is other or (natives == 2 and one == other):
             continue
-        if natives or one.__class__ is not other.__class__ or not one.is_expression_type():
-            return False
-        if (one.getname(), one.nargs()) != (other.getname(), other.nargs()):  # sin and cos have one class
+        if natives or not one.is_expression_type() or _operation(one) != _operation(other):
             return False
         stack.extend(zip(one.args, other.args, strict=True))
     return True
+
+
+def _operation(expression: Any) -> tuple[Any, ...]:
+    # sin and cos have one class, as have two external functions, and as have < and <=.
+    told_apart = [getattr(expression, name, None) for name in ("_name", "_fcn", "_strict")]
+    return (expression.__class__, len(expression.args) if expression.is_expression_type() else 0, *told_apart)
 
 
 def new_leaves(expressions: Iterable[Any], seen: set[int]) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""What the user states: declarations, `PhaseBlock`, and the judgement of a trajectory by it."""
+"""What the user states: declarations, `PhaseBlock`, and the verification of a trajectory by it."""
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
 from .link_states import PhaseEnd

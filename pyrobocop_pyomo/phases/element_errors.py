@@ -54,16 +54,16 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
         start = {name: float(states[name][i, 0]) for name in names}
         nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
         nearby |= {f"d {name}": float(states[name][i, -1] - states[name][i, 0]) / width for name in unknowns.implicit}
-        answer = step_element(
+        result = step_element(
             equations, fine, width, asked, {name: values.copy() for name, values in signals.items()},
             {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns, start, nearby,
         )  # fmt: skip
-        if isinstance(answer, float):
+        if isinstance(result, float):
             errors[i] = np.inf
             continue
         last = i + 1 == len(widths)
         reached = {name: trajectory.states[name][-1] if last else states[name][i + 1, 0] for name in names}
-        errors[i] = max(abs(answer[name][-1] - reached[name]) for name in names)
+        errors[i] = max(abs(result[name][-1] - reached[name]) for name in names)
     return errors
 
 

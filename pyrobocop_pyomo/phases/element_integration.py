@@ -175,12 +175,33 @@ def _solve(residuals: Any, guess: Array) -> tuple[Array, float]:
         return guess, 0.0
     left = np.inf
     for method in ("hybr", "lm"):
-        answer = scipy.optimize.root(residuals, guess, method=method, tol=1e-13)
-        # Asked once more, since the last call of a method need not be at its answer.
-        left = float(np.abs(residuals(answer.x)).max() / (1.0 + np.abs(answer.x).max()))
+        result = scipy.optimize.root(residuals, guess, method=method, tol=1e-13)
+        # Asked once more, since the last call of a method need not be at its result.
+        left = float(np.abs(residuals(result.x)).max() / (1.0 + np.abs(result.x).max()))
         if left <= _SOLVED:
             break
-    return answer.x, left if np.isfinite(left) else np.inf
+    return result.x, left if np.isfinite(left) else np.inf
+
+
+def signals_at(
+    scheme: Scheme, local: float, time: float, per_stage: Mapping[str, Array], knots: Mapping[str, Array]
+) -> dict[str, float]:
+    """Algebraics and controls at one place of an element: stage polynomials, and lines between knots.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    local : float
+        From 0 to 1 within the element.
+    time : float
+        The same place, in the times of the knots.
+    per_stage : mapping of name to array, shape (s,)
+    knots : mapping of name to array, shape (2, knots)
+        Times and values of the piecewise linear controls.
+    """
+    weights = scheme.stage_polynomial_at([local])[0]
+    values = {name: float(weights @ stages) for name, stages in per_stage.items()}
+    return values | {name: float(np.interp(time, *of_knots)) for name, of_knots in knots.items()}
 
 
 def integrate_elements(trajectory: Trajectory, rates: Rates) -> Array:
@@ -215,11 +236,11 @@ def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array) -
         return np.full_like(initial, np.inf)
     try:
         with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
-            answer = scipy.integrate.solve_ivp(
+            result = scipy.integrate.solve_ivp(
                 lambda t, x: rates(i, t, x), (start, end), initial, method="DOP853", rtol=1e-10, atol=1e-11
             )
     except TrajectoryError:
         raise  # a rule that cannot be asked says nothing about the motion
     except (OverflowError, ZeroDivisionError, ValueError):
         return np.full_like(initial, np.inf)
-    return answer.y[:, -1] if answer.success else np.full_like(initial, np.inf)
+    return result.y[:, -1] if result.success else np.full_like(initial, np.inf)

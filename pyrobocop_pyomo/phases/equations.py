@@ -28,13 +28,13 @@ def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
     names: dict[Any, str] = {}
     rates: dict[str, dict[float, Any]] = {}
     for time in record.grid.points:
-        answer = rule(block, time)
-        if not isinstance(answer, Mapping):
+        result = rule(block, time)
+        if not isinstance(result, Mapping):
             raise TranscriptionError(
-                f"{what} returned a {type(answer).__name__} at t = {time:g}; expected a dict "
+                f"{what} returned a {type(result).__name__} at t = {time:g}; expected a dict "
                 "{state: right-hand side}. Is the return statement missing?"
             )
-        for state, rate in answer.items():
+        for state, rate in result.items():
             if state not in names:
                 names[state] = block.state_name(state)
             if rate.__class__ not in native_numeric_types and not _is_numeric(rate):
@@ -101,8 +101,8 @@ def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
 def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for implicit and algebraic equations."""
     what = f"phase '{block.name}': residual '{rule_name(rule)}'"
-    answers = _collect(block, rule, what, "residual", record.grid.points)
-    for time, rows in answers.items():
+    results = _collect(block, rule, what, "residual", record.grid.points)
+    for time, rows in results.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
                 raise TranscriptionError(
@@ -114,13 +114,13 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
                         f"{what} returned {row!r} at t = {time:g}; expected an equality in variables."
                     )
                 rows[label] = row == 0
-        if len(rows) != len(next(iter(answers.values()))):
-            first, count = next((time_of_first, len(stated)) for time_of_first, stated in answers.items())
+        if len(rows) != len(next(iter(results.values()))):
+            first, count = next((time_of_first, len(stated)) for time_of_first, stated in results.items())
             raise TranscriptionError(
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."
             )
-    record.residuals_per_point += _add_rows(block, rule, answers)
+    record.residuals_per_point += _add_rows(block, rule, results)
 
 
 def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
@@ -133,31 +133,31 @@ def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule) ->
     """Rows for path constraints on the states at element boundaries."""
     what = f"phase '{block.name}': constraint at boundaries '{rule_name(rule)}'"
     try:
-        answers = _collect(block, rule, what, "constraint", record.grid.mesh.boundaries)
+        results = _collect(block, rule, what, "constraint", record.grid.mesh.boundaries)
     except KeyError as error:
         raise TranscriptionError(
             f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
             "what needs controls or algebraics is a 'constraint'."
         ) from None
-    _add_relations(block, rule, answers, what)
+    _add_relations(block, rule, results, what)
 
 
-def _add_relations(block: Any, rule: Rule, answers: dict[float, dict[Hashable, Any]], what: str) -> None:
-    for time, rows in answers.items():
+def _add_relations(block: Any, rule: Rule, results: dict[float, dict[Hashable, Any]], what: str) -> None:
+    for time, rows in results.items():
         for row in rows.values():
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
                 raise TranscriptionError(
                     f"{what} returned {row!r} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
-    _add_rows(block, rule, answers)
+    _add_rows(block, rule, results)
 
 
 def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
     what = f"phase '{block.name}': complementarity '{rule_name(rule)}'"
-    answers = _collect(block, rule, what, "complementarity", record.grid.points)
-    pairs = {_index(time, label): pair for time, rows in answers.items() for label, pair in rows.items()}
-    times = {_index(time, label): time for time, rows in answers.items() for label in rows}
+    results = _collect(block, rule, what, "complementarity", record.grid.points)
+    pairs = {_index(time, label): pair for time, rows in results.items() for label, pair in rows.items()}
+    times = {_index(time, label): time for time, rows in results.items() for label in rows}
     _check_name(block, rule_name(rule), what)
     component = Complementarity(
         list(pairs),
@@ -172,25 +172,25 @@ def _collect(
     block: Any, rule: Rule, what: str, kind: str, times: tuple[float, ...]
 ) -> dict[float, dict[Hashable, Any]]:
     """Answers of a rule at each time as {time: {label: row}}."""
-    answers: dict[float, dict[Hashable, Any]] = {}
+    results: dict[float, dict[Hashable, Any]] = {}
     for time in times:
-        answer = rule(block, time)
-        if answer is None:
+        result = rule(block, time)
+        if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
-        answers[time] = labelled_rows(kind, answer)
-    return answers
+        results[time] = labelled_rows(kind, result)
+    return results
 
 
-def _add_rows(block: Any, rule: Rule, answers: dict[float, dict[Hashable, Any]]) -> int:
+def _add_rows(block: Any, rule: Rule, results: dict[float, dict[Hashable, Any]]) -> int:
     """One indexed constraint named after the rule; returns the number of rows at a point."""
     name = rule_name(rule)
     _check_name(block, name, f"phase '{block.name}': rule '{name}'")
-    rows = Constraint([_index(time, label) for time, labelled in answers.items() for label in labelled])
+    rows = Constraint([_index(time, label) for time, labelled in results.items() for label in labelled])
     block.add_component(name, rows)
-    for time, labelled in answers.items():
+    for time, labelled in results.items():
         for label, row in labelled.items():
             rows.add(_index(time, label), row)
-    return max(len(labelled) for labelled in answers.values())
+    return max(len(labelled) for labelled in results.values())
 
 
 def _index(time: float, label: Hashable) -> Hashable:

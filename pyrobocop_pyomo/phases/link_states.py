@@ -204,12 +204,12 @@ def sort_jump(
     Raises
     ------
     LinkError
-        When the answer is neither, or names what is no state of the second phase.
+        When the result is neither, or names what is no state of the second phase.
     """
     if jump is None:
         return {}, Relations()
     try:
-        answer = jump(pre, post)
+        result = jump(pre, post)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -218,9 +218,9 @@ def sort_jump(
             "or the relation post.speed == ..."
         ) from error
     starts = {id(second.component(name)[second.initial_time]): name for name in second.record.names_of_states}
-    if isinstance(answer, Mapping):
+    if isinstance(result, Mapping):
         expressions: dict[str, Any] = {}
-        for state, expression in answer.items():
+        for state, expression in result.items():
             name = _name(what, second, list(starts.values()), state)
             if isinstance(expression, RelationalExpression) or not _is_numeric(expression):
                 raise LinkError(
@@ -231,10 +231,10 @@ def sort_jump(
             expressions[name] = expression
         return expressions, Relations()
     relations = Relations()
-    for label, relation in labelled_rows("constraint", answer).items():
+    for label, relation in labelled_rows("constraint", result).items():
         if not isinstance(relation, (RelationalExpression, tuple)):
             raise LinkError(
-                f"{what}: the jump answered {relation!r}; expected {{state: expression}}, or one or several relations "
+                f"{what}: the jump returned {relation!r}; expected {{state: expression}}, or one or several relations "
                 "between pre and post. Is the return statement missing?"
             )
         relations.rows[0 if label is None else label] = relation

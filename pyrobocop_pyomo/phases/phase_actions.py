@@ -81,7 +81,7 @@ class PhaseActions:
 
         Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
         polynomials of controls. With residual equations, or ``method="scheme"``, the rows of the scheme are solved
-        element by element. Nothing on the model changes: use ``phase.initialize(trajectory)`` to start from the answer.
+        element by element. Nothing on the model changes: use ``phase.initialize(trajectory)`` to start from the result.
 
         Parameters
         ----------
@@ -127,8 +127,8 @@ class PhaseActions:
         TrajectoryError
             When there are no states, or the equations do not determine the algebraics.
         """
-        judged = self.trajectory() if trajectory is None else trajectory
-        return estimate_element_errors(self, self.record, judged)
+        checked = self.trajectory() if trajectory is None else trajectory
+        return estimate_element_errors(self, self.record, checked)
 
     def tracking(self: Any, variable: Any, reference: Any, weight: Any = 1.0) -> Any:
         """Integral of the squared deviation from a reference, for an objective or a constraint.

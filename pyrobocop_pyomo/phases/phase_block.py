@@ -43,7 +43,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
         transcribed as they stand; `check` refuses them otherwise.
     time_units : Pyomo unit, optional
         Units of time, such as ``pyo.units.s``. With them, and with `units` in the declarations, Pyomo's
-        ``assert_units_consistent`` judges the transcribed rows.
+        ``assert_units_consistent`` checks the transcribed rows.
     rule : callable, optional
         ``rule(phase, *index)`` declares and states everything; needed for indexed phases and abstract models.
 

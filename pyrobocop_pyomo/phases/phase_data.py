@@ -92,7 +92,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Parameters
         ----------
         rule : callable
-            Called at each collocation point ``t``; keys of its answer are states (or their names).
+            Called at each collocation point ``t``; keys of its result are states (or their names).
 
         Raises
         ------
@@ -110,7 +110,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Raises
         ------
         TranscriptionError
-            When an answer is no equality.
+            When a result is no equality.
         """
         return self._state("residual", rule, add_residual)
 
@@ -124,7 +124,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Raises
         ------
         TranscriptionError
-            When an answer is no relation.
+            When a result is no relation.
         """
         return self._state("constraint", rule, add_constraint)
 
@@ -137,7 +137,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Raises
         ------
         TranscriptionError
-            When an answer is no relation, or the rule reads what has no value at a boundary, such as a control.
+            When a result is no relation, or the rule reads what has no value at a boundary, such as a control.
         """
         return self._state("constraint at boundaries", rule, add_constraint_at_boundaries)
 
@@ -216,7 +216,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             raise TranscriptionError(f"{self._what}: '{name}' is no control; its controls are {known}.")
         return MappingProxyType(control_rate(self, self.record, name))
 
-    # ---------------------------------------------------------------- facts and answers
+    # ---------------------------------------------------------------- facts and results
 
     @property
     def record(self) -> PhaseRecord:
@@ -281,7 +281,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         return PhaseValues(self).trajectory()
 
     def verify(self, trajectory: Trajectory) -> Verification:
-        """Judge a trajectory by this phase's equations, recomputed; see `Verification`."""
+        """Check a trajectory against this phase's equations, recomputed; see `Verification`."""
         return verify(self, self.record, trajectory)
 
     # ---------------------------------------------------------------- construction

@@ -75,16 +75,16 @@ class PhaseValues:
         """
         # Between schemes, rates of the polynomial through the new nodes would be less exact than the trajectory's own.
         rates = replace(trajectory, states={}, signals=trajectory.rates, piecewise_linear={})
-        answers: dict[Any, dict[str, Array]] = {}
+        results: dict[Any, dict[str, Array]] = {}
         found = {}
         for name, nodes in self.nodes.items():
             derivative = name not in self._record.declarations
             source, known = (rates, name.removesuffix("_derivative")) if derivative else (trajectory, name)
             if known in source.names:
                 key = (derivative, type(nodes), nodes.sample_times)
-                if key not in answers:
-                    answers[key] = source(_placed(trajectory, nodes, place))
-                found[name] = nodes.from_samples(answers[key][known])
+                if key not in results:
+                    results[key] = source(_placed(trajectory, nodes, place))
+                found[name] = nodes.from_samples(results[key][known])
         return found
 
     def trajectory(self, values: Mapping[str, Array] | None = None, *, evaluate: bool = True) -> Trajectory:

@@ -117,25 +117,25 @@ class PhaseRecord:
         return duplicate
 
 
-def labelled_rows(kind: str, answer: Any) -> dict[Hashable, Any]:
-    """The rows of an answer by label; the label is None where there is just one.
+def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:
+    """The rows of a rule result by label; the label is None where there is just one.
 
     Parameters
     ----------
     kind : {"residual", "constraint", "complementarity"}
         What the rule states. It decides what a tuple is: one pair in a complementarity, Pyomo's
         ``(lower, body, upper)`` in a constraint unless relations stand in it, and otherwise several rows.
-    answer : object
+    result : object
         What the rule returned.
     """
-    if isinstance(answer, Mapping):
-        return dict(answer)
-    if isinstance(answer, list) or (isinstance(answer, tuple) and not _is_one_row(kind, answer)):
-        return dict(enumerate(answer))
-    return {None: answer}
+    if isinstance(result, Mapping):
+        return dict(result)
+    if isinstance(result, list) or (isinstance(result, tuple) and not _is_one_row(kind, result)):
+        return dict(enumerate(result))
+    return {None: result}
 
 
-def _is_one_row(kind: str, answer: tuple[Any, ...]) -> bool:
+def _is_one_row(kind: str, result: tuple[Any, ...]) -> bool:
     if kind == "constraint":
-        return not any(isinstance(entry, (RelationalExpression, tuple)) for entry in answer)
+        return not any(isinstance(entry, (RelationalExpression, tuple)) for entry in result)
     return kind == "complementarity"

@@ -20,8 +20,9 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
-from .element_integration import Unknowns, find_unknowns, step_element, step_start
+from .element_integration import Unknowns, find_unknowns, signals_at, step_element, step_start
 from .horizon import real_grid
+from .nodes import KnotNodes
 from .phase_values import make_trajectory, read_values
 from .point_model import PointEquations
 from .record import PhaseRecord
@@ -106,6 +107,10 @@ class _Run:
             name: record.nodes(name).at_points(values)[record.grid.stage_positions]
             for name, values in self.given.items()
         }
+        nodes = {name: record.nodes(name) for name in self.given}
+        self.knots = {
+            name: np.array([of.times, self.given[name]]) for name, of in nodes.items() if isinstance(of, KnotNodes)
+        }
         self.equations = PointEquations(block, record, record.grid, self.grid)
         shape = (record.grid.mesh.elements, record.grid.scheme.stages)
         names = record.names_of_states
@@ -124,23 +129,22 @@ class _Run:
         given = {name: per_stage[i] for name, per_stage in self.signals.items()}
 
         def slope(local: float, state: Array) -> Array:
-            weights = scheme.stage_polynomial_at([local])[0]
-            values = {name: float(weights @ stages) for name, stages in given.items()}
-            values |= dict(zip(names, state.tolist(), strict=True))
-            answer = self.equations.rates(first + local * (last - first), values)
-            return width * np.array([answer[name] for name in names])
+            index = first + local * (last - first)
+            values = signals_at(scheme, local, index, given, self.knots)
+            result = self.equations.rates(index, {**values, **dict(zip(names, state.tolist(), strict=True))})
+            return width * np.array([result[name] for name in names])
 
         if names:
             asked = np.union1d(scheme.state_nodes, [0.0, 1.0])
-            answer = scipy.integrate.solve_ivp(
+            result = scipy.integrate.solve_ivp(
                 slope, (0.0, 1.0), self.start, method=options.method, t_eval=asked, rtol=options.rtol, atol=options.atol
             )
-            if not answer.success or not np.isfinite(answer.y).all():
-                reached = float(answer.t[-1]) if len(answer.t) else 0.0
-                return begin + width * reached, f"SciPy's {options.method} gave up ({answer.message})"
-            nodes = answer.y[:, np.searchsorted(asked, scheme.state_nodes)]
+            if not result.success or not np.isfinite(result.y).all():
+                reached = float(result.t[-1]) if len(result.t) else 0.0
+                return begin + width * reached, f"SciPy's {options.method} gave up ({result.message})"
+            nodes = result.y[:, np.searchsorted(asked, scheme.state_nodes)]
             nodes[:, 0] = self.start  # LSODA returns it with rounding
-            self._take(i, dict(zip(names, nodes, strict=True)), answer.y[:, -1])
+            self._take(i, dict(zip(names, nodes, strict=True)), result.y[:, -1])
         self._fill_rates(i)
         return None
 
@@ -160,11 +164,11 @@ class _Run:
             residual = step_start(self.equations, *arguments, start, self._near(i))
             if residual is not None:
                 return self.grid.mesh.boundaries[i], f"no consistent values at the start (residual {residual:.1e})"
-        answer = step_element(self.equations, scheme, self.grid.mesh.widths[i], *arguments, start, self._near(i))
-        if isinstance(answer, float):
-            return self.grid.mesh.boundaries[i], f"the rows of element {i} were not solved (residual {answer:.1e})"
-        ends = np.array([float(scheme.end_weights @ answer[name]) for name in names])
-        self._take(i, answer, ends)
+        result = step_element(self.equations, scheme, self.grid.mesh.widths[i], *arguments, start, self._near(i))
+        if isinstance(result, float):
+            return self.grid.mesh.boundaries[i], f"the rows of element {i} were not solved (residual {result:.1e})"
+        ends = np.array([float(scheme.end_weights @ result[name]) for name in names])
+        self._take(i, result, ends)
         return None
 
     def _near(self, i: int) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Judging a trajectory by the stated equations, recomputed without the rows or the solver."""
+"""Checking a trajectory against the stated equations, recomputed without the rows or the solver."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
-from .element_integration import integrate_elements, integrate_horizon
+from .element_integration import integrate_elements, integrate_horizon, signals_at
 from .point_model import PointModel
 from .record import PhaseRecord, Statement, labelled_rows
 
@@ -48,7 +48,7 @@ class Verification:
     horizon_error : float or None
         Re-integration of the whole horizon in one go: largest difference at any element end.
     remarks : tuple of str
-        What could not be judged, and why.
+        What could not be checked, and why.
     element_errors : array, shape (N,), or None
         The re-integration error of each element; `element_error` is the largest.
     """
@@ -105,20 +105,20 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
                 f"trajectory '{trajectory.name}' has the {kind} {sorted(given)}, phase '{block.name}' has "
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
-    judge = _Judge(block, record, trajectory)
-    judge.remark_what_is_not_stated(block)
-    defect, equations, natural, product = judge.at_collocation_points()
-    element_errors, horizon_error = judge.reintegrate()
+    check = _TrajectoryCheck(block, record, trajectory)
+    check.remark_what_is_not_stated(block)
+    defect, equations, natural, product = check.at_collocation_points()
+    element_errors, horizon_error = check.reintegrate()
     return Verification(
         defect=defect,
-        continuity=judge.continuity(),
+        continuity=check.continuity(),
         equations=equations,
-        bounds=judge.bounds(),
+        bounds=check.bounds(),
         natural_residual=natural,
         product=product,
         element_error=None if element_errors is None else float(element_errors.max()),
         horizon_error=horizon_error,
-        remarks=tuple(judge.remarks),
+        remarks=tuple(check.remarks),
         element_errors=element_errors,
     )
 
@@ -135,10 +135,10 @@ def indices_of(record: PhaseRecord, grid: Grid) -> Grid:
 
 def element_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
     """Re-integration error of each element, shape ``(N,)``; every state has an explicit equation."""
-    return _Judge(block, record, trajectory).element_errors()
+    return _TrajectoryCheck(block, record, trajectory).element_errors()
 
 
-class _Judge:
+class _TrajectoryCheck:
     def __init__(self, block: Any, record: PhaseRecord, trajectory: Trajectory) -> None:
         self.record = record
         self.trajectory = trajectory
@@ -168,7 +168,7 @@ class _Judge:
         known = self.record.generated_rows | {statement.name for statement in self.record.statements}
         own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
         if own:
-            self.remarks.append(f"not judged, since they were not stated through the phase: {', '.join(own)}.")
+            self.remarks.append(f"not checked, since they were not stated through the phase: {', '.join(own)}.")
 
     def at_collocation_points(self) -> tuple[float, float, float, float]:
         equations = natural = product = 0.0
@@ -284,16 +284,12 @@ class _Judge:
 
         def rates(element: int, time: float, state: Array) -> Array:
             local = (time - mesh.boundaries[element]) / mesh.widths[element]
-            weights = scheme.stage_polynomial_at([local])[0]
-            values: Mapping[str, float] = {
-                **dict(zip(names, state, strict=True)),
-                **{name: weights @ per_stage[element] for name, per_stage in self.signals.items()},
-                **{name: np.interp(time, *knots) for name, knots in self.trajectory.piecewise_linear.items()},
-            }
-            self.point.set_values(values)
+            per_stage = {name: per_element[element] for name, per_element in self.signals.items()}
+            values = signals_at(scheme, local, time, per_stage, self.trajectory.piecewise_linear)
+            self.point.set_values({**values, **dict(zip(names, state, strict=True))})
             self.point.forget_derivatives()
-            answer = self.point.rates(self.record.statements_of("ode"), self.point.index_at(time))
-            return np.array([answer[name] for name in names])
+            result = self.point.rates(self.record.statements_of("ode"), self.point.index_at(time))
+            return np.array([result[name] for name in names])
 
         return rates
 

@@ -167,25 +167,25 @@ class Trajectory:
         return values[self.grid.stage_positions]
 
     def verify(self, phase: Any = None) -> Any:
-        """Judge these values by the equations of a phase, recomputed independently of the solver.
+        """Check these values against the equations of a phase, recomputed independently of the solver.
 
         Parameters
         ----------
         phase : PhaseBlock, optional
-            The phase to judge by; the one that the trajectory came from by default.
+            The phase to check against; the one that the trajectory came from by default.
 
         Raises
         ------
         TrajectoryError
             When the trajectory was loaded from a file and no phase is given.
         """
-        judge = self.phase if phase is None else phase
-        if judge is None:
+        verifier = self.phase if phase is None else phase
+        if verifier is None:
             raise TrajectoryError(
                 f"trajectory '{self.name}' was loaded from a file and knows no equations. "
                 f"Use verify(phase=model.{self.name})."
             )
-        return judge.verify(self)
+        return verifier.verify(self)
 
     def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
         """Draw signals over time; returns the Matplotlib figure.

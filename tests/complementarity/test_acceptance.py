@@ -342,7 +342,7 @@ def test_after_the_homotopy_every_pair_and_every_step_is_reported():
     deltas = [step.delta for step in result.steps if step.delta is not None]
     assert deltas == sorted(deltas, reverse=True)
     assert deltas[0] == pytest.approx(1e-1)
-    assert all(step.status.solved for step in result.steps)
+    assert all(step.status.solved for step in result.steps if step.status is not None)
 
 
 @with_ipopt
@@ -350,7 +350,7 @@ def test_one_iteration_is_no_success():
     m = existing_model()
     # Without polish: a branch of a small problem may well be solved in one iteration.
     result = rcp.solve(m, options={"max_iter": 1}, polish=False)
-    assert not any(step.status.solved for step in result.steps)
+    assert not any(step.status.solved for step in result.steps if step.status is not None)
     assert result.quality is not rcp.Quality.OPTIMAL
     with pytest.raises(rcp.errors.SolveFailed):
         result.raise_for_status()

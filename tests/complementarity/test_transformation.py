@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pyrobocop_pyomo import complementarity
 from pyrobocop_pyomo.complementarity import (
     Complementarity,
     PerElement,
@@ -221,6 +222,34 @@ def test_parts_of_a_penalty_without_an_objective_come_and_go(model, relax):
 def test_a_penalty_is_not_put_below_the_objective_that_it_belongs_to(model, relax):
     with pytest.raises(ComplementarityError, match=r"'part\[1\]'.*'cost' of 'unknown'.*targets= the blocks"):
         relax.apply_to(model.part[1], relaxation="penalty")
+
+
+# ---- functions
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_the_functions_and_the_transformation_do_the_same(relax, options):
+    by_function, by_transformation = build(), build()
+    token = complementarity.relax(by_function, **options)
+    relax.apply_to(by_transformation, **options)
+    assert nl_text(by_function) == nl_text(by_transformation)
+    complementarity.update_parameters(by_function, 1e-5, {})
+    relax.update_parameters(by_transformation, 1e-5, {})
+    assert nl_text(by_function) == nl_text(by_transformation)
+    assert complementarity.pairs_of(by_function)
+    complementarity.revert(by_function, token)
+    assert state(by_function) == state(build())
+
+
+def test_an_option_that_is_left_out_is_the_one_in_use(model):
+    complementarity.relax(model, relaxation="fischer-burmeister", delta=0.5, lift=True, targets=[model.ours])
+    complementarity.relax(model)
+    assert complementarity.delta_of(model).value == 0.5
+    assert complementarity.relaxation_of(model) == complementarity.FischerBurmeister()
+    with pytest.raises(ComplementarityError, match="is relaxed with relaxation"):
+        complementarity.relax(model, relaxation="scholtes")
+    with pytest.raises(ValueError, match="delta|positive|PositiveFloat|finite|convert"):
+        complementarity.relax(model, delta=-1)
 
 
 # ---- the way back

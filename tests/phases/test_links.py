@@ -389,16 +389,16 @@ REFUSED = {
         "a variable cannot be the key of a dict. Write {'speed': ...}",
     ),
     "jump twice": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": 0, m.b.x: 1}), "start of 'x' twice"),
-    "jump answers None": (
+    "jump results None": (
         lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: None),
         "Is the return statement missing?",
     ),
-    "jump answers a number": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: [1.0]), r"the jump answered 1\.0"),
-    "jump answers text": (
+    "jump results a number": (lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: [1.0]), r"the jump returned 1\.0"),
+    "jump results text": (
         lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": "up"}),
         "the jump gives 'up' as the start of 'x'; expected an expression",
     ),
-    "jump answers a relation as value": (
+    "jump results a relation as value": (
         lambda m: rcp.Link(m.a, m.b, jump=lambda pre, post: {"x": post.x == pre.x}),
         "as the start of 'x'; expected an expression",
     ),

@@ -216,7 +216,7 @@ def test_rows_that_were_not_stated_through_the_phase_are_named_as_not_judged() -
     phase.own_limit = pyo.Constraint(expr=phase.x[1.0] <= 1)
     phase.own_pair = rcp.Complementarity(expr=rcp.complements(phase.x[1.0] >= 0, phase.k >= 1))
     (remark,) = phase.trajectory().verify().remarks
-    assert remark == "not judged, since they were not stated through the phase: own_limit, own_pair."
+    assert remark == "not checked, since they were not stated through the phase: own_limit, own_pair."
 
 
 @pytest.mark.heavy
