@@ -179,7 +179,7 @@ def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backen
     if choice is None:
         best = best_backend()
         # The executable has the derivatives of ASL as well, and nothing that the others lack.
-        others = [backend for backend in present if backend not in (best, Backend.EXECUTABLE)]
+        others: list[Backend] = [backend for backend in present if backend not in (best, Backend.EXECUTABLE)]
         if vectorised and Backend.IN_PROCESS_VECTORISED in others:
             others.remove(Backend.IN_PROCESS_VECTORISED)
             best, others = Backend.IN_PROCESS_VECTORISED, [best, *others]
