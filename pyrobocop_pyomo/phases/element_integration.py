@@ -183,6 +183,27 @@ def _solve(residuals: Any, guess: Array) -> tuple[Array, float]:
     return result.x, left if np.isfinite(left) else np.inf
 
 
+def signals_at(
+    scheme: Scheme, local: float, time: float, per_stage: Mapping[str, Array], knots: Mapping[str, Array]
+) -> dict[str, float]:
+    """Algebraics and controls at one place of an element: stage polynomials, and lines between knots.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    local : float
+        From 0 to 1 within the element.
+    time : float
+        The same place, in the times of the knots.
+    per_stage : mapping of name to array, shape (s,)
+    knots : mapping of name to array, shape (2, knots)
+        Times and values of the piecewise linear controls.
+    """
+    weights = scheme.stage_polynomial_at([local])[0]
+    values = {name: float(weights @ stages) for name, stages in per_stage.items()}
+    return values | {name: float(np.interp(time, *of_knots)) for name, of_knots in knots.items()}
+
+
 def integrate_elements(trajectory: Trajectory, rates: Rates) -> Array:
     """Each element from its own start: differences at the ends, shape ``(N, states)``."""
     boundaries = trajectory.grid.mesh.boundaries

@@ -20,8 +20,9 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
-from .element_integration import Unknowns, find_unknowns, step_element, step_start
+from .element_integration import Unknowns, find_unknowns, signals_at, step_element, step_start
 from .horizon import real_grid
+from .nodes import KnotNodes
 from .phase_values import make_trajectory, read_values
 from .point_model import PointEquations
 from .record import PhaseRecord
@@ -106,6 +107,10 @@ class _Run:
             name: record.nodes(name).at_points(values)[record.grid.stage_positions]
             for name, values in self.given.items()
         }
+        nodes = {name: record.nodes(name) for name in self.given}
+        self.knots = {
+            name: np.array([of.times, self.given[name]]) for name, of in nodes.items() if isinstance(of, KnotNodes)
+        }
         self.equations = PointEquations(block, record, record.grid, self.grid)
         shape = (record.grid.mesh.elements, record.grid.scheme.stages)
         names = record.names_of_states
@@ -124,10 +129,9 @@ class _Run:
         given = {name: per_stage[i] for name, per_stage in self.signals.items()}
 
         def slope(local: float, state: Array) -> Array:
-            weights = scheme.stage_polynomial_at([local])[0]
-            values = {name: float(weights @ stages) for name, stages in given.items()}
-            values |= dict(zip(names, state.tolist(), strict=True))
-            result = self.equations.rates(first + local * (last - first), values)
+            index = first + local * (last - first)
+            values = signals_at(scheme, local, index, given, self.knots)
+            result = self.equations.rates(index, {**values, **dict(zip(names, state.tolist(), strict=True))})
             return width * np.array([result[name] for name in names])
 
         if names:

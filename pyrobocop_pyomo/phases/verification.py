@@ -17,7 +17,7 @@ from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
-from .element_integration import integrate_elements, integrate_horizon
+from .element_integration import integrate_elements, integrate_horizon, signals_at
 from .point_model import PointModel
 from .record import PhaseRecord, Statement, labelled_rows
 
@@ -284,13 +284,9 @@ class _TrajectoryCheck:
 
         def rates(element: int, time: float, state: Array) -> Array:
             local = (time - mesh.boundaries[element]) / mesh.widths[element]
-            weights = scheme.stage_polynomial_at([local])[0]
-            values: Mapping[str, float] = {
-                **dict(zip(names, state, strict=True)),
-                **{name: weights @ per_stage[element] for name, per_stage in self.signals.items()},
-                **{name: np.interp(time, *knots) for name, knots in self.trajectory.piecewise_linear.items()},
-            }
-            self.point.set_values(values)
+            per_stage = {name: per_element[element] for name, per_element in self.signals.items()}
+            values = signals_at(scheme, local, time, per_stage, self.trajectory.piecewise_linear)
+            self.point.set_values({**values, **dict(zip(names, state, strict=True))})
             self.point.forget_derivatives()
             result = self.point.rates(self.record.statements_of("ode"), self.point.index_at(time))
             return np.array([result[name] for name in names])

@@ -108,10 +108,10 @@ class ExecutableSession:
         while True:
             last = mu <= tolerance
             # Stop at this barrier problem, solved as loosely as Ipopt itself would before reducing mu.
-            stop = {} if last else {"mu_target": mu, "tol": max(tolerance, 10 * mu)}
+            loose = {} if last else {"tol": max(tolerance, 10 * mu)}
             warm = {} if start is None else warm_start(mu)
             # The first parameter may be the user's; it is the path itself that goes on from there.
-            resolved = {**options.resolve(warm), "mu_init": mu, **stop}
+            resolved = {**options.resolve(warm, loose), "mu_init": mu, **({} if last else {"mu_target": mu})}
             self._relaxed.go_on_to(schedule.delta_for(mu), None if start is None else start.multipliers["dual"])
             self._hand_over({} if start is None else start.multipliers)
             start = self._solve("delta = mu, from outside", schedule.delta_for(mu), resolved, deadline)

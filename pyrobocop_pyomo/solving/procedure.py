@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,6 +86,25 @@ class _Procedure:
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
         sequence = DEFAULT_SEQUENCE if self._settings.strategies is None else self._settings.strategies
+        try:
+            self._go_through(sequence)
+        except BaseException:
+            # Whatever ends it, the model is left with the best point that there is.
+            self._values.write(self._initial if self._best is None else self._best.values)
+            raise
+        best = self._best
+        if best is None:
+            raise ComplementarityError(
+                f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
+                f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
+                "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
+            )
+        self._values.write(best.values)
+        best.load_suffixes()
+        forget_removed(self._model)
+        return self._result(best)
+
+    def _go_through(self, sequence: Sequence[Strategy]) -> None:
         with self._stack:
             for strategy in sequence:
                 if strategy is not TIGHT:
@@ -98,17 +117,6 @@ class _Procedure:
             self._explore()
             if self._best is not None and self._cut is not StopReason.INTERRUPTED:
                 self._classify(self._best)
-        best = self._best
-        if best is None:
-            raise ComplementarityError(
-                f"'{self._model.name}': delta cannot follow the barrier parameter with the relaxation "
-                f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
-                "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
-            )
-        self._values.write(best.values)
-        best.load_suffixes()
-        forget_removed(self._model)
-        return self._result(best)
 
     # ---------------------------------------------------------------- one strategy
 
@@ -122,7 +130,7 @@ class _Procedure:
             self._cut = StopReason.INTERRUPTED
             return
         except EvaluationError as error:
-            iterate = self._not_evaluated(strategy, error)
+            iterate = self._not_evaluated(strategy, str(error))
         except Exception as error:
             if self._best is None or not isinstance(error, PyRobocopError):
                 raise
@@ -141,6 +149,14 @@ class _Procedure:
             self._best = iterate
 
     def _run(self, strategy: Strategy) -> Iterate | None:
+        """Run a strategy on the first backend that can evaluate the model where it leads."""
+        iterate = self._run_here(strategy)
+        if iterate is None or iterate.status is not IpoptStatus.INVALID_NUMBER or len(self._backends) == 1:
+            return iterate
+        self._keep(iterate)
+        return self._not_evaluated(strategy, iterate.status.value)
+
+    def _run_here(self, strategy: Strategy) -> Iterate | None:
         self._move_to(strategy)
         place = self._place
         assert place is not None
@@ -155,16 +171,16 @@ class _Procedure:
             place.values.write(place.start)
         return self._polished(place, strategy)
 
-    def _not_evaluated(self, strategy: Strategy, error: EvaluationError) -> Iterate | None:
+    def _not_evaluated(self, strategy: Strategy, why: str) -> Iterate | None:
         """Another backend may know the derivatives at this point; where there is none, the point itself is reported."""
-        logger.info("'%s': strategy '%s', %s: %s", self._model.name, strategy.name, self._backends[0].value, error)
+        logger.info("'%s': strategy '%s', %s: %s", self._model.name, strategy.name, self._backends[0].value, why)
         if len(self._backends) > 1:
             del self._backends[0]
             self._leave()
             try:
                 return self._run(strategy)
-            except EvaluationError as again:
-                return self._not_evaluated(strategy, again)
+            except EvaluationError as error:
+                return self._not_evaluated(strategy, str(error))
         if self._best is not None:
             return None
         self._values.write(self._initial)

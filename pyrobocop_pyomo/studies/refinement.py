@@ -22,6 +22,7 @@ from pyrobocop_pyomo.numerics import Mesh, remesh
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
+from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -39,6 +40,7 @@ class RefinementEnd(enum.Enum):
     MESH_LIMIT = "The limit of meshes was reached. Raise most_meshes, or start from a finer mesh."
     ELEMENT_LIMIT = "The next mesh would exceed the limit of elements. Raise most_elements or the tolerance."
     TIME_LIMIT = "The time limit was reached. Raise time_limit, or start from a finer mesh."
+    INTERRUPTED = "Ctrl-C interrupted the refinement."
     FAILED = (
         "No acceptable point was found on this mesh. Start from another mesh or initial guess, or look with tee=True."
     )
@@ -229,7 +231,9 @@ def solve_refined(
         bar.line(table_row(columns, step, len(steps)))
         logger.info("mesh %d: %s", len(steps), step)
         end = None
-        if not step.feasible and deadline.has_passed:
+        if step.result is not None and step.result.stop_reason is StopReason.INTERRUPTED:
+            end = RefinementEnd.INTERRUPTED
+        elif not step.feasible and deadline.has_passed:
             end = RefinementEnd.TIME_LIMIT
         elif not step.feasible:
             end = RefinementEnd.FAILED
@@ -249,9 +253,10 @@ def solve_refined(
             }  # fmt: skip
             if sum(finer.elements for finer in meshes.values()) > most_elements:
                 end = RefinementEnd.ELEMENT_LIMIT
-        # An answer is not thrown away because no time was left for a finer mesh.
+        # An answer is not thrown away because a finer mesh was cut short.
         place = len(steps) - 1
-        if answer is not None and end is RefinementEnd.TIME_LIMIT and not step.feasible:
+        cut = end in (RefinementEnd.TIME_LIMIT, RefinementEnd.INTERRUPTED)
+        if answer is not None and cut and not step.feasible:
             found, place = answer, place - 1
         answer = found
         if end is not None:
@@ -290,7 +295,8 @@ def _solve_on(
     if coarser is not None:
         _take_over(model, builder, coarser)
     result = solved(model)
-    if coarser is not None and result.quality is Quality.INFEASIBLE and not deadline.has_passed:
+    failed = result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final
+    if coarser is not None and failed and not deadline.has_passed:
         logger.info("'%s': no acceptable point from the last answer; once more from its own initial guess", model.name)
         model = builder.model(meshes)
         result = solved(model)

@@ -223,3 +223,12 @@ def test_a_rule_that_needs_the_grid_can_be_stepped() -> None:
     with pytest.raises(TrajectoryError, match="cannot be asked at t = "):
         b.simulate()
     assert b.simulate(method="scheme").x[-1] == pytest.approx(2.0)
+
+
+def test_a_linear_control_is_linear_within_elements_of_one_stage_too() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=1, scheme="implicit_euler")
+    b.x = rcp.State(initial=0)
+    b.u = rcp.Control(parametrization="piecewise_linear")
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    assert b.simulate({"u": [0.0, 1.0]}).x[-1] == pytest.approx(0.5)

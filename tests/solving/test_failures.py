@@ -1,0 +1,172 @@
+"""What a failure or an interruption may not cost, and what may not end in one."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import textwrap
+from functools import partial
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from harness.belt_drive import belt_drive
+from harness.observed_runs import LinearProgram, before_linear_programs, interrupt_run, observe_options
+from test_interruptions import swing
+from test_robust_procedure import LOOSE, RANK, Broken, without_derivative
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.catalogue import mpcc_problem
+from pyrobocop_pyomo.errors import HomotopyStalled
+
+solve = partial(rcp.solve, progress=False)
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize(("elements", "duration"), [(10, 6.0), (10, 3.0), (8, 6.0)])
+def test_a_failed_polish_keeps_the_better_point_before_it(elements: int, duration: float) -> None:
+    """Where the belt touches the pulley, the distance has no derivative, and the polish ends without multipliers."""
+    rough = solve(belt_drive(elements, duration), strategies="barrier", polish=False, backend="asl")
+    polished = solve(belt_drive(elements, duration), strategies="barrier", backend="asl", exploration=0)
+    assert rough.quality is rcp.Quality.OPTIMAL
+    assert RANK[polished.quality] >= RANK[rough.quality], str(polished)
+    assert polished.objective <= rough.objective + 1e-4 * abs(rough.objective)
+
+
+@pytest.mark.asl
+@pytest.mark.slow
+def test_the_belt_drive_is_optimal_after_the_whole_procedure() -> None:
+    result = solve(belt_drive(10, 3.0), backend="asl", time_limit=60.0)
+    assert result.quality is rcp.Quality.OPTIMAL, str(result)
+    assert result.objective <= 58.785
+
+
+@pytest.mark.asl
+@pytest.mark.casadi
+@pytest.mark.parametrize("paired", [True, False], ids=["paired", "plain"])
+@pytest.mark.parametrize("name", ["steep tanh", "tanh out of range"])
+def test_another_backend_is_tried_where_there_is_one(name: str, paired: bool) -> None:
+    """ASL has no derivative of tanh where its square overflows; CasADi has."""
+    result = solve(without_derivative(name, paired))
+    assert result.solved, str(result)
+
+
+@pytest.mark.asl
+@pytest.mark.parametrize("backend", ["asl", "executable"])
+def test_a_python_function_does_not_end_the_interpreter(backend: str) -> None:
+    script = textwrap.dedent(
+        f"""
+        import pyomo.environ as pyo
+        import pyrobocop_pyomo as rcp
+
+        m = pyo.ConcreteModel(name="external")
+        m.x = pyo.Var(initialize=1.0)
+        m.f = pyo.ExternalFunction(lambda x: (x - 2) ** 2, lambda x, fixed: [2 * (x - 2)], lambda x, fixed: [2.0])
+        m.cost = pyo.Objective(expr=m.f(m.x))
+        try:
+            print(rcp.solve(m, backend={backend!r}))
+        except rcp.errors.PyRobocopError as error:
+            print("refused:", error)
+        """
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    if backend == "asl":
+        assert "refused:" in ended.stdout
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize(
+    "error", [ValueError("not finite"), ZeroDivisionError()], ids=lambda error: type(error).__name__
+)
+def test_an_error_of_other_code_leaves_the_best_point_on_the_model(error: Exception) -> None:
+    first = solve(mpcc_problem("bard1").build(), strategies=LOOSE, polish=False)
+    model = mpcc_problem("bard1").build()
+    with contextlib.suppress(type(error)):
+        solve(model, strategies=[LOOSE, rcp.Strategy("broken", Broken(error))], polish=False)
+    (cost,) = model.component_data_objects(pyo.Objective)
+    assert pyo.value(cost) == pytest.approx(first.objective)
+
+
+@pytest.mark.executable
+@pytest.mark.parametrize("name", ["bard1", "crossed qpec 2x4"])
+def test_the_tolerance_is_the_users_on_the_executables_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = observe_options(monkeypatch)
+    result = solve(mpcc_problem(name).build(), strategies="barrier", backend="executable", options={"tol": 1e-9})
+    assert {options["tol"] for options in seen} == {1e-9}
+    assert {step.options["tol"] for step in result.steps if step.status is not None} == {1e-9}
+
+
+def weighted() -> pyo.ConcreteModel:
+    """A problem with pairs and a number to be changed."""
+    m = mpcc_problem("bard1").build()
+    m.weight = pyo.Param(initialize=1.0, mutable=True)
+    (cost,) = m.component_data_objects(pyo.Objective)
+    cost.set_value(m.weight * cost.expr)
+    return m
+
+
+def press(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
+    """Press Ctrl-C in a linear program; returns the numbers of those that were begun."""
+    begun: list[int] = []
+
+    def act(program: LinearProgram) -> None:
+        begun.append(program.number)
+        if program.number == number:
+            raise KeyboardInterrupt
+
+    before_linear_programs(monkeypatch, act)
+    return begun
+
+
+def count_solves(monkeypatch: pytest.MonkeyPatch, name: str) -> list[Any]:
+    """The results of all solves that a module makes."""
+    module = sys.modules[name]
+    results: list[Any] = []
+    solve = module.solve
+
+    def counting(*arguments: Any, **options: Any) -> Any:
+        results.append(solve(*arguments, **options))
+        return results[-1]
+
+    monkeypatch.setattr(module, "solve", counting)
+    return results
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("run", [0, 3, 7])
+def test_a_path_of_data_ends_where_it_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = count_solves(monkeypatch, "pyrobocop_pyomo.studies.homotopy")
+    runs = interrupt_run(monkeypatch, run)
+    m = weighted()
+    with pytest.raises(HomotopyStalled, match="Ctrl-C"):
+        rcp.studies.homotopy(m, {"weight": (0.5, 1.0)}, 4, progress=False)
+    assert len(runs) == run + 1
+    assert [result.stop_reason is rcp.StopReason.INTERRUPTED for result in results] == [False] * (len(results) - 1) + [
+        True
+    ]
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_path_of_data_ends_where_a_linear_program_was_interrupted(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = press(monkeypatch, number)
+    with pytest.raises(HomotopyStalled, match="Ctrl-C"):
+        rcp.studies.homotopy(weighted(), {"weight": (0.5, 1.0)}, 4, progress=False)
+    assert len(begun) <= number + 2
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("run", [1])
+def test_refinement_ends_with_the_mesh_that_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert len(rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)) > 2
+    runs = interrupt_run(monkeypatch, run)
+    found = rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)
+    assert len(runs) == run + 1
+    assert len(found) == run + 1
+    assert found.end is rcp.studies.RefinementEnd.INTERRUPTED
+    assert found.outcomes[-1].result.stop_reason is rcp.StopReason.INTERRUPTED
+    assert found.result.quality is not rcp.Quality.INFEASIBLE
