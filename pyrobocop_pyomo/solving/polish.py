@@ -182,7 +182,13 @@ class Polish:
         multipliers = iterate.classify()
         if multipliers is None or multipliers.kind is Stationarity.NONE:
             return iterate
-        return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
+        proven = multipliers.kind is Stationarity.S
+        return replace(
+            iterate,
+            stop_reason=StopReason.FINISHED,
+            stationarity=multipliers.residual,
+            certificate=Certificate.PROVEN if proven else iterate.certificate,
+        )
 
     def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
         """Follow descending branches, unless the multipliers show already that there are none."""
