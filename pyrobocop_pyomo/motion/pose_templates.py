@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
@@ -16,6 +15,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
+from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import (
     bernstein_from_samples,
     bernstein_matrix,
@@ -27,9 +27,6 @@ from .expression_values import ExpressionValues
 from .interpolation import Interpolation
 from .motion import Motion
 from .taylor_forms import TaylorForm, taylor_form_of_polynomial
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Largest difference of template and rule at a node, relative to the size of the pose.
 _AGREEMENT = 1e-9

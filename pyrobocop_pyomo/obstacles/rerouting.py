@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.grid_path_search import grid_path
 from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.numerics import Array
 
 from .formulations.rows import is_number
 from .scene import Scene
-
-Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 

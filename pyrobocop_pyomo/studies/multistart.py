@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.phases import PhaseBlockData
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .named_data import by_component
-from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, seconds_left, table_row
+from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, result_or_error, seconds_left, table_row
 
 WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
 
@@ -152,15 +151,9 @@ def multistart(
 
 def _solve_one(model: Any, number: int, values: VariableValues, options: Mapping[str, Any]) -> StartOutcome:
     started = time.perf_counter()
-    try:
-        result = solve(model, progress=False, **options)
-    except (ModelError, SolverNotFoundError):
-        raise  # no other start could do better
-    except PyRobocopError as error:
-        seconds = time.perf_counter() - started
-        return StartOutcome(number, error=f"{type(error).__name__}: {error}", seconds=seconds)
-    seconds = time.perf_counter() - started
-    return StartOutcome(number, result=result, seconds=seconds, values=values.read())
+    result, error = result_or_error(model, options)
+    seconds, found = time.perf_counter() - started, [] if result is None else values.read()
+    return StartOutcome(number, result=result, error=error, seconds=seconds, values=found)
 
 
 class RandomStarts:

@@ -10,15 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics import Mesh, remesh
+from pyrobocop_pyomo.numerics import Array, Mesh, remesh
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
@@ -29,8 +27,6 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, seconds_left, table_header, table_row
 
 logger = logging.getLogger(__name__)
-
-Array = NDArray[np.float64]
 
 
 class RefinementEnd(enum.Enum):
