@@ -178,7 +178,8 @@ def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backen
     present = available_backends()
     if choice is None:
         best = best_backend()
-        others = [backend for backend in present if backend is not best]
+        # The executable has the derivatives of ASL as well, and nothing that the others lack.
+        others: list[Backend] = [backend for backend in present if backend not in (best, Backend.EXECUTABLE)]
         if vectorised and Backend.IN_PROCESS_VECTORISED in others:
             others.remove(Backend.IN_PROCESS_VECTORISED)
             best, others = Backend.IN_PROCESS_VECTORISED, [best, *others]
