@@ -14,6 +14,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
@@ -228,7 +229,7 @@ def _initial_guess(
     timing = path.timed(speed, acceleration)
     free = phase.component("duration")
     free = free if free is not None and free.ctype is Var and not free.fixed else None
-    duration = timing.duration if free is None else _within(timing.duration, free.bounds)
+    duration = timing.duration if free is None else within_bounds(timing.duration, free)
     real = duration if free is not None else float(value(phase.duration))
     time_scaling = timing.duration / real
     fraction = horizon_fraction(phase)
@@ -328,8 +329,3 @@ def _blended_steering(
         return (mean(high) - mean(low)) / (high - low)
 
     return mean, rate
-
-
-def _within(number: float, bounds: tuple[float | None, float | None]) -> float:
-    lower, upper = bounds
-    return min(max(number, -math.inf if lower is None else lower), math.inf if upper is None else upper)

@@ -83,7 +83,7 @@ class PoseTemplate:
     @property
     def entries(self) -> list[Any]:
         """The rotation row by row, then the translation: ``d * d + d`` expressions or numbers."""
-        return _entries(self.pose)
+        return self.pose.entries
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Entries at local fractions of intervals, shape ``(m, d * d + d)``."""
@@ -256,8 +256,4 @@ def _number(leaf: Any, signal: Signal) -> float:
 
 def _numbers(pose: Pose) -> list[float]:
     known = ExpressionValues({})  # evaluates sines and cosines that several entries share once
-    return [known.of(entry) for entry in _entries(pose)]
-
-
-def _entries(pose: Pose) -> list[Any]:
-    return [*(entry for row in pose.rotation for entry in row), *pose.translation]
+    return [known.of(entry) for entry in pose.entries]

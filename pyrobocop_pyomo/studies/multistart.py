@@ -12,7 +12,7 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving import SolveResult
@@ -218,10 +218,7 @@ def _curve(generator: np.random.Generator, size: int) -> FloatArray:
 
 def _initial_guess(variable: Any) -> float:
     """The value, moved within the bounds; without a value, the number nearest to zero within them."""
-    number = 0.0 if variable.value is None else float(variable.value)
-    if variable.lb is not None:
-        number = max(number, variable.lb)
-    return number if variable.ub is None else min(number, variable.ub)
+    return within_bounds(0.0 if variable.value is None else float(variable.value), variable)
 
 
 def _spreads(model: Any, spread: Any) -> dict[Any, float]:
