@@ -63,7 +63,7 @@ class Exploration:
     def budget(self, pairs: int) -> float:
         """Seconds that may be spent from now on in a problem with so many pairs."""
         elsewhere = time.perf_counter() - self.started - self.seconds
-        worth = min(1.0, EXPLORED_PAIRS / max(pairs, 1))
+        worth = min(1.0, (EXPLORED_PAIRS / max(pairs, 1)) ** 2)
         return self.factor * worth * elsewhere - self.seconds if self.factor > 0.0 else 0.0
 
 
@@ -178,10 +178,13 @@ class Polish:
         )
         if iterate.quality(self._settings.tolerances) is not Quality.FEASIBLE:
             return iterate
-        # What Ipopt said does not count where multipliers are at hand that show the point to be stationary.
+        # What Ipopt said does not count where multipliers are at hand that show the point to be stationary, and a
+        # direction of descent that led nowhere does not count where they show that there is none.
         multipliers = iterate.classify()
         if multipliers is None or multipliers.kind is Stationarity.NONE:
             return iterate
+        if multipliers.kind is Stationarity.S:
+            iterate = replace(iterate, certificate=Certificate.PROVEN)
         return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
 
     def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
@@ -189,6 +192,8 @@ class Polish:
         if found.branch is None or found.violation > self._limits.feasibility:
             return found, Certificate.UNKNOWN
         if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
+            return found, Certificate.PROVEN
+        if found is self._search.certified:
             return found, Certificate.PROVEN
         descended = self._search.descend(found)
         self._add_linear_programs("certificate", descended)
