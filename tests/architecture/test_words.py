@@ -23,7 +23,6 @@ RETIRED = {
     "rule_proxies": "stand_in",
     "grid_path, best_first_search, car_kinematics, heuristic_weight": "ways_around outward_search rolling eagerness",
     "penalty_term": "charge charged uncharged",
-    "zero_order_hold, piecewise_constant": "held",
     "deactivate": "asleep sleeping silence silenced put_to_sleep",
 }
 ADVICE = {word: better for better, words in RETIRED.items() for word in words.split()}
