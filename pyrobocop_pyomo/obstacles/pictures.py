@@ -8,28 +8,20 @@ from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
-
-Array = NDArray[np.float64]
 
 # Least number of poses: the path looks smooth, and every frame of an animation has a pose near its time.
 _FEWEST_POSES = 240
 
 
 def draw_avoidance(
-    avoid: Any,
-    *,
-    snapshots: int = 12,
-    view: Any = None,
-    title: str | None = None,
-    unit: str = "m",
-    figure: Any = None,
+    avoid: Any, *, snapshots: int = 12, view: Any = None, title: str | None = None, unit: str = "m", figure: Any = None
 ) -> Any:
     """Draw the bodies of an avoidance block among its obstacles, as snapshots from light to dark.
 

@@ -364,7 +364,8 @@ class _Procedure:
         if strategy is TIGHT:
             return small or settings.strategies is not None
         # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
-        # disagreed or the second failed, the slow way down from delta = 1 is worth its time: it finds the better one more often than not.
+        # disagreed or the second one failed, the slow way down from delta = 1 is worth its time: it finds the better
+        # solution more often than not.
         return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
 
     def _disagree(self) -> bool:
