@@ -65,11 +65,11 @@ def measured(stated: str, obstacles: int, elements: int, seed: int) -> tuple:
     build = time.perf_counter() - started
     size = model_size(m)
     result = rcp.solve(m, progress=False)
-    # The pairs that a person left out are not watched by the block: the judge watches all of them.
-    judge = field(obstacles, elements, seed)
-    judge.move.initialize(m.move.trajectory())
+    # The pairs that a person left out are not in the block: this model has all of them.
+    complete = field(obstacles, elements, seed)
+    complete.move.initialize(m.move.trajectory())
     started = time.perf_counter()
-    report = judge.move.avoid.verify()
+    report = complete.move.avoid.verify()
     verify = time.perf_counter() - started
     verdict = report.worst.verdict if result.solved else "unsolved"
     taken = (build, result.seconds, verify, result.iterations, len(result.rounds))

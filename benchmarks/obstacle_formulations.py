@@ -106,7 +106,7 @@ def good_guess(made: Callable[[], tuple[pyo.ConcreteModel, Any]]) -> rcp.Traject
     return phase.trajectory()
 
 
-def bend(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
+def perturb(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
     """Start from a motion to which waves are added, a thousandth of the range of each state high."""
     phase.initialize(guess)
     generator = np.random.default_rng(seed)
@@ -124,7 +124,7 @@ def bend(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
 def measured(made: Callable[..., Any], guess: rcp.Trajectory, options: dict[str, Any], time_limit: float) -> tuple:
     """One row: size, rounds, iterations, seconds, objective, distance found, asked, verdict."""
     m, phase = made()
-    bend(phase, guess)
+    perturb(phase, guess)
     shapes = [part.shape for part in phase.avoid.record.scene.parts.values()]
     if options["formulation"] == "optimality" and not all(shape.is_bounded for shape in shapes):
         return (*[None] * 8, "cannot")  # nearest points are shares of corners, and wedges without end have other points
