@@ -169,7 +169,10 @@ def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
 
     None for all other sides, and for bounds that are different parameters: these may change places.
     """
-    if (a.lower is None) != (b.lower is None) or not same_expression(a.body, b.body):
+    # The classes are compared first since this is asked for each pair, and nearly always in vain.
+    if a.body.__class__ is not b.body.__class__ or (a.lower is None) != (b.lower is None):
+        return None
+    if not same_expression(a.body, b.body):
         return None
     bounds, tighter = ((a.upper, b.upper), min) if a.lower is None else ((a.lower, b.lower), max)
     if all(bound.__class__ in native_numeric_types for bound in bounds):

@@ -115,8 +115,10 @@ def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = Fa
     """Refuse NaN as a coefficient, parameter or value of a variable, and unfixed discrete variables."""
     checked: set[int] = set()
     for form in forms:
-        sides = [side for pair in form.pairs for side in (pair.a, pair.b)]
-        for leaf in new_leaves([*sides, *(argument for row in form.rows for argument in row.args)], checked):
+        expressions = [side for pair in form.pairs for side in (pair.a, pair.b)]
+        for row in form.rows:
+            expressions += row.args
+        for leaf in new_leaves(expressions, checked):
             number: Any = leaf
             if leaf.__class__ not in native_types:
                 variable = isinstance(leaf, VarData) or leaf.is_variable_type()

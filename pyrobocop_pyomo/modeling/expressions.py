@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -70,13 +70,12 @@ def _operation(expression: Any) -> tuple[Any, ...]:
     return (expression.__class__, len(expression.args) if expression.is_expression_type() else 0, *told_apart)
 
 
-def new_leaves(expressions: Iterable[Any], seen: set[int]) -> Iterator[Any]:
-    """Every number that is NaN, and every parameter and variable that is not yet in `seen`.
+def new_leaves(stack: list[Any], seen: set[int]) -> Iterator[Any]:
+    """Every number that is NaN, and every parameter and variable that is not yet in `seen`, of a list of expressions.
 
-    What several expressions share is entered with the first of them only: `seen` may outlive the call. Nearly all
-    nodes are terms of sums, which are taken apart here and not put on the stack.
+    What several expressions share is entered with the first of them only: `seen` may outlive the call. The list
+    is used up. Nearly all nodes are terms of sums, which are taken apart here and not put on the stack.
     """
-    stack = list(expressions)
     while stack:
         node = stack.pop()
         if node.__class__ is MonomialTermExpression:

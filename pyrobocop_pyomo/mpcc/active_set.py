@@ -155,6 +155,8 @@ class ActiveSetSearch:
     ----------
     certificate : Certificate
         Of the last point.
+    certified : BranchPoint or None
+        The last point from which no branch was found to descend.
     interrupted : bool
         Whether Ctrl-C ended the search; the best point until then is what it returned.
     linear_seconds : float
@@ -167,6 +169,7 @@ class ActiveSetSearch:
     on_solve: Callable[[str, IpoptOutcome, BranchPoint, bool], object] | None = None
     deadline: Deadline = NO_DEADLINE
     certificate: Certificate = Certificate.UNKNOWN
+    certified: BranchPoint | None = None
     interrupted: bool = False
     linear_seconds: float = 0.0
 
@@ -278,6 +281,7 @@ class ActiveSetSearch:
             scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
             if gain <= self.limits.descent * scale:
                 self.certificate = Certificate.PROVEN if descent.proven else Certificate.UNKNOWN
+                self.certified = best if descent.proven else self.certified
                 return best
             self.certificate = Certificate.DESCENT
             better = None

@@ -38,7 +38,7 @@ def solve(
     schedule: Schedule | None = None,
     strategies: str | Strategy | Iterable[str | Strategy] | None = None,
     polish: bool = True,
-    exploration: float = 1.0,
+    exploration: float | None = None,
     backend: Backend | str | None = None,
     options: Mapping[str, Any] | None = None,
     tee: bool | Sequence[TextIO] = False,
@@ -80,10 +80,9 @@ def solve(
         Which strategies to run, in this order; by default all.
     polish : bool
         Polish the point of each strategy; without it, a point is as complementary as its relaxation.
-    exploration : float
+    exploration : float, optional
         How long to explore branches for better optima, as a multiple of the time that the rest of the solve took so
-        far; in problems of more than 100 pairs a part of it that shrinks as their number grows. 0 for no exploration,
-        ``float("inf")`` for no limit but `time_limit`.
+        far; ``float("inf")`` for no limit but `time_limit`. By default 1 up to 100 pairs, then less, and 0 from 200.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default the best that is present; for models with obstacles ``"vectorised"``, which is
@@ -138,7 +137,7 @@ def solve(
         output=tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ()),
         progress=Progress(progress),
     )
-    if not exploration >= 0.0:
+    if exploration is not None and not exploration >= 0.0:
         raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
     for phase in phases_of(model):
         phase.check()
@@ -178,7 +177,8 @@ def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backen
     present = available_backends()
     if choice is None:
         best = best_backend()
-        others = [backend for backend in present if backend is not best]
+        # The executable has the derivatives of ASL as well, and nothing that the others lack.
+        others: list[Backend] = [backend for backend in present if backend not in (best, Backend.EXECUTABLE)]
         if vectorised and Backend.IN_PROCESS_VECTORISED in others:
             others.remove(Backend.IN_PROCESS_VECTORISED)
             best, others = Backend.IN_PROCESS_VECTORISED, [best, *others]

@@ -12,8 +12,14 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import CanonicalPair, PairResidual, pair_residuals
-from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
+from pyrobocop_pyomo.complementarity import (
+    CanonicalPair,
+    PairResidual,
+    active_sources,
+    canonical_form,
+    pair_residuals,
+)
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
 
 from .iterates import Iterate
 from .progress import Progress
@@ -44,6 +50,8 @@ class ModelCheck:
             for variable in model.component_data_objects(Var, active=True)
             if not variable.fixed and variable.bounds != (None, None)
         ]
+        # What statements of complementarity say beside their pairs: equations, and sides that are at their bounds.
+        self._relations = [relation for source in active_sources(model) for relation in canonical_form(source).rows]
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
@@ -57,6 +65,8 @@ class ModelCheck:
         worst = 0.0
         for body, lower, upper in self._rows:
             worst = max(worst, bound_violation(number_or_nan(body), lower, upper))
+        for relation in self._relations:
+            worst = max(worst, relation_violation(relation, unknown=float("inf")))
         for variable in self._bounded:
             if variable.value is not None:
                 worst = max(worst, bound_violation(variable.value, variable.lb, variable.ub))

@@ -35,7 +35,8 @@ logger = logging.getLogger(__name__)
 
 # Far from feasible the nearest branch means nothing: that is for other strategies.
 POLISHED_VIOLATION = 1e-2
-# Up to here the whole exploration is worth its time; beyond, the part of it shrinks as the number of pairs grows.
+# Up to here exploration may take as long as the rest of the solve by default. The more pairs, the less a look beyond
+# the nearest solution pays: at twice as many there is none, unless it is asked for.
 EXPLORED_PAIRS = 100
 
 
@@ -45,8 +46,8 @@ class Exploration:
 
     Attributes
     ----------
-    factor : float
-        How long it may take, as a multiple of the time that the rest of the solve took so far.
+    factor : float or None
+        How long it may take, as a multiple of the time that the rest of the solve took so far; see `EXPLORED_PAIRS`.
     started : float
         When the solve started, on the clock `time.perf_counter`.
     seconds : float
@@ -55,7 +56,7 @@ class Exploration:
         What need not be tried again.
     """
 
-    factor: float
+    factor: float | None
     started: float
     seconds: float = 0.0
     branches: ExploredBranches = field(default_factory=ExploredBranches)
@@ -63,8 +64,8 @@ class Exploration:
     def budget(self, pairs: int) -> float:
         """Seconds that may be spent from now on in a problem with so many pairs."""
         elsewhere = time.perf_counter() - self.started - self.seconds
-        worth = min(1.0, EXPLORED_PAIRS / max(pairs, 1))
-        return self.factor * worth * elsewhere - self.seconds if self.factor > 0.0 else 0.0
+        factor = min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
+        return factor * elsewhere - self.seconds if factor > 0.0 else 0.0
 
 
 class Polish:
@@ -178,10 +179,13 @@ class Polish:
         )
         if iterate.quality(self._settings.tolerances) is not Quality.FEASIBLE:
             return iterate
-        # What Ipopt said does not count where multipliers are at hand that show the point to be stationary.
+        # What Ipopt said does not count where multipliers are at hand that show the point to be stationary, and a
+        # direction of descent that led nowhere does not count where they show that there is none.
         multipliers = iterate.classify()
         if multipliers is None or multipliers.kind is Stationarity.NONE:
             return iterate
+        if multipliers.kind is Stationarity.S:
+            iterate = replace(iterate, certificate=Certificate.PROVEN)
         return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
 
     def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
@@ -189,6 +193,8 @@ class Polish:
         if found.branch is None or found.violation > self._limits.feasibility:
             return found, Certificate.UNKNOWN
         if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
+            return found, Certificate.PROVEN
+        if found is self._search.certified:
             return found, Certificate.PROVEN
         descended = self._search.descend(found)
         self._add_linear_programs("certificate", descended)

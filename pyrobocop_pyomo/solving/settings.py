@@ -30,8 +30,9 @@ class Settings:
     options : IpoptOptions
     tolerances : Tolerances
     polish : bool
-    exploration : float
-        How long to look for better optima beyond the nearest, as a multiple of the time that the solve took so far.
+    exploration : float or None
+        How long to look for better optima beyond the nearest, as a multiple of the time that the solve took so far; by
+        default 1 in small problems.
     deadline : Deadline
     output : sequence of text streams
         Where Ipopt's log goes.
@@ -46,7 +47,7 @@ class Settings:
     options: IpoptOptions = field(default_factory=IpoptOptions)
     tolerances: Tolerances = field(default_factory=Tolerances)
     polish: bool = True
-    exploration: float = 1.0
+    exploration: float | None = None
     deadline: Deadline = field(default_factory=Deadline)
     output: Sequence[TextIO] = ()
     progress: Progress = field(default_factory=Progress)

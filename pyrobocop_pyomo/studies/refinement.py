@@ -295,7 +295,8 @@ def _solve_on(
     if coarser is not None:
         _take_over(model, builder, coarser)
     result = solved(model)
-    if coarser is not None and result.quality is Quality.INFEASIBLE and not deadline.has_passed:
+    failed = result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final
+    if coarser is not None and failed and not deadline.has_passed:
         logger.info("'%s': no acceptable point from the last answer; once more from its own initial guess", model.name)
         model = builder.model(meshes)
         result = solved(model)

@@ -56,7 +56,7 @@ DECLARATIONS = {
     "bounds are None": (rcp.Control(bounds=None), r"expected a pair \(lower, upper\)"),
     "bounds of a derivative later": (rcp.Parameter(bounds="ab"), r"bounds = 'ab'"),
     "bounds cross in time": (rcp.Control(bounds=lambda t: (t, 0.5)), "exceeds the upper, 0.5"),
-    "held bounds cross": (
+    "piecewise constant bounds cross": (
         rcp.Control(bounds=lambda t: (10 * t, 10 * t + 0.1), parametrization="piecewise_constant"),
         "lower of its bounds between",
     ),

@@ -104,23 +104,25 @@ def newton(b: Any, t: float) -> dict[Any, Any]:
 
 @pytest.mark.parametrize("scheme", ["implicit_euler", "implicit_midpoint"])
 def test_a_held_control_on_one_stage_is_the_collocated_one(scheme: str) -> None:
-    held, collocated = (double_integrator(each, scheme) for each in ("piecewise_constant", "collocated"))
+    constant, collocated = (double_integrator(each, scheme) for each in ("piecewise_constant", "collocated"))
     for t in collocated.cart.points:
-        assert held.cart.force[t].bounds == collocated.cart.force[t].bounds
-    for m in (held, collocated):
+        assert constant.cart.force[t].bounds == collocated.cart.force[t].bounds
+    for m in (constant, collocated):
         solve(m, 1e-10)
     names = ("position", "velocity", "force")
-    assert values(held.cart, *names) == pytest.approx(values(collocated.cart, *names), abs=1e-6)
+    assert values(constant.cart, *names) == pytest.approx(values(collocated.cart, *names), abs=1e-6)
 
 
 def test_a_held_control_is_constant_over_each_element_and_costs_more() -> None:
-    held, collocated = (double_integrator(each, rcp.schemes.radau(3)) for each in ("piecewise_constant", "collocated"))
-    for m in (held, collocated):
+    constant, collocated = (
+        double_integrator(each, rcp.schemes.radau(3)) for each in ("piecewise_constant", "collocated")
+    )
+    for m in (constant, collocated):
         solve(m, 1e-10)
-    force = held.cart.trajectory().element_signals("force")
+    force = constant.cart.trajectory().element_signals("force")
     assert (force == force[:, :1]).all()
-    assert held.cart.trajectory().piecewise_constant == {"force"}
-    assert pyo.value(held.effort) > pyo.value(collocated.effort) + 1e-4
+    assert constant.cart.trajectory().piecewise_constant == {"force"}
+    assert pyo.value(constant.effort) > pyo.value(collocated.effort) + 1e-4
 
 
 @each_scheme

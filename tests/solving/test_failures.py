@@ -167,4 +167,6 @@ def test_refinement_ends_with_the_mesh_that_was_interrupted(run: int, monkeypatc
     found = rcp.studies.solve_refined(swing, 1e-7, elements=5, progress=False)
     assert len(runs) == run + 1
     assert len(found) == run + 1
-    assert found.result.stop_reason is rcp.StopReason.INTERRUPTED
+    assert found.end is rcp.studies.RefinementEnd.INTERRUPTED
+    assert found.outcomes[-1].result.stop_reason is rcp.StopReason.INTERRUPTED
+    assert found.result.quality is not rcp.Quality.INFEASIBLE
