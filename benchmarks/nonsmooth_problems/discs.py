@@ -2,7 +2,7 @@
 
 The pusher's force is the control, ``p' = u - f_1 (q_1 - p) - f_2 (q_2 - p)``; a pushed disc moves as ``q_i' = f_i
 (q_i - p)``, with ``0 <= f_i ⟂ |q_i - p|^2 - 1 >= 0`` for discs of diameter one. Least ``integral of |u|^2`` from one
-side to the other. The problem is symmetric, and a symmetric guess has a symmetric answer.
+side to the other. The problem is symmetric, and a symmetric initial guess has a symmetric answer.
 """
 
 from __future__ import annotations
