@@ -15,14 +15,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
 from .car_kinematics import follow_arcs
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace
 from .motion_primitives import MotionPrimitives
-
-Array = NDArray[np.float64]
 
 # Poses that are expanded together: array operations on a few hundred motions cost little more than on ten.
 EXPANDED_AT_ONCE = 32
@@ -134,7 +133,7 @@ class BestFirstSearch:
                 self.cost_of_cell[cell] = cost
                 self._add_node((pose[0], pose[1], pose[2]), cost, here[parent], made, rest)
 
-    def _cells(self, ends: Array) -> NDArray[np.int64]:
+    def _cells(self, ends: Array) -> Indices:
         """Number of the cell of the end of each primitive: place, heading and direction, ``(n, b)``."""
         origin = np.array([self.limits[0][0], self.limits[1][0]])
         place = np.clip(np.floor((ends[..., :2] - origin) / self.primitives.cell).astype(int), 0, self.cells - 1)
@@ -142,7 +141,7 @@ class BestFirstSearch:
         cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
         return np.asarray(2 * cell + (self.primitives.lengths > 0))
 
-    def _within(self, motions: Array) -> NDArray[np.bool_]:
+    def _within(self, motions: Array) -> BoolArray:
         (left, right), (bottom, top) = self.limits
         x, y = motions[..., 0], motions[..., 1]
         inside = (x >= left - self.close) & (x <= right + self.close)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pyrobocop_pyomo.numerics import Array
 
 
 def follow_arc(poses: Array, lengths: Array, curvatures: Array) -> Array:

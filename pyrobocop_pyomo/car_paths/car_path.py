@@ -9,16 +9,17 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.variable_values import within_bounds
+from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 from .car_kinematics import follow_arc
 
-Array = NDArray[np.float64]
 Function = Callable[[float], float]
 
 QUANTITIES = ("x", "y", "theta", "v", "steering", "acceleration", "steering_rate")
@@ -121,7 +122,7 @@ class CarPath:
         """
         return _initial_guess(self, phase, speed, acceleration, names)
 
-    def arc_at(self, distances: ArrayLike) -> NDArray[np.int64]:
+    def arc_at(self, distances: ArrayLike) -> Indices:
         """Number of the arc on which the car is after driving so far."""
         return np.clip(np.searchsorted(self.arc_lengths, distances, side="right") - 1, 0, len(self.poses) - 2)
 
@@ -214,7 +215,7 @@ class CarTiming:
         i, _ = self._since(t)
         return np.asarray(self.directions[i] * self.accelerations[i])
 
-    def _since(self, t: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+    def _since(self, t: ArrayLike) -> tuple[Indices, Array]:
         times = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.accelerations) - 1)
         return i, times - self.times[i]
@@ -228,7 +229,7 @@ def _initial_guess(
     timing = path.timed(speed, acceleration)
     free = phase.component("duration")
     free = free if free is not None and free.ctype is Var and not free.fixed else None
-    duration = timing.duration if free is None else _within(timing.duration, free.bounds)
+    duration = timing.duration if free is None else within_bounds(timing.duration, free)
     real = duration if free is not None else float(value(phase.duration))
     time_scaling = timing.duration / real
     fraction = horizon_fraction(phase)
@@ -328,8 +329,3 @@ def _blended_steering(
         return (mean(high) - mean(low)) / (high - low)
 
     return mean, rate
-
-
-def _within(number: float, bounds: tuple[float | None, float | None]) -> float:
-    lower, upper = bounds
-    return min(max(number, -math.inf if lower is None else lower), math.inf if upper is None else upper)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
+from pyrobocop_pyomo.numerics import Array
 
 from .free_space import FreeSpace
 from .motion_primitives import MotionPrimitives
 
-Array = NDArray[np.float64]
 Bounds = tuple[tuple[float, float], tuple[float, float]]
 
 # The table for the car needs no finer cells than this many turning radii, and divisions of a turn.

@@ -16,11 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.geometry import Polytope
-
-Array = NDArray[np.float64]
+from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 
 # An unbounded shape is cut off at this many scene sizes, for its corners only.
 FAR = 1e4
@@ -52,7 +50,7 @@ class FreeSpace:
     reaches: Array
     normals: Array
     offsets: Array
-    first_side: NDArray[np.int64]
+    first_side: Indices
     points: Array
     needed: Array
 
@@ -90,7 +88,7 @@ class FreeSpace:
             widest[pose, obstacle] = np.maximum(widest[pose, obstacle], found)
         return widest - self.needed
 
-    def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> NDArray[np.bool_]:
+    def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
         """Whether the body keeps its clearance along whole motions, also between the given poses.
 
         Parameters
@@ -110,7 +108,7 @@ class FreeSpace:
         corners = self._placed(motions)
         sides = self._from_obstacles(corners)
         best = np.maximum.reduceat(np.minimum(sides[:, :-1], sides[:, 1:]) - deviation, self.first_side, axis=2)
-        clear: NDArray[np.bool_] = np.asarray((best >= self.needed - ROUNDING).all(axis=(1, 2)))
+        clear: BoolArray = np.asarray((best >= self.needed - ROUNDING).all(axis=(1, 2)))
         unknown = np.nonzero(~clear)[0]  # few: where obstacles are near
         if len(unknown):
             apart = np.maximum.reduceat(sides[unknown], self.first_side, axis=2)
@@ -134,7 +132,7 @@ class FreeSpace:
         ratio: Array,
         of_origin: Array,
         deviation: Array,
-    ) -> NDArray[np.bool_]:
+    ) -> BoolArray:
         """The same, also along the normals of the body's sides and between nearest corners."""
         gaps = self._from_body(motions, ratio)
         along_motion = np.minimum(gaps[:, :-1], gaps[:, 1:]).max(axis=3) - of_origin[:, None, None]

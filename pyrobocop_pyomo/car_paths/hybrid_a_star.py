@@ -22,10 +22,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
+from pyrobocop_pyomo.numerics import Array
 
 from .best_first_search import BestFirstSearch, SearchEnd
 from .car_kinematics import follow_arcs
@@ -33,8 +33,6 @@ from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace
 from .motion_primitives import CarSearch, MotionPrimitives
-
-Array = NDArray[np.float64]
 
 # Poses that a search may keep in its first turn, and how many times more in each later one.
 FIRST_BUDGET = 6_000

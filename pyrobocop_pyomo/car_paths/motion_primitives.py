@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .car_kinematics import follow_arcs, relative_pose
 from .reeds_shepp import reeds_shepp_paths
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -154,7 +152,7 @@ class MotionPrimitives:
             least = np.where(exists, np.minimum(least, costs), least)
         return least
 
-    def _unit_paths(self, poses: Array, target: Array) -> Iterator[tuple[Array, Array, NDArray[np.bool_]]]:
+    def _unit_paths(self, poses: Array, target: Array) -> Iterator[tuple[Array, Array, BoolArray]]:
         x, y, heading = relative_pose(poses, target).T
         return reeds_shepp_paths(x / self.turning_radius, y / self.turning_radius, heading)
 

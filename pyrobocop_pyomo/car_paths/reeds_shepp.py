@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Formula = Callable[[Array, Array, Array], tuple[Array, Array, Array, NDArray[np.bool_]]]
+from pyrobocop_pyomo.numerics import Array, BoolArray
+
+Formula = Callable[[Array, Array, Array], tuple[Array, Array, Array, BoolArray]]
 
 SEGMENTS = 5
 TURNS = {"L": 1.0, "S": 0.0, "R": -1.0}
 
 
-def reeds_shepp_paths(x: Array, y: Array, heading: Array) -> Iterator[tuple[Array, Array, NDArray[np.bool_]]]:
+def reeds_shepp_paths(x: Array, y: Array, heading: Array) -> Iterator[tuple[Array, Array, BoolArray]]:
     """All types of paths from the origin, heading along x, to poses; the turning radius is 1.
 
     Parameters
@@ -56,14 +56,14 @@ def _wrapped(angle: Array) -> Array:
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def _left_straight_left(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _left_straight_left(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x - np.sin(phi), y - 1.0 + np.cos(phi)
     t = np.arctan2(across, along)
     v = _wrapped(phi - t)
     return t, np.hypot(along, across), v, (t >= 0) & (v >= 0)
 
 
-def _left_straight_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _left_straight_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x + np.sin(phi), y - 1.0 - np.cos(phi)
     square = along**2 + across**2 - 4.0
     u = np.sqrt(np.maximum(square, 0.0))
@@ -72,7 +72,7 @@ def _left_straight_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, 
     return t, u, v, (square >= 0) & (t >= 0) & (v >= 0)
 
 
-def _left_right_left(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _left_right_left(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x - np.sin(phi), y - 1.0 + np.cos(phi)
     reach = np.hypot(along, across)
     u = -2.0 * np.arcsin(np.minimum(reach / 4.0, 1.0))
@@ -89,7 +89,7 @@ def _outer_turns(u: Array, v: Array, along: Array, across: Array, phi: Array) ->
     return t, _wrapped(t - u + v - phi)
 
 
-def _four_turns_inner_opposed(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _four_turns_inner_opposed(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x + np.sin(phi), y - 1.0 - np.cos(phi)
     rho = 0.25 * (2.0 + np.hypot(along, across))
     u = np.arccos(np.minimum(rho, 1.0))
@@ -97,7 +97,7 @@ def _four_turns_inner_opposed(x: Array, y: Array, phi: Array) -> tuple[Array, Ar
     return t, u, v, (rho <= 1.0) & (t >= 0) & (v <= 0)
 
 
-def _four_turns_inner_alike(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _four_turns_inner_alike(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x + np.sin(phi), y - 1.0 - np.cos(phi)
     rho = (20.0 - along**2 - across**2) / 16.0
     u = -np.arccos(np.clip(rho, 0.0, 1.0))
@@ -105,7 +105,7 @@ def _four_turns_inner_alike(x: Array, y: Array, phi: Array) -> tuple[Array, Arra
     return t, u, v, (rho >= 0) & (rho <= 1.0) & (t >= 0) & (v >= 0)
 
 
-def _left_right_straight_left(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _left_right_straight_left(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x - np.sin(phi), y - 1.0 + np.cos(phi)
     rho = np.hypot(along, across)
     r = np.sqrt(np.maximum(rho**2 - 4.0, 0.0))
@@ -114,14 +114,14 @@ def _left_right_straight_left(x: Array, y: Array, phi: Array) -> tuple[Array, Ar
     return t, 2.0 - r, v, (rho >= 2.0) & (t >= 0) & (r >= 2.0) & (v <= 0)
 
 
-def _left_right_straight_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _left_right_straight_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x + np.sin(phi), y - 1.0 - np.cos(phi)
     rho, t = np.hypot(along, across), np.arctan2(along, -across)
     v = _wrapped(t + 0.5 * np.pi - phi)
     return t, 2.0 - rho, v, (rho >= 2.0) & (t >= 0) & (v <= 0)
 
 
-def _left_right_straight_left_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _left_right_straight_left_right(x: Array, y: Array, phi: Array) -> tuple[Array, Array, Array, BoolArray]:
     along, across = x + np.sin(phi), y - 1.0 - np.cos(phi)
     rho = np.hypot(along, across)
     u = 4.0 - np.sqrt(np.maximum(rho**2 - 4.0, 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pyomo.environ as pyo
@@ -23,40 +24,15 @@ def plane(cost: Callable[[Any, Any], Any], start: tuple[float, float] = (0.0, 0.
     return m
 
 
-def _kth1() -> Any:
-    return plane(lambda x, y: x + y)
-
-
-def _kth2() -> Any:
-    return plane(lambda x, y: x + (y - 1) ** 2)
-
-
-def _kth3() -> Any:
-    return plane(lambda x, y: 0.5 * (x - 1) ** 2 + (y - 1) ** 2)
-
-
-def _scholtes3() -> Any:
-    return plane(lambda x, y: 0.5 * ((x - 1) ** 2 + (y - 1) ** 2), (0, 1))
-
-
-def _scale1() -> Any:
-    return plane(lambda x, y: (100 * x - 1) ** 2 + (y - 1) ** 2, (1, 1))
-
-
-def _scale2() -> Any:
-    return plane(lambda x, y: (x - 1) ** 2 + (100 * y - 1) ** 2, (1, 1))
-
-
-def _scale3() -> Any:
-    return plane(lambda x, y: (x - 1) ** 2 + (y - 1) ** 2, (1, 1), x=100)
-
-
-def _scale4() -> Any:
-    return plane(lambda x, y: (x - 1) ** 2 + (y - 1) ** 2, (1, 1), y=100)
-
-
-def _scale5() -> Any:
-    return plane(lambda x, y: 100 * ((x - 1) ** 2 + (y - 1) ** 2), (1, 1))
+_kth1 = partial(plane, lambda x, y: x + y)
+_kth2 = partial(plane, lambda x, y: x + (y - 1) ** 2)
+_kth3 = partial(plane, lambda x, y: 0.5 * (x - 1) ** 2 + (y - 1) ** 2)
+_scholtes3 = partial(plane, lambda x, y: 0.5 * ((x - 1) ** 2 + (y - 1) ** 2), (0, 1))
+_scale1 = partial(plane, lambda x, y: (100 * x - 1) ** 2 + (y - 1) ** 2, (1, 1))
+_scale2 = partial(plane, lambda x, y: (x - 1) ** 2 + (100 * y - 1) ** 2, (1, 1))
+_scale3 = partial(plane, lambda x, y: (x - 1) ** 2 + (y - 1) ** 2, (1, 1), x=100)
+_scale4 = partial(plane, lambda x, y: (x - 1) ** 2 + (y - 1) ** 2, (1, 1), y=100)
+_scale5 = partial(plane, lambda x, y: 100 * ((x - 1) ** 2 + (y - 1) ** 2), (1, 1))
 
 
 def _kinked(cost: Callable[[Any, Any], Any]) -> Any:
@@ -68,12 +44,8 @@ def _kinked(cost: Callable[[Any, Any], Any]) -> Any:
     return m
 
 
-def _jr1() -> Any:
-    return _kinked(lambda x, y: (x - 1) ** 2 + y**2)
-
-
-def _jr2() -> Any:
-    return _kinked(lambda x, y: (y - 1) ** 2 + x**2)
+_jr1 = partial(_kinked, lambda x, y: (x - 1) ** 2 + y**2)
+_jr2 = partial(_kinked, lambda x, y: (y - 1) ** 2 + x**2)
 
 
 def _df1() -> Any:
@@ -100,14 +72,6 @@ def _projection(dimension: int) -> Any:
 def projected(dimension: int) -> float:
     """The solution of `_projection`: in each plane the smaller coordinate is zero."""
     return float(sum(min(i % 5, i % 3) ** 2 for i in range(1, dimension + 1)))
-
-
-def _projection_5() -> Any:
-    return _projection(5)
-
-
-def _projection_500() -> Any:
-    return _projection(500)
 
 
 def _disk() -> Any:
@@ -144,8 +108,9 @@ PROBLEMS = (
     MpccProblem("jr2", _jr2, 0.5, source=MACMPEC.format("jr2"), tags=ACADEMIC, solution={"x": 0.5, "y": 0.5}),
     MpccProblem("df1", _df1, 0.0, source=MACMPEC.format("df1"), tags=frozenset({"academic", "biactive"}),
                 solution={"x": 1, "y": 0}, notes="Biactive at the solution; one side is not convex."),
-    MpccProblem("projection 5", _projection_5, projected(5), source="separable, by inspection", tags=ACADEMIC),
-    MpccProblem("projection 500", _projection_500, projected(500), source="separable, by inspection",
+    MpccProblem("projection 5", partial(_projection, 5), projected(5), tags=ACADEMIC,
+                source="separable, by inspection"),
+    MpccProblem("projection 500", partial(_projection, 500), projected(500), source="separable, by inspection",
                 tags=ACADEMIC | {"large"}, notes="2^500 branches, each pair alone trivial; many local solutions."),
     MpccProblem("disk", _disk, -4.0, source="by inspection: (0, 2)", tags=ACADEMIC, solution={"x": 0, "y": 2}),
     MpccProblem("stable set", _three_in_a_row, -5.0, source="by inspection: x2 = x4 = 1",

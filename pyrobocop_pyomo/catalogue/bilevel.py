@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pyomo.environ as pyo
@@ -13,15 +14,16 @@ HANDBOOK = "Floudas et al., Handbook of Test Problems (1999), ch. 9, doi:10.1007
 LINEAR = frozenset({"bilevel", "linear", "convex"})
 
 
-def _nonnegative(m: Any, leader: int, followers: int, start: float = 1.0) -> tuple[Any, Any]:
+def _nonnegative(leader: int, followers: int, start: float = 1.0) -> tuple[Any, Any, Any]:
+    """A leader's x and a follower's y, all of them nonnegative."""
+    m = pyo.ConcreteModel()
     m.x = pyo.Var(range(1, leader + 1), bounds=(0, None), initialize=start)
     m.y = pyo.Var(range(1, followers + 1), bounds=(0, None), initialize=start)
-    return m.x, m.y
+    return m, m.x, m.y
 
 
 def _clark_westerberg_1990() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 1, 2)
+    m, x, y = _nonnegative(1, 2)
     m.cost = pyo.Objective(expr=-x[1] - 3 * y[1] + 2 * y[2])
     rows = [
         16 + 2 * x[1] - y[1] - 4 * y[2],
@@ -36,8 +38,7 @@ def _clark_westerberg_1990() -> Any:
 
 
 def _liu_hart() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 1, 1)
+    m, x, y = _nonnegative(1, 1)
     m.cost = pyo.Objective(expr=-x[1] - 3 * y[1])
     rows = [3 + x[1] - y[1], 12 - x[1] - 2 * y[1], 12 - 4 * x[1] + y[1], y[1]]
     state_follower(m, y[1] + 0, [y[1]], rows)
@@ -45,8 +46,7 @@ def _liu_hart() -> Any:
 
 
 def _candler_townsley() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 2, 3)
+    m, x, y = _nonnegative(2, 3)
     m.cost = pyo.Objective(expr=-8 * x[1] - 4 * x[2] + 4 * y[1] - 40 * y[2] - 4 * y[3])
     rows = [
         1 + y[1] - y[2] - y[3],
@@ -59,8 +59,7 @@ def _candler_townsley() -> Any:
 
 
 def _clark_westerberg_1988() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 1, 1)
+    m, x, y = _nonnegative(1, 1)
     m.cost = pyo.Objective(expr=x[1] - 4 * y[1])
     rows = [2 * x[1] - y[1], 108 - 2 * x[1] - 5 * y[1], -4 - 2 * x[1] + 3 * y[1], y[1]]
     state_follower(m, y[1] + 0, [y[1]], rows)
@@ -68,8 +67,7 @@ def _clark_westerberg_1988() -> Any:
 
 
 def _bard_1991() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 1, 2)
+    m, x, y = _nonnegative(1, 2)
     m.cost = pyo.Objective(expr=-x[1] + 10 * y[1] - y[2])
     rows = [1 - x[1] - y[1], 1 - x[1] - y[2], 1 - y[1] - y[2], y[1], y[2]]
     state_follower(m, -y[1] - y[2], [y[1], y[2]], rows)
@@ -77,8 +75,7 @@ def _bard_1991() -> Any:
 
 
 def _polygon(cost: Any, follower: float) -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 1, 1)
+    m, x, y = _nonnegative(1, 1)
     m.cost = pyo.Objective(expr=cost(x[1], y[1]))
     rows = [
         -10 + x[1] + 2 * y[1],
@@ -92,17 +89,12 @@ def _polygon(cost: Any, follower: float) -> Any:
     return m
 
 
-def _anandalingam_white() -> Any:
-    return _polygon(lambda x, y: -x - 3 * y, 3.0)
-
-
-def _bialas_karwan() -> Any:
-    return _polygon(lambda x, y: -y + 0 * x, 1.0)
+_anandalingam_white = partial(_polygon, lambda x, y: -x - 3 * y, 3.0)
+_bialas_karwan = partial(_polygon, lambda x, y: -y + 0 * x, 1.0)
 
 
 def _bard_falk() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 2, 2)
+    m, x, y = _nonnegative(2, 2)
     m.cost = pyo.Objective(expr=-2 * x[1] + x[2] + 0.5 * y[1])
     m.leader = pyo.Constraint(expr=x[1] + x[2] <= 2)
     rows = [-2.5 + 2 * x[1] - y[1] + y[2], 2 - x[1] + 3 * x[2] - y[2], y[1], y[2]]
@@ -111,8 +103,7 @@ def _bard_falk() -> Any:
 
 
 def _visweswaran() -> Any:
-    m = pyo.ConcreteModel()
-    x, y = _nonnegative(m, 1, 1)
+    m, x, y = _nonnegative(1, 1)
     m.cost = pyo.Objective(expr=x[1] + y[1])
     rows = [
         -2 + x[1] + 0.5 * y[1],
@@ -184,10 +175,7 @@ def _bard2() -> Any:
 
 
 def _bard3() -> Any:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var([1, 2], bounds=(0, None), initialize=0.5)
-    m.y = pyo.Var([1, 2], bounds=(0, None), initialize=0.5)
-    x, y = m.x, m.y
+    m, x, y = _nonnegative(2, 2, 0.5)
     m.cost = pyo.Objective(expr=-(x[1] ** 2) - 3 * x[2] - 4 * y[1] + y[2] ** 2)
     m.leader = pyo.Constraint(expr=x[1] ** 2 + 2 * x[2] <= 4)
     rows = [x[1] ** 2 - 2 * x[1] + x[2] ** 2 - 2 * y[1] + y[2] + 3, x[2] + 3 * y[1] - 4 * y[2] - 4, y[1], y[2]]
@@ -239,14 +227,6 @@ def _near_five(in_follower: bool) -> Any:
     return m
 
 
-def _near_five_of_the_follower() -> Any:
-    return _near_five(True)
-
-
-def _near_five_of_the_leader() -> Any:
-    return _near_five(False)
-
-
 def _projected_leader(curved: bool) -> Any:
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var([1, 2], bounds=(0, 2), initialize=1), pyo.Var([1, 2], initialize=1)
@@ -258,14 +238,6 @@ def _projected_leader(curved: bool) -> Any:
         rows = [y[i] - 0.5 for i in y] + [1.5 - y[i] for i in y]
     state_follower(m, sum((y[i] - x[i]) ** 2 for i in y), [y[1], y[2]], rows)
     return m
-
-
-def _desilva() -> Any:
-    return _projected_leader(True)
-
-
-def _falk_liu() -> Any:
-    return _projected_leader(False)
 
 
 def _gumus_floudas() -> Any:
@@ -287,10 +259,7 @@ def _muu_quy_1() -> Any:
 
 
 def _muu_quy_2() -> Any:
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var([1, 2], bounds=(0, None), initialize=0.5)
-    m.y = pyo.Var([1, 2, 3], bounds=(0, None), initialize=0.5)
-    x, y = m.x, m.y
+    m, x, y = _nonnegative(2, 3, 0.5)
     m.cost = pyo.Objective(expr=y[1] ** 2 + y[3] ** 2 - y[1] * y[3] - 4 * y[2] - 7 * x[1] + 4 * x[2])
     m.leader = pyo.Constraint(expr=x[1] + x[2] <= 1)
     follower = y[1] ** 2 + 0.5 * y[2] ** 2 + 0.5 * y[3] ** 2 + y[1] * y[2] + (1 - 3 * x[1]) * y[1] + (1 + x[2]) * y[2]
@@ -326,12 +295,14 @@ PROBLEMS = (
     MpccProblem("shimizu-aiyoshi 1981", _shimizu_aiyoshi, 100.0, tags=CONVEX, source=f"{HANDBOOK}, 9.2.2",
                 solution={"x": 10, "y": 10}),
     MpccProblem("shared resource", _shared_resource, 0.5, tags=CONVEX, source=f"{HANDBOOK}, 9.2.4"),
-    MpccProblem("near five, rows of the follower", _near_five_of_the_follower, 5.0, tags=CONVEX,
+    MpccProblem("near five, rows of the follower", partial(_near_five, True), 5.0, tags=CONVEX,
                 source=f"{HANDBOOK}, 9.2.5", solution={"x": 1, "y": 3}),
-    MpccProblem("near five, rows of the leader", _near_five_of_the_leader, 9.0, tags=CONVEX,
+    MpccProblem("near five, rows of the leader", partial(_near_five, False), 9.0, tags=CONVEX,
                 source=f"{HANDBOOK}, 9.2.5, with the rows moved to the leader", solution={"x": 3, "y": 5}),
-    MpccProblem("desilva", _desilva, -1.0, tags=BILEVEL | {"biactive"}, source=MACMPEC.format("desilva")),
-    MpccProblem("falk-liu 1995", _falk_liu, -1.0, tags=CONVEX | {"biactive"}, source=f"{HANDBOOK}, 9.2.6"),
+    MpccProblem("desilva", partial(_projected_leader, True), -1.0, tags=BILEVEL | {"biactive"},
+                source=MACMPEC.format("desilva")),
+    MpccProblem("falk-liu 1995", partial(_projected_leader, False), -1.0, tags=CONVEX | {"biactive"},
+                source=f"{HANDBOOK}, 9.2.6"),
     MpccProblem("gumus-floudas 2001", _gumus_floudas, 2250.0, tags=CONVEX, solution={"x": 11.25, "y": 5},
                 source="Gumus & Floudas, J. Global Optim. 20 (2001), doi:10.1023/A:1011268113791, example 1, with the "
                 "follower's fourth power replaced by a square", notes="A local solution at (7.2, 12.8) costs 2304."),

@@ -4,32 +4,10 @@ from __future__ import annotations
 
 import difflib
 
-from . import (
-    academic,
-    bilevel,
-    contact,
-    degenerate,
-    equilibrium,
-    forms,
-    generated,
-    infeasible,
-    mixed,
-    obstacle,
-)
+from . import academic, bilevel, contact, degenerate, equilibrium, forms, generated, infeasible, mixed, obstacle
 from .entries import MpccProblem
 
-_FAMILIES = (
-    academic,
-    degenerate,
-    bilevel,
-    generated,
-    equilibrium,
-    forms,
-    contact,
-    obstacle,
-    mixed,
-    infeasible,
-)
+_FAMILIES = (academic, degenerate, bilevel, generated, equilibrium, forms, contact, obstacle, mixed, infeasible)
 
 
 def mpcc_problems() -> tuple[MpccProblem, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pyomo.environ as pyo
@@ -13,9 +14,9 @@ INFEASIBLE = frozenset({"infeasible"})
 CONVEX = frozenset({"infeasible", "convex"})
 
 
-def _both_at_least_one() -> Any:
+def _both_at_least(least: float) -> Any:
     m = plane(lambda x, y: x + y, (1, 1))
-    m.first, m.second = pyo.Constraint(expr=m.x >= 1), pyo.Constraint(expr=m.y >= 1)
+    m.first, m.second = pyo.Constraint(expr=m.x >= least), pyo.Constraint(expr=m.y >= least)
     return m
 
 
@@ -23,13 +24,6 @@ def _sum_and_difference() -> Any:
     """x + y = 2 and x - y = 0 meet at (1, 1), off the axes."""
     m = plane(lambda x, y: x**2 + y**2, (2, 0))
     m.sum, m.difference = pyo.Constraint(expr=m.x + m.y == 2), pyo.Constraint(expr=m.x == m.y)
-    return m
-
-
-def _small_product() -> Any:
-    """Both sides have to be 0.01: products of 1e-4 are no complementarity."""
-    m = plane(lambda x, y: x + y, (1, 1))
-    m.first, m.second = pyo.Constraint(expr=m.x >= 0.01), pyo.Constraint(expr=m.y >= 0.01)
     return m
 
 
@@ -77,9 +71,9 @@ def _contradicting_bounds() -> Any:
 
 
 PROBLEMS = (
-    MpccProblem("both at least one", _both_at_least_one, None, False, tags=CONVEX),
+    MpccProblem("both at least one", partial(_both_at_least, 1), None, False, tags=CONVEX),
     MpccProblem("sum and difference", _sum_and_difference, None, False, tags=CONVEX),
-    MpccProblem("both at least 0.01", _small_product, None, False, tags=CONVEX | {"scaling"},
+    MpccProblem("both at least 0.01", partial(_both_at_least, 0.01), None, False, tags=CONVEX | {"scaling"},
                 notes="With products below 1e-4 only the natural residual min(a, b) tells."),
     MpccProblem("disk off the axes", _disk_off_the_axes, None, False, tags=CONVEX),
     MpccProblem("impossible lcp", _lcp, None, False, tags=CONVEX),

@@ -14,6 +14,12 @@ CONVEX = frozenset({"obstacle", "convex"})
 OUTRATA = "Outrata, Kocvara & Zowe, Nonsmooth Approach to Optimization Problems with Equilibrium Constraints (1998)"
 
 
+def _curvature(height: Any, i: int, nodes: int) -> Any:
+    """The negative second difference of heights that are zero at both ends."""
+    before, after = (height[j] if 1 <= j <= nodes else 0.0 for j in (i - 1, i + 1))
+    return 2 * height[i] - before - after
+
+
 def _string(nodes: int) -> Any:
     """A string under a load that is chosen; it rests on a floor at -1 and should touch it in the middle half only."""
     m = pyo.ConcreteModel()
@@ -22,12 +28,8 @@ def _string(nodes: int) -> Any:
     m.pull = pyo.Var(inner, bounds=(-30, 30), initialize=0)
     m.height, m.force = pyo.Var(inner, initialize=0), pyo.Var(inner, bounds=(0, None), initialize=0)
 
-    def height(i: int) -> Any:
-        return m.height[i] if 1 <= i <= nodes else 0.0
-
     m.balance = pyo.Constraint(
-        inner,
-        rule=lambda m, i: (2 * m.height[i] - height(i - 1) - height(i + 1)) * scale / 4 == m.pull[i] + m.force[i],
+        inner, rule=lambda m, i: _curvature(m.height, i, nodes) * scale / 4 == m.pull[i] + m.force[i]
     )
     state_pairs(m, [(m.force[i], m.height[i] + 1) for i in inner])
     wanted = {i: -1.0 if abs(2 * i / (nodes + 1) - 1) <= 0.5 else 0.0 for i in inner}
@@ -80,13 +82,9 @@ def _packaging(nodes: int) -> Any:
     m.length = pyo.Var(bounds=(0.6, 1.4), initialize=1)
     m.height, m.force = pyo.Var(inner, initialize=0), pyo.Var(inner, bounds=(0, None), initialize=0)
 
-    def height(i: int) -> Any:
-        return m.height[i] if 1 <= i <= nodes else 0.0
-
     step = m.length / (nodes + 1)
     m.balance = pyo.Constraint(
-        inner,
-        rule=lambda m, i: (2 * m.height[i] - height(i - 1) - height(i + 1)) == step**2 * (-4) + step * m.force[i],
+        inner, rule=lambda m, i: _curvature(m.height, i, nodes) == step**2 * (-4) + step * m.force[i]
     )
 
     def floor(i: int) -> Any:

@@ -29,6 +29,7 @@ from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.activity import enclosing_blocks
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
@@ -218,7 +219,7 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
             or id(component) in own
         ):
             continue
-        unconditional = not _is_within_a_disjunct(component)
+        unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
         for data in component.values():
             if component.ctype is not Expression and not data.active:
                 continue
@@ -233,15 +234,6 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
                     continue
             elsewhere.update(id(variable) for variable in variables_of_row(data) if id(variable) in candidates)
     return {key: value for key, value in explicit.items() if key not in elsewhere}
-
-
-def _is_within_a_disjunct(component: Any) -> bool:
-    block = component.parent_block()
-    while block is not None:
-        if block.ctype is Disjunct:
-            return True
-        block = block.parent_block()
-    return False
 
 
 def _substitute(

@@ -32,6 +32,7 @@ from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.modeling.variable_values import within_bounds
 
 from .structure import PAIRS, Spot, axis_on
 
@@ -306,12 +307,7 @@ def declaration_of(component: Any) -> Callable[[Any, str], Any]:
 
 def set_initial_value(data: Any, number: float) -> None:
     """Set the initial value of a variable, projected onto its bounds."""
-    lower, upper = data.bounds
-    if lower is not None and number < lower:
-        number = lower
-    if upper is not None and number > upper:
-        number = upper
-    data.set_value(number, skip_validation=True)
+    data.set_value(within_bounds(number, data), skip_validation=True)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from typing import Any, NamedTuple
 
-from pyomo.core.base.block import Block
 from pyomo.core.expr.numvalue import native_types
 from pyomo.dae import ContinuousSet
-from pyomo.gdp import Disjunct
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 
-BLOCK_TYPES = (Block, Disjunct)
 PAIRS = (Complementarity, MpecComplementarity)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
@@ -14,13 +13,12 @@ from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
 from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .expansion import set_initial_value
 from .record import Discretisation, discretisation_of, discretisations_of
 from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, label, spots, variables_in
-
-Array = NDArray[np.float64]
 
 
 def dae_trajectory(model: Any, wrt: Any) -> Trajectory:

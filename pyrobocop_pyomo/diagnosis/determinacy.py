@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
@@ -14,7 +13,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.numerics import maximum_matching
+from pyrobocop_pyomo.numerics import Array, maximum_matching
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -92,8 +91,6 @@ def _adrift(phase: Any, name: str) -> Finding:
         "Give it an initial value, or remove it.",
     )
 
-
-Array = NDArray[np.float64]
 
 # Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.
 DEPENDENT = 1e-10

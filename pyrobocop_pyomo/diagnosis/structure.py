@@ -9,7 +9,7 @@ import numpy as np
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.variable_values import values_restored
+from pyrobocop_pyomo.modeling.variable_values import values_restored, within_bounds
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
 from .findings import Finding, Severity, Subject
@@ -133,9 +133,7 @@ def _singular_around(structure: PointStructure) -> bool:
             for variable, before in zip(values.variables, values.taken, strict=True):
                 centre = before or 0.0
                 moved = centre + 0.2 * (1 + abs(centre)) * float(random.uniform(-1, 1))
-                low = moved if variable.lb is None else variable.lb
-                high = moved if variable.ub is None else variable.ub
-                variable.set_value(min(max(moved, low), high), skip_validation=True)
+                variable.set_value(within_bounds(moved, variable), skip_validation=True)
             if not dependent_rows(_jacobian(structure)):
                 return False
     return True

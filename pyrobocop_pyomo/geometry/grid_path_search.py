@@ -5,11 +5,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.optional_imports import scipy
-
-Array = NDArray[np.float64]
 
 
 def grid_distances(cost: Array, spacing: Array, start: tuple[int, ...]) -> Array:
@@ -33,7 +31,7 @@ def grid_distances(cost: Array, spacing: Array, start: tuple[int, ...]) -> Array
     return np.asarray(found).reshape(cost.shape)
 
 
-def grid_path(cost: Array, spacing: Array, start: tuple[int, ...], goal: tuple[int, ...]) -> NDArray[np.int64] | None:
+def grid_path(cost: Array, spacing: Array, start: tuple[int, ...], goal: tuple[int, ...]) -> Indices | None:
     """Cells (k, d) of the shortest path from start to goal, see `grid_distances`; None if there is none."""
     numbers = np.arange(cost.size).reshape(cost.shape)
     _, before = scipy.sparse.csgraph.dijkstra(

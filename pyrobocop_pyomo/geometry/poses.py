@@ -54,7 +54,7 @@ class Pose:
     @property
     def is_constant(self) -> bool:
         """Whether all entries are plain numbers."""
-        return all(_is_number(entry) for entry in self._entries())
+        return all(_is_number(entry) for entry in self.entries)
 
     def apply(self, point: Sequence[Entry]) -> tuple[Entry, ...]:
         """World coordinates of a point of the body; products with zeros and ones are left out."""
@@ -84,7 +84,9 @@ class Pose:
         rotation = [_value(entry) for row in self.rotation for entry in row]
         return np.array(rotation).reshape(dimension, dimension), np.array([_value(e) for e in self.translation])
 
-    def _entries(self) -> list[Entry]:
+    @property
+    def entries(self) -> list[Entry]:
+        """The rotation row by row, then the translation."""
         return [*(entry for row in self.rotation for entry in row), *self.translation]
 
 

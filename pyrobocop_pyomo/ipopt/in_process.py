@@ -51,15 +51,8 @@ CONDITIONS = {
 class InProcessIpoptConfig(SolverConfig):
     """Options of `InProcessIpopt`."""
 
-    def __init__(
-        self,
-        description: str | None = None,
-        doc: str | None = None,
-        implicit: bool = False,
-        implicit_domain: Any = None,
-        visibility: int = 0,
-    ) -> None:
-        super().__init__(description, doc, implicit, implicit_domain, visibility)
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(*arguments, **keywords)
         self.derivatives: str | None = self.declare(
             "derivatives",
             ConfigValue(

@@ -87,3 +87,10 @@ def values_restored(variables: Iterable[Any]) -> Iterator[VariableValues]:
         yield values
     finally:
         values.restore()
+
+
+def within_bounds(number: float, variable: Any) -> float:
+    """The number, moved into the bounds of a variable."""
+    lower, upper = variable.bounds
+    number = number if lower is None else max(number, lower)
+    return number if upper is None else min(number, upper)

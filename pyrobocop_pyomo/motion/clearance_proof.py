@@ -12,19 +12,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose, distances_of_points, signed_distance
+from pyrobocop_pyomo.numerics import Array, Indices
 
 from .bodies import Body
 from .motion import Motion
 from .moving_shapes import MovingShape, PathBounds, moving_shapes
 from .pose_templates import node_times
 from .safety_report import BodyPairSafety, SafetyReport
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _EPS = float(np.finfo(float).eps)
 _TOLERANCE_PER_CLEARANCE = 0.01

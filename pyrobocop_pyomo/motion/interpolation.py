@@ -14,18 +14,17 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.continuous.record import Discretisation
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.rule_proxies import Signal
-from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.phases.horizon import element_widths
 
-Array = NDArray[np.float64]
 Nodes = tuple[tuple[float, ...], ...]
 
 STATES_ONLY = (

@@ -11,9 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pyrobocop_pyomo.numerics import Array, BoolArray
 
 _EPS = float(np.finfo(float).eps)
 # The position of a larger angle within its period is lost in rounding.
@@ -131,7 +130,7 @@ class Interval:
         bottom = np.where(self._contains_angle(crest + 0.5, 1.0), -1.0, np.minimum(low, high) - 8 * _EPS)
         return Interval(np.maximum(bottom, -1.0), np.minimum(top, 1.0))
 
-    def _contains_angle(self, turn: float, period: float) -> NDArray[np.bool_]:
+    def _contains_angle(self, turn: float, period: float) -> BoolArray:
         """Whether the interval may contain ``turn`` turns plus an integer number of periods, also in turns."""
         slack = 1e-9  # far above the rounding of angles up to _LARGEST_ANGLE
         first = np.ceil((self.low / (2 * np.pi) - turn) / period - slack)

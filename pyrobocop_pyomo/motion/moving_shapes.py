@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.numerics import Array, Indices
 
 from .bodies import Body
 from .interval_arithmetic import Interval
 from .motion import Motion
 from .pose_templates import PoseTemplate, node_times, template_of
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _EPS = float(np.finfo(float).eps)
 _SAMPLES = 17

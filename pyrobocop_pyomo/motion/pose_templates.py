@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
@@ -16,6 +15,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
+from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import (
     bernstein_from_samples,
     bernstein_matrix,
@@ -27,9 +27,6 @@ from .expression_values import ExpressionValues
 from .interpolation import Interpolation
 from .motion import Motion
 from .taylor_forms import TaylorForm, taylor_form_of_polynomial
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Largest difference of template and rule at a node, relative to the size of the pose.
 _AGREEMENT = 1e-9
@@ -86,7 +83,7 @@ class PoseTemplate:
     @property
     def entries(self) -> list[Any]:
         """The rotation row by row, then the translation: ``d * d + d`` expressions or numbers."""
-        return _entries(self.pose)
+        return self.pose.entries
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Entries at local fractions of intervals, shape ``(m, d * d + d)``."""
@@ -259,8 +256,4 @@ def _number(leaf: Any, signal: Signal) -> float:
 
 def _numbers(pose: Pose) -> list[float]:
     known = ExpressionValues({})  # evaluates sines and cosines that several entries share once
-    return [known.of(entry) for entry in _entries(pose)]
-
-
-def _entries(pose: Pose) -> list[Any]:
-    return [*(entry for row in pose.rotation for entry in row), *pose.translation]
+    return [known.of(entry) for entry in pose.entries]

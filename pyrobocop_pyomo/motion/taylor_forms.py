@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pyrobocop_pyomo.numerics import Array
 
 from .interval_arithmetic import Interval
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -308,7 +308,7 @@ class ActiveSetSearch:
             return None, 0.0
         if not anywhere.open_pairs:
             return anywhere, 0.0
-        here = self._steepest(point, radius, held=best.branch)
+        here = self._steepest(point, radius, branch=best.branch)
         return anywhere, anywhere.decrease - (0.0 if here is None else here.decrease)
 
     def _go(self, purpose: str, branch: Branch, start: BranchPoint, x: FloatArray) -> BranchPoint | None:

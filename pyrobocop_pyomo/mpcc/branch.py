@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .problem import ComplementarityProgram
 from .wrapped_programs import WithBounds
-
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

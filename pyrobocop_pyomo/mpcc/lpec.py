@@ -49,7 +49,7 @@ def steepest_branch(
     point: Linearisation,
     radius: float,
     *,
-    held: Branch | None = None,
+    branch: Branch | None = None,
     elastic: float | None = None,
     time_limit: float = 5.0,
     node_limit: int | None = None,
@@ -71,8 +71,8 @@ def steepest_branch(
     point : Linearisation
     radius : float
         Of the trust region, in the units of the variables.
-    held : Branch, optional
-        Stay in this branch: a linear program remains.
+    branch : Branch, optional
+        The branch to stay in: a linear program remains.
     elastic : float, optional
         Price of violating a linearised row, per unit; needed at a point that is not feasible. By default rows hold.
     time_limit : float
@@ -98,9 +98,9 @@ def steepest_branch(
     lower = np.maximum(np.minimum((nlp.x_lower - x) / radius, 0.0), -1.0)
     upper = np.minimum(np.maximum((nlp.x_upper - x) / radius, 0.0), 1.0)
     a, b = np.maximum(program.a.values(x), 0.0) / radius, np.maximum(program.b.values(x), 0.0) / radius
-    nearest = branch_with(program, a <= b) if held is None else held
+    nearest = branch_with(program, a <= b) if branch is None else branch
     within = (np.maximum(a, b) <= 1.0) & ~program.a.constant & ~program.b.constant
-    if held is not None:
+    if branch is not None:
         within[:] = False
     for sides, zero, values in ((program.a, nearest.a_zero, a), (program.b, nearest.b_zero, b)):
         fixed = zero & ~within & ~sides.constant

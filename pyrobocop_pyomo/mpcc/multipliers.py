@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, lagrangian_residual
 
-from .branch import BoolArray, Branch, restricted
+from .branch import Branch, restricted
 from .linearisation import Linearisation
 from .mixed_integer import minimise
 from .multiplier_columns import (

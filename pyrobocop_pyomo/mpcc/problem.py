@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 
@@ -29,7 +30,7 @@ class Sides:
     offset: FloatArray
 
     @property
-    def constant(self) -> NDArray[np.bool_]:
+    def constant(self) -> BoolArray:
         """Where the side is a number, shape (k,)."""
         return self.index < 0
 

@@ -7,9 +7,9 @@ differentiate polynomials of their degree to about 1e-12.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from .arrays import Array
 
 
 def barycentric_weights(nodes: ArrayLike) -> Array:

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import MeshError
 
+from .arrays import Array, Indices
 from .schemes import Scheme
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -125,12 +123,12 @@ class Grid:
         return tuple(sorted({*self.mesh.boundaries, *(time for row in self.node_times for time in row)}))
 
     @cached_property
-    def node_positions(self) -> NDArray[np.int64]:
+    def node_positions(self) -> Indices:
         """Where the state's nodes of each element stand in `times`, shape ``(N, nodes)``."""
         return _positions(self.times, self.node_times)
 
     @cached_property
-    def stage_positions(self) -> NDArray[np.int64]:
+    def stage_positions(self) -> Indices:
         """Where the stages of each element stand in `points`, shape ``(N, s)``."""
         return _positions(self.points, self.stage_times)
 
@@ -153,6 +151,6 @@ class Grid:
         return weights
 
 
-def _positions(times: tuple[float, ...], per_element: tuple[tuple[float, ...], ...]) -> NDArray[np.int64]:
+def _positions(times: tuple[float, ...], per_element: tuple[tuple[float, ...], ...]) -> Indices:
     position = {time: i for i, time in enumerate(times)}
     return np.array([[position[time] for time in row] for row in per_element])

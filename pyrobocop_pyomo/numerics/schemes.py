@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import SchemeError
 
+from .arrays import Array
 from .lagrange import evaluation_matrix, integration_matrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)  # eq=False: comparing arrays has no single truth value

@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import distance_of_points, separating_directions
+from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
 from .formulations import PlacedShape
@@ -25,7 +25,6 @@ from .snapshot import Snapshot, gap_along
 
 LOGGER = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 PlacedPair = tuple[PlacedShape, PlacedShape]
 
 # Relative to the size of the shapes: weight of a random preference for a direction, and tilt of the normals.
@@ -178,7 +177,7 @@ def choose_normals(
     return normals, gaps
 
 
-def _runs(overlapping: NDArray[np.bool_]) -> list[slice]:
+def _runs(overlapping: BoolArray) -> list[slice]:
     """Runs of consecutive segments that overlap."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], overlapping.astype(int), [0]])))
     return [slice(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]

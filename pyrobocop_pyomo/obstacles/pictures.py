@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
-
-Array = NDArray[np.float64]
 
 # Least number of poses: the path looks smooth, and every frame of an animation has a pose near its time.
 _FEWEST_POSES = 240

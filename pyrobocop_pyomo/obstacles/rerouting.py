@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.grid_path_search import grid_path
+from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.numerics import Array
 
 from .formulations.rows import is_number
 from .scene import Scene
-
-Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 
@@ -70,8 +69,7 @@ def reroute(block: Any) -> list[str]:
         for place, target in zip(entries, places, strict=True):
             for entry, number in zip(place, target.tolist(), strict=True):
                 if _is_variable(entry) and not entry.fixed:
-                    lower, upper = entry.bounds
-                    entry.set_value(min(max(number, _or(lower, number)), _or(upper, number)), skip_validation=True)
+                    entry.set_value(within_bounds(number, entry), skip_validation=True)
         rerouted.append(name)
     return rerouted
 
@@ -211,10 +209,9 @@ def _region(
     middle = len(entries) // 2
     for axis, entry in enumerate(entries[middle]):
         if _is_variable(entry):
-            lower, upper = entry.bounds
             reach = np.abs(arms[:, axis]).max()
-            low[axis] = max(low[axis], _or(lower, -np.inf) - reach)
-            high[axis] = min(high[axis], _or(upper, np.inf) + reach)
+            low[axis] = max(low[axis], within_bounds(-np.inf, entry) - reach)
+            high[axis] = min(high[axis], within_bounds(np.inf, entry) + reach)
     return np.minimum(low, before.min(axis=0)), np.maximum(high, before.max(axis=0))
 
 
@@ -234,7 +231,3 @@ def _along(path: Array, before: Array) -> Array:
 
 def _is_variable(entry: Any) -> bool:
     return not is_number(entry) and entry.is_variable_type()
-
-
-def _or(bound: float | None, otherwise: float) -> float:
-    return otherwise if bound is None else float(bound)

@@ -96,9 +96,8 @@ class Snapshot:
 
 def variables_of(pose: Any) -> list[Any]:
     """Variables that a pose reads, the fixed ones included."""
-    entries = [*(entry for row in pose.rotation for entry in row), *pose.translation]
     variables: dict[int, Any] = {}
-    for entry in entries:
+    for entry in pose.entries:
         if not is_number(entry):
             variables.update({id(variable): variable for variable in identify_variables(entry, include_fixed=True)})
     return list(variables.values())

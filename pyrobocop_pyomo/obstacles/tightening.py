@@ -11,19 +11,18 @@ import logging
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
+from pyrobocop_pyomo.numerics import Array
 
 from .avoidance_record import MotionSegment
 from .formulations import SeparationIndex
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 
 # The next motion will differ from the last: a margin is this many times the chord deviation.
 DEVIATION_FACTOR = 1.25

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import matplotlib
 
 from .outlines import outline
 from .time_colours import evenly_moved, time_colours
-
-Array = NDArray[np.float64]
 
 
 def draw_linkage(

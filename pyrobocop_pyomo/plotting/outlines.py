@@ -6,11 +6,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
-
-Array = NDArray[np.float64]
 
 _CORNERS_OF_A_CIRCLE = 48
 

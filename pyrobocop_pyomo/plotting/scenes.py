@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
 
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
-
-Array = NDArray[np.float64]
 
 
 def draw_scene(
@@ -109,12 +107,8 @@ def scene_axis(
     if dimension == 3:
         axis = figure.subplots(subplot_kw={"projection": "3d"})
         for obstacle in obstacles:
-            edge = (
-                0.4,
-                0.4,
-                0.4,
-                0.1 if obstacle.radius else 0.8,
-            )  # facets approximate round shapes, so their edges are faint
+            # Facets approximate round shapes, so their edges are faint.
+            edge = (0.4, 0.4, 0.4, 0.1 if obstacle.radius else 0.8)
             for polygon in faces(obstacle, window):
                 add_polygon(axis, polygon, (0.55, 0.55, 0.55, 0.35), edge, 1)
         axis.set_zlabel(f"z [{unit}]")

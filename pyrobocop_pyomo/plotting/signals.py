@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import matplotlib
-
-Array = NDArray[np.float64]
 
 _MOST_DOTS = 120  # beyond, they merge and hide the line
 _POINTS_PER_LETTER = 4.5  # of the small font, about
@@ -87,6 +85,20 @@ def show_no_noise(axis: Any, values: Array) -> None:
         axis.set_ylim(middle - half, middle + half)
 
 
+def write_above(axis: Any, place: float, text: str) -> None:
+    """Write small grey text above a panel."""
+    axis.annotate(
+        text,
+        (place, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        fontsize="small",
+        color="0.35",
+    )
+
+
 def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
     """Shade every other phase in each panel, and write the names above the topmost panels.
 
@@ -113,16 +125,7 @@ def mark_phases(figure: Any, boundaries: Array, names: Sequence[str]) -> None:
         points_per_second = 0.85 * place.width * figure.bbox.width * 72 / figure.dpi / (boundaries[-1] - boundaries[0])
         room = [points_per_second * (end - start) for start, end in spans]
         for (start, end), name in zip(spans, _that_fit(names, room), strict=True):
-            axis.annotate(
-                name,
-                ((start + end) / 2, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(0, 3),
-                textcoords="offset points",
-                ha="center",
-                fontsize="small",
-                color="0.35",
-            )
+            write_above(axis, (start + end) / 2, name)
 
 
 def _that_fit(names: Sequence[str], room: Sequence[float]) -> list[str]:

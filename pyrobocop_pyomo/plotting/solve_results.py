@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import matplotlib
 
-from .signals import show_no_noise
-
-Array = NDArray[np.float64]
+from .signals import show_no_noise, write_above
 
 _MOST_NAMES = 8
 _MOST_LABELS = 20
@@ -101,16 +99,7 @@ def _name_runs(axis: Any, borders: Sequence[float], labels: Sequence[str]) -> No
         if middle - last < 0.022:  # about the width of a number
             continue
         last = middle
-        axis.annotate(
-            str(number),
-            ((start + end) / 2, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="center",
-            fontsize="small",
-            color="0.35",
-        )
+        write_above(axis, (start + end) / 2, str(number))
     # Runs of one kind in a row share a line.
     grouped = [(label, [number for number, _ in members]) for label, members in _in_a_row(labels)]
     names = [f"{n[0]} {label}" if len(n) == 1 else f"{n[0]}-{n[-1]} {label}" for label, n in grouped]

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.optional_imports import matplotlib
-
-Array = NDArray[np.float64]
 
 
 def time_colours(time: Array) -> Any:
@@ -22,7 +20,7 @@ def time_colours(time: Array) -> Any:
     )
 
 
-def evenly_moved(points: Array, snapshots: int) -> NDArray[np.int64]:
+def evenly_moved(points: Array, snapshots: int) -> Indices:
     """Times to draw, with about equal motion between them, so that rest is not drawn repeatedly.
 
     Parameters

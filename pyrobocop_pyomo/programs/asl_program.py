@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pyomo.contrib.pynumero.asl import AmplInterface
@@ -101,10 +103,7 @@ class AslProgram:
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
         self._objective_at = None
-        try:
-            value = self._asl.eval_f(x)
-        except ArithmeticError as error:
-            raise EvaluationError(f"ASL cannot evaluate the objective: {error}") from None
+        value = _asked("objective", self._asl.eval_f, x)
         self._objective_at = x.copy()
         return float(finite(np.array(value), "ASL", "objective"))
 
@@ -113,10 +112,7 @@ class AslProgram:
         # Without the value at this very point ASL has no error to return, and ends the process instead.
         self._evaluate_objective(x)
         values = np.empty(self.n)
-        try:
-            self._asl.eval_deriv_f(x, values)
-        except ArithmeticError as error:
-            raise EvaluationError(f"ASL cannot evaluate the gradient of the objective: {error}") from None
+        _asked("gradient of the objective", self._asl.eval_deriv_f, x, values)
         self._gradient_at = x.copy()
         return finite(values, "ASL", "gradient of the objective")
 
@@ -124,10 +120,7 @@ class AslProgram:
         """Values of g."""
         self._constraints_at = None
         values = np.empty(self.m)
-        try:
-            self._asl.eval_g(x, values)
-        except ArithmeticError as error:
-            raise EvaluationError(f"ASL cannot evaluate the constraints: {error}") from None
+        _asked("constraints", self._asl.eval_g, x, values)
         self._constraints_at = x.copy()
         return finite(values, "ASL", "constraints")
 
@@ -135,10 +128,7 @@ class AslProgram:
         """Values of the Jacobian of g."""
         self._evaluate_constraints(x)
         values = np.empty(self.jacobian_structure[0].size)
-        try:
-            self._asl.eval_jac_g(x, values)
-        except ArithmeticError as error:
-            raise EvaluationError(f"ASL cannot evaluate the Jacobian of the constraints: {error}") from None
+        _asked("Jacobian of the constraints", self._asl.eval_jac_g, x, values)
         self._jacobian_at = x.copy()
         return finite(values, "ASL", "Jacobian of the constraints")
 
@@ -186,6 +176,14 @@ class AslProgram:
     def _evaluate_constraints(self, x: FloatArray) -> None:
         if not _same_point(self._constraints_at, x):
             self.constraints(x)
+
+
+def _asked(what: str, function: Callable[..., Any], *arguments: FloatArray) -> Any:
+    """What a function of ASL returns; its own errors are arithmetic ones."""
+    try:
+        return function(*arguments)
+    except ArithmeticError as error:
+        raise EvaluationError(f"ASL cannot evaluate the {what}: {error}") from None
 
 
 def _same_point(known: FloatArray | None, x: FloatArray) -> bool:

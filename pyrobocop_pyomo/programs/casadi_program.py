@@ -19,6 +19,20 @@ def casadi_available() -> bool:
     return importlib.util.find_spec("casadi") is not None
 
 
+def require_casadi() -> None:
+    """Do nothing when CasADi is installed.
+
+    Raises
+    ------
+    SolverNotFoundError
+        Otherwise.
+    """
+    if not casadi_available():
+        raise SolverNotFoundError(
+            "CasADi is not installed, so it cannot give derivatives. Run: pip install 'pyrobocop_pyomo[ipopt]'"
+        )
+
+
 class CasadiProgram:
     """The nonlinear program in a ``.nl`` file, differentiated by CasADi.
 
@@ -36,10 +50,7 @@ class CasadiProgram:
     derivatives = "CasADi"
 
     def __init__(self, path: str | Path) -> None:
-        if not casadi_available():
-            raise SolverNotFoundError(
-                "CasADi is not installed, so it cannot give derivatives. Run: pip install 'pyrobocop_pyomo[ipopt]'"
-            )
+        require_casadi()
         builder = casadi.NlpBuilder()
         try:
             builder.import_nl(str(path), {})

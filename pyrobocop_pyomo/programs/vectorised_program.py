@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import SolverNotFoundError
-
-from .casadi_program import casadi_available
+from .casadi_program import require_casadi
 from .model_numbers import ModelNumbers
 from .model_terms import ModelTerms, Terms
 from .nonlinear_program import FloatArray, IndexArray, finite
@@ -34,10 +32,7 @@ class VectorisedProgram:
     derivatives = "CasADi on vectorised expressions"
 
     def __init__(self, terms: ModelTerms) -> None:
-        if not casadi_available():
-            raise SolverNotFoundError(
-                "CasADi is not installed, so it cannot give derivatives. Run: pip install 'pyrobocop_pyomo[ipopt]'"
-            )
+        require_casadi()
         self._numbers = ModelNumbers(terms)
         self.x_lower, self.x_upper = self._numbers.x_lower, self._numbers.x_upper
         self.g_lower, self.g_upper = self._numbers.g_lower, self._numbers.g_upper

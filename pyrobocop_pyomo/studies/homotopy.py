@@ -10,15 +10,14 @@ from typing import Any, ClassVar
 
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import HomotopyStalled, ModelError, SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .named_data import by_component, data_members
-from .outcomes import Column, Outcome, StudyResult, seconds_left, table_row
+from .outcomes import Column, Outcome, StudyResult, result_or_error, seconds_left, table_row
 
 # Near a solution the tight problem is solved at once; what it leaves goes through looser ones.
 FOLLOWING_STRATEGIES = ("tight", "barrier", "continuation")
@@ -269,13 +268,7 @@ class _Follower:
         options = {**self._options, "time_limit": seconds_left(self._deadline)}
         if self._position >= 0.0 and not {"strategies", "schedule"} & options.keys():
             options["strategies"] = FOLLOWING_STRATEGIES
-        result, error = None, ""
-        try:
-            result = solve(self._model, progress=False, **options)
-        except (ModelError, SolverNotFoundError):
-            raise
-        except PyRobocopError as failure:
-            error = f"{type(failure).__name__}: {failure}"
+        result, error = result_or_error(self._model, options)
         seconds = time.perf_counter() - started
         accepted = result is not None and result.quality is not Quality.INFEASIBLE
         return HomotopyStep(position, accepted, result=result, error=error, seconds=seconds)

@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
 from pyrobocop_pyomo.phases import PhaseBlockData
-from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .named_data import by_component
-from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, seconds_left, table_row
+from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, result_or_error, seconds_left, table_row
 
 WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
 
@@ -152,15 +151,9 @@ def multistart(
 
 def _solve_one(model: Any, number: int, values: VariableValues, options: Mapping[str, Any]) -> StartOutcome:
     started = time.perf_counter()
-    try:
-        result = solve(model, progress=False, **options)
-    except (ModelError, SolverNotFoundError):
-        raise  # no other start could do better
-    except PyRobocopError as error:
-        seconds = time.perf_counter() - started
-        return StartOutcome(number, error=f"{type(error).__name__}: {error}", seconds=seconds)
-    seconds = time.perf_counter() - started
-    return StartOutcome(number, result=result, seconds=seconds, values=values.read())
+    result, error = result_or_error(model, options)
+    seconds, found = time.perf_counter() - started, [] if result is None else values.read()
+    return StartOutcome(number, result=result, error=error, seconds=seconds, values=found)
 
 
 class RandomStarts:
@@ -225,10 +218,7 @@ def _curve(generator: np.random.Generator, size: int) -> FloatArray:
 
 def _initial_guess(variable: Any) -> float:
     """The value, moved within the bounds; without a value, the number nearest to zero within them."""
-    number = 0.0 if variable.value is None else float(variable.value)
-    if variable.lb is not None:
-        number = max(number, variable.lb)
-    return number if variable.ub is None else min(number, variable.ub)
+    return within_bounds(0.0 if variable.value is None else float(variable.value), variable)
 
 
 def _spreads(model: Any, spread: Any) -> dict[Any, float]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cmp_to_key
 from typing import Any, ClassVar, Generic, TypeVar
 
-from pyrobocop_pyomo.errors import SolveFailed
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 
 
@@ -98,6 +99,22 @@ def ranked(outcomes: Iterable[OutcomeType]) -> tuple[OutcomeType, ...]:
 def seconds_left(deadline: Deadline) -> float | None:
     """What is left for a solve; a moment where nothing is, so that it still says what it started from."""
     return None if deadline.left is None else max(deadline.left, 1e-3)
+
+
+def result_or_error(model: Any, options: Mapping[str, Any]) -> tuple[SolveResult | None, str]:
+    """Solve one problem of a study: the result, or None and the error that it ended with.
+
+    Raises
+    ------
+    ModelError, SolverNotFoundError
+        With which no other problem of the study could do better.
+    """
+    try:
+        return solve(model, progress=False, **options), ""
+    except (ModelError, SolverNotFoundError):
+        raise
+    except PyRobocopError as error:
+        return None, f"{type(error).__name__}: {error}"
 
 
 @dataclass(frozen=True)

@@ -8,20 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .outcomes import seconds_left
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

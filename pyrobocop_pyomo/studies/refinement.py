@@ -10,15 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
+from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics import Mesh, remesh
+from pyrobocop_pyomo.numerics import Array, Mesh, remesh
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
@@ -29,8 +28,6 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, seconds_left, table_header, table_row
 
 logger = logging.getLogger(__name__)
-
-Array = NDArray[np.float64]
 
 
 class RefinementEnd(enum.Enum):
@@ -313,9 +310,9 @@ def _solve_on(
 
 def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:
     """Start from an answer: phases by interpolation, variables elsewhere by their names."""
-    refined = {id(builder.phase(coarser.model, name)) for name in builder.names}
+    refined = [builder.phase(coarser.model, name) for name in builder.names]
     for block in coarser.model.block_data_objects(active=True, descend_into=Block):
-        if _within(block, refined):
+        if any(block is phase or is_inside(block, phase) for phase in refined):
             continue
         for variable in block.component_data_objects(Var, descend_into=False):
             same = ComponentUID(variable, context=coarser.model).find_component_on(model)
@@ -323,14 +320,6 @@ def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:
                 same.set_value(variable.value, skip_validation=True)
     for name in builder.names:
         builder.phase(model, name).initialize(coarser.trajectories[name])
-
-
-def _within(block: Any, blocks: set[int]) -> bool:
-    while block is not None:
-        if id(block) in blocks:
-            return True
-        block = block.parent_block()
-    return False
 
 
 class PhaseBuilder:

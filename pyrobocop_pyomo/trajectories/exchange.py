@@ -9,16 +9,13 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.contrib.mpc import TimeSeriesData
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Grid, Mesh, lobatto
+from pyrobocop_pyomo.numerics import Array, Grid, Mesh, lobatto
 from pyrobocop_pyomo.optional_imports import pandas, xarray
-
-Array = NDArray[np.float64]
 
 
 def as_data_frame(times: Array, values: Mapping[str, Array]) -> Any:

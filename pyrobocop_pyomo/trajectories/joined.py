@@ -8,16 +8,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.plotting import mark_phases, plot_signals
 
 from .exchange import as_data_frame
 from .trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

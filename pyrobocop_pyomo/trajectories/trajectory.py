@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme
+from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
 
 from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +136,7 @@ class Trajectory:
         values |= {name: np.interp(times, *knots) for name, knots in self.piecewise_linear.items()}
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
-    def _interpolate_state(self, name: str, element: NDArray[np.int64], local: Array) -> Array:
+    def _interpolate_state(self, name: str, element: Indices, local: Array) -> Array:
         scheme = self.grid.scheme
         per_element = self.element_states(name)
         if not (scheme.starts_on_a_stage and scheme.is_collocation and name in self.rates):
@@ -148,7 +146,7 @@ class Trajectory:
         return per_element[element, 0] + self.grid.mesh.widths[element] * increments
 
     @staticmethod
-    def _interpolate(per_element: Array, weights: Array, element: NDArray[np.int64]) -> Array:
+    def _interpolate(per_element: Array, weights: Array, element: Indices) -> Array:
         return np.einsum("tk,tk->t", weights, per_element[element])
 
     def element_states(self, name: str) -> Array:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError
-from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.numerics import Array, Grid
 
 InitialGuess = Union[float, Sequence[float], NDArray[np.float64], Callable[[float], float], None]  # noqa: UP007
-Array = NDArray[np.float64]
 
 
 def initial_state_values(guess: InitialGuess, grid: Grid, name: str) -> Array:

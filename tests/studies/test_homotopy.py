@@ -16,6 +16,7 @@ from pyrobocop_pyomo.solving.progress import Progress
 
 # The function of the same name hides its module from an import statement.
 module = importlib.import_module("pyrobocop_pyomo.studies.homotopy")
+solving_module = importlib.import_module("pyrobocop_pyomo.studies.outcomes")
 
 
 def corner() -> pyo.ConcreteModel:
@@ -73,7 +74,7 @@ def test_a_fixed_variable_moves_as_well():
 
 @pytest.mark.casadi
 def test_failed_steps_are_halved_and_lengthen_again(monkeypatch):
-    solved = module.solve
+    solved = solving_module.solve
     m = corner()
     last = [1.0]
 
@@ -86,7 +87,7 @@ def test_failed_steps_are_halved_and_lengthen_again(monkeypatch):
         last[0] = reached
         return solved(model, **options)
 
-    monkeypatch.setattr(module, "solve", short_of_breath)
+    monkeypatch.setattr(solving_module, "solve", short_of_breath)
     found = rcp.studies.homotopy(m, {"p": (1.0, 3.0)}, steps=4, **QUICK)
     assert found.position == 1.0
     assert m.p.value == 3.0

@@ -23,6 +23,7 @@ from pyrobocop_pyomo.studies.multistart import RandomStarts
 
 # The function of the same name hides its module from an import statement.
 module = importlib.import_module("pyrobocop_pyomo.studies.multistart")
+solving_module = importlib.import_module("pyrobocop_pyomo.studies.outcomes")
 
 
 def two_valleys(sense=pyo.minimize) -> pyo.ConcreteModel:
@@ -118,7 +119,7 @@ def test_curves_over_time_are_smooth():
 def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
     pytest.importorskip("pandas")
     outcomes = iter([None, 1, EvaluationError("no value"), 0])
-    solved = module.solve
+    solved = solving_module.solve
 
     def flaky(model, **options):
         outcome = next(outcomes)
@@ -128,7 +129,7 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
             return solved(model, **{**options, "options": {"max_iter": 0}, "polish": False})
         return solved(model, **options)
 
-    monkeypatch.setattr(module, "solve", flaky)
+    monkeypatch.setattr(solving_module, "solve", flaky)
     m = two_valleys()
     found = rcp.studies.multistart(m, 4, **QUICK)
     assert [outcome.start for outcome in found][2:] == [3, 2]
@@ -142,7 +143,7 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
 
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
-    solved = module.solve
+    solved = solving_module.solve
     pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
 
     def judged(model, **options):
@@ -151,7 +152,7 @@ def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
             return replace(result, safety=SafetyReport(()))
         return replace(result, safety=SafetyReport((pair,)), standing=replace(result.standing, shortfall=1.0))
 
-    monkeypatch.setattr(module, "solve", judged)
+    monkeypatch.setattr(solving_module, "solve", judged)
     m = two_valleys()
     found = rcp.studies.multistart(m, 8, seed=1, **QUICK)
     assert found.result.safe
@@ -168,7 +169,7 @@ def test_the_guess_comes_back_where_nothing_could_be_solved(monkeypatch):
         model.x.set_value(0.123)
         raise EvaluationError("no value")
 
-    monkeypatch.setattr(module, "solve", broken)
+    monkeypatch.setattr(solving_module, "solve", broken)
     m = two_valleys()
     found = rcp.studies.multistart(m, 2)
     assert (m.x.value, m.y.value) == (3.2, 0.1)

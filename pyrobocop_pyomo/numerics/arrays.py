@@ -1,0 +1,8 @@
+"""Types of arrays, for annotations."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Indices = NDArray[np.int64]
