@@ -1,7 +1,8 @@
 """The same cart-pole swing-up stated in three ways: as a phase, with pyomo.dae, and by hand in CasADi.
 
 Each way makes the same nonlinear program: collocation at Radau points, the cost by their quadrature weights, the
-same straight line as an initial guess. ``pyomo.dae`` keeps derivatives as variables; the others substitute them, unless asked.
+same straight line as an initial guess. ``pyomo.dae`` keeps derivatives as variables; the others substitute them, unless
+asked.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
     python benchmarks/obstacle_broad_phase.py [--quick] [--obstacles N] [--elements N] [--seeds SEED ...]
 
 A rectangle crosses a field of obstacles. "all pairs" keeps it from each of them on each interval; "broad phase" leaves
-out, interval by interval, what is farther away than 1 m at the initial guess, a straight line; "by hand" states the pairs with
-obstacles within 1 m of that line. The motion is verified against all obstacles each time. "build" includes the start of
-the separations at their exact distances, "ratio" is to "by hand".
+out, interval by interval, what is farther away than 1 m at the initial guess, a straight line; "by hand" states the
+pairs with obstacles within 1 m of that line. The motion is verified against all obstacles each time. "build" includes
+the start of the separations at their exact distances, "ratio" is to "by hand".
 """
 
 from __future__ import annotations

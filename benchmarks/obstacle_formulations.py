@@ -3,9 +3,9 @@
     python benchmarks/obstacle_formulations.py [--quick] [--scenes WORD ...]
 
 The scene is solved as by default, and then with a plane per node from there. That motion, bent by seeded waves of a
-thousandth of each state's range, is the initial guess of all formulations; Ipopt starts with a barrier parameter of 1e-6, so
-that it stays near; with "optimality" as ever, since there are pairs to be relaxed. All but "plane per interval" look
-at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less than what was
+thousandth of each state's range, is the initial guess of all formulations; Ipopt starts with a barrier parameter of
+1e-6, so that it stays near; with "optimality" as ever, since there are pairs to be relaxed. All but "plane per
+interval" look at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less than what was
 asked for; the verdict is that of `verify`.
 
 "gap" is the objective, relative to the best of the exact formulations that look at nodes. These are all but "offset",
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
-from obstacle_problems import start_on_quarter_circle, model_size, restate, sampled_distance
+from obstacle_problems import model_size, restate, sampled_distance, start_on_quarter_circle
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
