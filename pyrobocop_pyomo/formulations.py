@@ -2,11 +2,4 @@
 
 from pyrobocop_pyomo.obstacles import Dual, Formulation, Mixed, Offset, Optimality, Plane
 
-__all__ = [
-    "Dual",
-    "Formulation",
-    "Mixed",
-    "Offset",
-    "Optimality",
-    "Plane",
-]
+__all__ = ["Dual", "Formulation", "Mixed", "Offset", "Optimality", "Plane"]

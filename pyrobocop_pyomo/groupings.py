@@ -2,11 +2,4 @@
 
 from pyrobocop_pyomo.complementarity import AllPairs, Crossed, Grouping, PerElement, PerPair, PerPhase
 
-__all__ = [
-    "AllPairs",
-    "Crossed",
-    "Grouping",
-    "PerElement",
-    "PerPair",
-    "PerPhase",
-]
+__all__ = ["AllPairs", "Crossed", "Grouping", "PerElement", "PerPair", "PerPhase"]

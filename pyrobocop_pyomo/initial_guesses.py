@@ -3,10 +3,4 @@
 from pyrobocop_pyomo.car_paths import CarPath, CarSearch, CarTiming, hybrid_a_star
 from pyrobocop_pyomo.obstacles import waypoint_initial_guess
 
-__all__ = [
-    "CarPath",
-    "CarSearch",
-    "CarTiming",
-    "hybrid_a_star",
-    "waypoint_initial_guess",
-]
+__all__ = ["CarPath", "CarSearch", "CarTiming", "hybrid_a_star", "waypoint_initial_guess"]

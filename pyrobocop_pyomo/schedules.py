@@ -2,11 +2,4 @@
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 
-__all__ = [
-    "BarrierSchedule",
-    "Fixed",
-    "FollowBarrier",
-    "Geometric",
-    "Schedule",
-    "Superlinear",
-]
+__all__ = ["BarrierSchedule", "Fixed", "FollowBarrier", "Geometric", "Schedule", "Superlinear"]

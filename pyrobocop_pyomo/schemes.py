@@ -2,13 +2,4 @@
 
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, explicit, find_scheme, gauss_legendre, lobatto, radau
 
-__all__ = [
-    "Grid",
-    "Mesh",
-    "Scheme",
-    "explicit",
-    "find_scheme",
-    "gauss_legendre",
-    "lobatto",
-    "radau",
-]
+__all__ = ["Grid", "Mesh", "Scheme", "explicit", "find_scheme", "gauss_legendre", "lobatto", "radau"]

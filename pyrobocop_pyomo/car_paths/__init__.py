@@ -4,9 +4,4 @@ from .car_path import CarPath, CarTiming
 from .hybrid_a_star import hybrid_a_star
 from .motion_primitives import CarSearch
 
-__all__ = [
-    "CarPath",
-    "CarSearch",
-    "CarTiming",
-    "hybrid_a_star",
-]
+__all__ = ["CarPath", "CarSearch", "CarTiming", "hybrid_a_star"]

@@ -105,13 +105,7 @@ def _bard_falk() -> Any:
 def _visweswaran() -> Any:
     m, x, y = _nonnegative(1, 1)
     m.cost = pyo.Objective(expr=x[1] + y[1])
-    rows = [
-        -2 + x[1] + 0.5 * y[1],
-        2 + 0.25 * x[1] - y[1],
-        8 - x[1] - 0.5 * y[1],
-        2 - x[1] + 2 * y[1],
-        y[1],
-    ]
+    rows = [-2 + x[1] + 0.5 * y[1], 2 + 0.25 * x[1] - y[1], 8 - x[1] - 0.5 * y[1], 2 - x[1] + 2 * y[1], y[1]]
     state_follower(m, -5 * x[1] - y[1], [y[1]], rows)
     return m
 

@@ -65,8 +65,7 @@ class InProcessIpoptConfig(SolverConfig):
         self.on_iteration = self.declare(
             "on_iteration",
             ConfigValue(
-                default=None,
-                description="Called with the record of each iteration; stops Ipopt by returning False.",
+                default=None, description="Called with the record of each iteration; stops Ipopt by returning False."
             ),
         )
 

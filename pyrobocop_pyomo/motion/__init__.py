@@ -5,11 +5,4 @@ from .clearance_proof import verify_clearance
 from .motion import Motion, motion_of
 from .safety_report import BodyPairSafety, SafetyReport
 
-__all__ = [
-    "Body",
-    "BodyPairSafety",
-    "Motion",
-    "SafetyReport",
-    "motion_of",
-    "verify_clearance",
-]
+__all__ = ["Body", "BodyPairSafety", "Motion", "SafetyReport", "motion_of", "verify_clearance"]

@@ -20,14 +20,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoi
 from .branch import Branch, restricted
 from .linearisation import Linearisation
 from .mixed_integer import minimise
-from .multiplier_columns import (
-    active_bounds,
-    active_rows,
-    residual_columns,
-    row_activity,
-    rows_of_sides,
-    side_columns,
-)
+from .multiplier_columns import active_bounds, active_rows, residual_columns, row_activity, rows_of_sides, side_columns
 from .problem import ComplementarityProgram, Sides
 from .stationarity import Multipliers, Stationarity
 

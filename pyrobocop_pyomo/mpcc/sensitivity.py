@@ -107,11 +107,7 @@ class _Constraints:
     """Rows and bounds of the free variables in one list, with their first and second derivatives."""
 
     def __init__(
-        self,
-        nlp: NonlinearProgram,
-        parameters: NDArray[np.intp],
-        describe: Callable[[int], str],
-        deadline: Deadline,
+        self, nlp: NonlinearProgram, parameters: NDArray[np.intp], describe: Callable[[int], str], deadline: Deadline
     ) -> None:
         self.nlp, self.parameters, self.describe, self.deadline = nlp, parameters, describe, deadline
         self.free = np.setdiff1d(np.arange(nlp.n), parameters)
@@ -204,12 +200,19 @@ def _direction(jacobian: Any, number: int) -> tuple[tuple[int, ...], tuple[float
 def _least_squares_multipliers(constraints: _Constraints, x: FloatArray, chosen: NDArray[np.intp]) -> FloatArray:
     """The multipliers that leave the least gradient of the Lagrangian, the shortest ones where they are not unique."""
     free = constraints.free
-    jacobian = constraints.jacobian(x)[chosen][:, free]
-    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
-    scaled = scipy.sparse.diags_array(1.0 / sizes) @ jacobian
-    solve = _factor(_augmented(scipy.sparse.eye_array(free.size), scaled, 1e-10))
+    solve, sizes = _factor_of_gradients(constraints, x, chosen, 1e-10)
     right = np.concatenate([-constraints.nlp.gradient(x)[free], np.zeros(chosen.size)])
     return solve(right)[free.size :] / sizes
+
+
+def _factor_of_gradients(
+    constraints: _Constraints, x: FloatArray, chosen: NDArray[np.intp], regularisation: float
+) -> tuple[Callable[[FloatArray], FloatArray], FloatArray]:
+    """A solver of the system that projects onto the gradients of constraints, in unit length, and their lengths."""
+    jacobian = constraints.jacobian(x)[chosen][:, constraints.free]
+    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
+    scaled = scipy.sparse.diags_array(1.0 / sizes) @ jacobian
+    return _factor(_augmented(scipy.sparse.eye_array(constraints.free.size), scaled, regularisation)), sizes
 
 
 def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray[np.intp]) -> None:
@@ -217,11 +220,7 @@ def _check_independent(constraints: _Constraints, x: FloatArray, active: NDArray
     free = constraints.free
     if not active.size:
         return
-    jacobian = constraints.jacobian(x)[active][:, free]
-    sizes = np.maximum(np.sqrt(np.asarray(jacobian.power(2).sum(axis=1)).ravel()), 1e-300)
-    solve = _factor(
-        _augmented(scipy.sparse.eye_array(free.size), scipy.sparse.diags_array(1.0 / sizes) @ jacobian, 1e-12)
-    )
+    solve, _ = _factor_of_gradients(constraints, x, active, 1e-12)
     # A direction among the rows that the matrix hardly sees comes back enlarged by the square of its singular value.
     probe = np.random.default_rng(0).normal(size=active.size)
     found = solve(np.concatenate([np.zeros(free.size), probe]))[free.size :]

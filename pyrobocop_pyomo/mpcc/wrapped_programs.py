@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, WrappedProgram
 
 
-class WithoutRows:
+class WithoutRows(WrappedProgram):
     """A nonlinear program without some of its rows.
 
     Parameters
@@ -19,13 +19,11 @@ class WithoutRows:
     """
 
     def __init__(self, nlp: NonlinearProgram, rows: ArrayLike) -> None:
-        self.nlp = nlp
+        super().__init__(nlp)
         kept = np.ones(nlp.m, dtype=bool)
         kept[np.asarray(rows, dtype=np.intp)] = False
         self.rows = np.flatnonzero(kept)
-        self.derivatives = nlp.derivatives
-        self.n, self.m = nlp.n, self.rows.size
-        self.x_lower, self.x_upper, self.x_start = nlp.x_lower, nlp.x_upper, nlp.x_start
+        self.m = self.rows.size
         self.g_lower, self.g_upper = nlp.g_lower[kept], nlp.g_upper[kept]
         self.g_multipliers_start = None if nlp.g_multipliers_start is None else nlp.g_multipliers_start[kept]
         structure = nlp.jacobian_structure
@@ -35,8 +33,6 @@ class WithoutRows:
             numbers[structure[0][self._entries]].astype(np.int32),
             structure[1][self._entries].astype(np.int32),
         )
-        self.hessian_structure = nlp.hessian_structure
-        self.objective, self.gradient = nlp.objective, nlp.gradient
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of the rows that are left, shape (m,)."""
@@ -53,7 +49,7 @@ class WithoutRows:
         return self.nlp.hessian(x, objective_factor, every)
 
 
-class WithBounds:
+class WithBounds(WrappedProgram):
     """A nonlinear program with other bounds of its variables.
 
     Parameters
@@ -63,12 +59,6 @@ class WithBounds:
     """
 
     def __init__(self, nlp: NonlinearProgram, x_lower: FloatArray, x_upper: FloatArray) -> None:
-        self.nlp = nlp
-        self.derivatives = nlp.derivatives
-        self.n, self.m = nlp.n, nlp.m
+        super().__init__(nlp)
         self.x_lower, self.x_upper = x_lower, x_upper
-        self.g_lower, self.g_upper = nlp.g_lower, nlp.g_upper
-        self.x_start, self.g_multipliers_start = nlp.x_start, nlp.g_multipliers_start
-        self.jacobian_structure, self.hessian_structure = nlp.jacobian_structure, nlp.hessian_structure
-        self.objective, self.gradient = nlp.objective, nlp.gradient
         self.constraints, self.jacobian, self.hessian = nlp.constraints, nlp.jacobian, nlp.hessian

@@ -197,11 +197,7 @@ def _candidates(first: PlacedShape, second: PlacedShape, extra: list[Array]) -> 
 
 
 def _cheapest_path(
-    candidates: list[Array],
-    pairs: Sequence[PlacedPair],
-    before: Array | None,
-    after: Array | None,
-    preferred: Array,
+    candidates: list[Array], pairs: Sequence[PlacedPair], before: Array | None, after: Array | None, preferred: Array
 ) -> Array:
     """Normals (k, d) of least cost: mean depth over size, plus the squared angles between consecutive normals."""
     depths = []

@@ -21,13 +21,7 @@ _FEWEST_POSES = 240
 
 
 def draw_avoidance(
-    avoid: Any,
-    *,
-    snapshots: int = 12,
-    view: Any = None,
-    title: str | None = None,
-    unit: str = "m",
-    figure: Any = None,
+    avoid: Any, *, snapshots: int = 12, view: Any = None, title: str | None = None, unit: str = "m", figure: Any = None
 ) -> Any:
     """Draw the bodies of an avoidance block among its obstacles, as snapshots from light to dark.
 

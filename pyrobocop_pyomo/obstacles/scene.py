@@ -131,13 +131,7 @@ class Scene:
 
 
 def make_scene(
-    what: str,
-    *,
-    bodies: Any,
-    obstacles: Any,
-    clearance: Any,
-    body_pairs: Any,
-    exclude: Iterable[BodyPair],
+    what: str, *, bodies: Any, obstacles: Any, clearance: Any, body_pairs: Any, exclude: Iterable[BodyPair]
 ) -> Scene:
     """Make a scene from arguments of `ObstacleAvoidanceBlock`, and check them.
 

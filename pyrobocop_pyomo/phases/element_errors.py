@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
-from pyrobocop_pyomo.numerics import radau
+from pyrobocop_pyomo.numerics import Array, radau
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic
@@ -17,8 +16,6 @@ from .point_model import PointEquations
 from .record import PhaseRecord
 from .verification import element_errors as reintegrated_errors
 from .verification import indices_of
-
-Array = NDArray[np.float64]
 
 _MORE_STAGES = 2
 

@@ -12,10 +12,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
-from pyrobocop_pyomo.numerics import Scheme
+from pyrobocop_pyomo.numerics import Array, Scheme
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
@@ -24,7 +23,6 @@ from .declarations import Algebraic, Control
 from .point_model import PointEquations
 from .record import PhaseRecord
 
-Array = NDArray[np.float64]
 Rates = Callable[[int, float, Array], Array]
 
 # Relative to the size of the terms; hybr often stops above its own tolerance at a residual that is rounding.

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError
-from pyrobocop_pyomo.numerics import differentiation_matrix
+from pyrobocop_pyomo.numerics import Array, differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
@@ -23,7 +22,6 @@ from .horizon import horizon_fraction, real_grid
 from .phase_values import PhaseValues
 from .record import PhaseRecord
 
-Array = NDArray[np.float64]
 Values = list[tuple[Any, float]]
 
 

@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.numerics import Array
 
 from .declarations import Parameter
-
-Array = NDArray[np.float64]
 
 
 def label_measurements(

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pyrobocop_pyomo.errors import DeclarationError
-from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.transcription import InitialGuess, initial_stage_values, initial_state_values, initial_values_at
 
-Array = NDArray[np.float64]
 Weights = list[tuple[int, float]]
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
 
@@ -17,8 +15,6 @@ from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .mpc_interface import PhaseInterface
 from .simulation import SimulationOptions, simulate
 from .tracking import tracking_cost
-
-Array = NDArray[np.float64]
 
 
 class PhaseActions:

@@ -7,20 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_form, side_values
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
-from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic, Control, Parameter, State
 from .horizon import real_grid
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord
-
-Array = NDArray[np.float64]
 
 
 class PhaseValues:

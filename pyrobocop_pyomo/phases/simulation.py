@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
-from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
@@ -26,8 +25,6 @@ from .nodes import KnotNodes
 from .phase_values import make_trajectory, read_values
 from .point_model import PointEquations
 from .record import PhaseRecord
-
-Array = NDArray[np.float64]
 
 # What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
 _NO_VALUE = (ArithmeticError, ValueError)

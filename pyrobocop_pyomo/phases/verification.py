@@ -7,21 +7,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
-from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .element_integration import integrate_elements, integrate_horizon, signals_at
 from .point_model import PointModel
 from .record import PhaseRecord, Statement, labelled_rows
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

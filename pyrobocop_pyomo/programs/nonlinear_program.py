@@ -122,7 +122,27 @@ class PrimalDualPoint:
         return rows, lower, upper
 
 
-class ShiftedRows:
+class WrappedProgram:
+    """A nonlinear program made from another one, with its objective; a subclass replaces what differs.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+    """
+
+    def __init__(self, nlp: NonlinearProgram) -> None:
+        self.nlp = nlp
+        self.derivatives = nlp.derivatives
+        self.n, self.m = nlp.n, nlp.m
+        self.x_lower, self.x_upper = nlp.x_lower, nlp.x_upper
+        self.g_lower, self.g_upper = nlp.g_lower, nlp.g_upper
+        self.x_start, self.g_multipliers_start = nlp.x_start, nlp.g_multipliers_start
+        self.jacobian_structure, self.hessian_structure = nlp.jacobian_structure, nlp.hessian_structure
+        # Forwarded as they are: one call less per evaluation.
+        self.objective, self.gradient = nlp.objective, nlp.gradient
+
+
+class ShiftedRows(WrappedProgram):
     """A nonlinear program whose marked rows are moved by a number that may change during a solve.
 
     A relaxed complementarity row was written with the bound `base`, as ``a*b - base <= 0`` or as
@@ -145,7 +165,7 @@ class ShiftedRows:
     """
 
     def __init__(self, nlp: NonlinearProgram, rows: ArrayLike, base: ArrayLike) -> None:
-        self.nlp = nlp
+        super().__init__(nlp)
         self.rows = np.asarray(rows, dtype=np.intp)
         self.base = np.broadcast_to(np.asarray(base, dtype=float), self.rows.shape)
         outside = self.rows[(self.rows < 0) | (self.rows >= nlp.m)]
@@ -155,14 +175,6 @@ class ShiftedRows:
                 "Take the numbers from CompiledModel.row_of."
             )
         self.delta: float | FloatArray = float(self.base.max(initial=0.0))
-        self.derivatives = nlp.derivatives
-        self.n, self.m = nlp.n, nlp.m
-        self.x_lower, self.x_upper = nlp.x_lower, nlp.x_upper
-        self.g_lower, self.g_upper = nlp.g_lower, nlp.g_upper
-        self.x_start, self.g_multipliers_start = nlp.x_start, nlp.g_multipliers_start
-        self.jacobian_structure, self.hessian_structure = nlp.jacobian_structure, nlp.hessian_structure
-        # Forwarded as they are: one call less per evaluation.
-        self.objective, self.gradient = nlp.objective, nlp.gradient
         self.jacobian, self.hessian = nlp.jacobian, nlp.hessian
 
     def constraints(self, x: FloatArray) -> FloatArray:

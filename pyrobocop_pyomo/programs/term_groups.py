@@ -188,10 +188,7 @@ class BatchedWalk:
     """
 
     def __init__(
-        self,
-        kinds: NodeKinds,
-        column_of: Callable[[Sequence[Any]], list[int]],
-        content_of: Callable[[Any], Any],
+        self, kinds: NodeKinds, column_of: Callable[[Sequence[Any]], list[int]], content_of: Callable[[Any], Any]
     ) -> None:
         self._kind_of, self._columns_of, self._content_of = kinds.__getitem__, column_of, content_of
 
