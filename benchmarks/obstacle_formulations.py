@@ -5,8 +5,8 @@
 The scene is solved as by default, and then with a plane per node from there. That motion, bent by seeded waves of a
 thousandth of each state's range, is the initial guess of all formulations; Ipopt starts with a barrier parameter of
 1e-6, so that it stays near; with "optimality" as ever, since there are pairs to be relaxed. All but "plane per
-interval" look at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less than what was
-asked for; the verdict is that of `verify`.
+interval" look at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less
+than what was asked for; the verdict is that of `verify`.
 
 "gap" is the objective, relative to the best of the exact formulations that look at nodes. These are all but "offset",
 which asks for more than the clearance near corners, and "optimality", whose error is on the unsafe side.
