@@ -24,7 +24,7 @@ def add_pair(b: rcp.PhaseBlock, name: str, continuous: Rule, other: Rule) -> Non
     b.complementarity(pair)
 
 
-def add_step(b: rcp.PhaseBlock, name: str, switching: Rule, guess: float = 0.5) -> None:
+def add_step(b: rcp.PhaseBlock, name: str, switching: Rule, initial_guess: float = 0.5) -> None:
     """Declare ``b.<name>[t]``: 1 where ``switching(b, t) > 0``, 0 where it is negative, anything between at zero.
 
     The step is the solution of ``min -psi w`` over ``0 <= w <= 1``; the multipliers of the two bounds are the
@@ -36,7 +36,7 @@ def add_step(b: rcp.PhaseBlock, name: str, switching: Rule, guess: float = 0.5) 
     Systems with Set-Valued Step Functions (2023), doi:10.48550/arXiv.2303.18066
     """
     above, below = f"{name}_above", f"{name}_below"
-    b.declare(name, rcp.Algebraic(bounds=(0, 1), initial_guess=guess))
+    b.declare(name, rcp.Algebraic(bounds=(0, 1), initial_guess=initial_guess))
     b.declare(above, rcp.Algebraic(bounds=(0, None)))
     b.declare(below, rcp.Algebraic(bounds=(0, None)))
 
