@@ -1,7 +1,8 @@
 """The same cart-pole swing-up stated in three ways: as a phase, with pyomo.dae, and by hand in CasADi.
 
 Each way makes the same nonlinear program: collocation at Radau points, the cost by their quadrature weights, the
-same straight line as a guess. ``pyomo.dae`` keeps derivatives as variables; the others substitute them, unless asked.
+same straight line as an initial guess. ``pyomo.dae`` keeps derivatives as variables; the others substitute them, unless
+asked.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ def stated_with_pyomo_dae() -> pyo.ConcreteModel:
 
 
 def transcribed_by_pyomo_dae(m: pyo.ConcreteModel, elements: int) -> pyo.ConcreteModel:
-    """The same model after ``dae.collocation``, with cost and guess."""
+    """The same model after ``dae.collocation``, with cost and initial guess."""
     pyo.TransformationFactory("dae.collocation").apply_to(m, wrt=m.t, nfe=elements, ncp=STAGES, scheme="LAGRANGE-RADAU")
     weights = rcp.schemes.radau(STAGES).b
     points = [t for t in m.t if t > 0]
@@ -239,12 +240,12 @@ def by_hand_in_casadi(elements: int) -> Measured:
     )
     times = (np.arange(elements)[:, None] * h + h * scheme.c).ravel()
     line = np.array([[straight_line(i, t) for t in (0.0, *times)] for i in range(4)])
-    guess = np.concatenate([line.ravel(order="F"), np.zeros(columns)])
+    start = np.concatenate([line.ravel(order="F"), np.zeros(columns)])
     built = time.perf_counter()
     options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 3000}}
     solver = casadi.nlpsol("solver", "ipopt", program, options)
     ready = time.perf_counter()
-    answer = solver(x0=guess, lbx=lower, ubx=upper, lbg=0, ubg=0)
+    answer = solver(x0=start, lbx=lower, ubx=upper, lbg=0, ubg=0)
     ended = time.perf_counter()
     return Measured(
         built - started,

@@ -62,7 +62,7 @@ def least(runs: int, prepare: Callable[[], Any], do: Callable[[Any], Any]) -> fl
     for _ in range(runs):
         given = prepare()
         gc.collect()
-        gc.disable()  # the collector would be charged to whoever happens to trigger it
+        gc.disable()  # the collector would be counted for whoever happens to trigger it
         started = time.process_time()
         do(given)
         best = min(best, time.process_time() - started)

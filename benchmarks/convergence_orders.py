@@ -10,8 +10,8 @@ Index-1 DAE: ``x' = z``, ``z exp(-x) = cos t``, hence ``exp(-x) = 1 - sin t``: t
 at any collocation point, where a scheme has the order of its stages.
 
 Optimal control and cost: minimise the integral of ``x^2 + u^2`` with ``x' = u``, ``x(0) = 1``, over T = 3 seconds: the
-cost is ``tanh(T)``, the control ``-sinh(T - t) / cosh(T)``, judged at any collocation point. Explicit methods of two
-and three stages have a stage without weight; their control is held over each element, which is of order one.
+cost is ``tanh(T)``, the control ``-sinh(T - t) / cosh(T)``, compared at any collocation point. Explicit methods of two
+and three stages have a stage without weight; their control is constant over each element, which is of order one.
 
 The slope is fitted to the meshes whose error is above rounding; "-" where there are fewer than two such.
 """

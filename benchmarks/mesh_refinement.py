@@ -5,7 +5,7 @@
 Two problems whose motion hurries in some places and rests in others: a hyper-sensitive regulator, minimise the integral
 of x^2 + u^2 with x' = -x^3 + u from 1 to 1.5 over 50 seconds, which takes a second at each end and nothing between; and
 the swing-up of a cart-pole with the example's numbers. The error is that of an element re-integrated from its own
-start, in the units of the states; every refined answer is judged again by `Trajectory.verify`. The uniform mesh is the
+start, in the units of the states; every refined answer is checked again by `Trajectory.verify`. The uniform mesh is the
 coarsest of those tried, each a tenth finer than the one before, that meets the tolerance.
 """
 

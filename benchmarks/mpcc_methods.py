@@ -1,6 +1,6 @@
 """Ways to solve problems with complementarity, on the catalogue of problems with known answers.
 
-    python benchmarks/mpcc_methods.py [--quick] [--methods WORD ...] [--problems WORD ...] [--backend ROUTE]
+    python benchmarks/mpcc_methods.py [--quick] [--methods WORD ...] [--problems WORD ...] [--backend WORD]
                                       [--time-limit SECONDS] [--details]
 
 Each problem starts from its own start values, and the point that a method leaves on the model is checked from the
@@ -42,7 +42,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mpcc_catalogue.point_check import Point, PointCheck
 
 QUICK = ("kth3", "ralph1", "bard1", "toll road", "both at least one")
-ROUTES = ("asl", "casadi", "vectorised", "executable")
+BACKENDS = ("asl", "casadi", "vectorised", "executable")
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="five problems")
     parser.add_argument("--methods", nargs="+", metavar="WORD")
     parser.add_argument("--problems", nargs="+", metavar="WORD", help="names or tags")
-    parser.add_argument("--backend", choices=ROUTES, help="which Ipopt; by default the best that is present")
+    parser.add_argument("--backend", choices=BACKENDS, help="which Ipopt; by default the best that is present")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds per problem and method")
     parser.add_argument("--details", action="store_true", help="one line per problem as well")
     arguments = parser.parse_args()

@@ -12,7 +12,7 @@ delta = 1, 0.1, ..., 1e-8, "superlinear" one with fewer and fewer steps, "1e-8" 
 
 "error" is the objective's, relative to the optimum in continuous time; "residual" the largest min(a, b), recomputed;
 "motion" the largest difference from the true motion under the plan's own controls, every switch located. "solved"
-judges all of them.
+checks all of them.
 """
 
 from __future__ import annotations
@@ -81,12 +81,13 @@ def main() -> None:
                 show_progress(f"{name}, {writing}, {word}")
                 model: pyo.ConcreteModel = problem.build(elements, **built, **stages)
                 result = rcp.solve(model, grouping=grouping, progress=False, time_limit=arguments.time_limit, **way)
-                judged = problem.judge(model)
-                counts[writing, word] = counts.get((writing, word), 0) + judged.solved
+                assessment = problem.assess(model)
+                counts[writing, word] = counts.get((writing, word), 0) + assessment.solved
                 show_progress("")
                 table.add(
-                    name, writing, word, "yes" if judged.solved else "no", result.iterations, judged.objective,
-                    judged.objective_error, judged.natural_residual, judged.deviation, result.strategy, result.seconds,
+                    name, writing, word, "yes" if assessment.solved else "no", result.iterations, assessment.objective,
+                    assessment.objective_error, assessment.natural_residual, assessment.deviation, result.strategy,
+                    result.seconds,
                 )  # fmt: skip
 
     print(f"\nsolved, of {len(names)}\n")

@@ -3,9 +3,9 @@
     python benchmarks/obstacle_broad_phase.py [--quick] [--obstacles N] [--elements N] [--seeds SEED ...]
 
 A rectangle crosses a field of obstacles. "all pairs" keeps it from each of them on each interval; "broad phase" leaves
-out, interval by interval, what is farther away than 1 m at the guess, a straight line; "by hand" states the pairs with
-obstacles within 1 m of that line. The motion is verified against all obstacles each time. "build" includes the start of
-the certificates at their exact distances, "ratio" is to "by hand".
+out, interval by interval, what is farther away than 1 m at the initial guess, a straight line; "by hand" states the
+pairs with obstacles within 1 m of that line. The motion is verified against all obstacles each time. "build" includes
+the start of the separations at their exact distances, "ratio" is to "by hand".
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ def measured(stated: str, obstacles: int, elements: int, seed: int) -> tuple:
     build = time.perf_counter() - started
     size = model_size(m)
     result = rcp.solve(m, progress=False)
-    # The pairs that a person left out are not watched by the block: the judge watches all of them.
-    judge = field(obstacles, elements, seed)
-    judge.move.initialize(m.move.trajectory())
+    # The pairs that a person left out are not in the block: this model has all of them.
+    complete = field(obstacles, elements, seed)
+    complete.move.initialize(m.move.trajectory())
     started = time.perf_counter()
-    report = judge.move.avoid.verify()
+    report = complete.move.avoid.verify()
     verify = time.perf_counter() - started
     verdict = report.worst.verdict if result.solved else "unsolved"
     taken = (build, result.seconds, verify, result.iterations, len(result.rounds))

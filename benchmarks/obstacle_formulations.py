@@ -1,12 +1,12 @@
-"""The same motion kept clear by every formulation, from the same good guess.
+"""The same motion kept clear by every formulation, from the same good initial guess.
 
     python benchmarks/obstacle_formulations.py [--quick] [--scenes WORD ...]
 
 The scene is solved as by default, and then with a plane per node from there. That motion, bent by seeded waves of a
-thousandth of each state's range, is the guess of all formulations; Ipopt starts with a barrier parameter of 1e-6, so
-that it stays near; with "optimality" as ever, since there are pairs to be relaxed. All but "plane per interval" look
-at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less than what was
-asked for; the verdict is that of `verify`.
+thousandth of each state's range, is the initial guess of all formulations; Ipopt starts with a barrier parameter of
+1e-6, so that it stays near; with "optimality" as ever, since there are pairs to be relaxed. All but "plane per
+interval" look at the nodes only. "closest" is the smallest distance among 20 instants per interval, and may be less
+than what was asked for; the verdict is that of `verify`.
 
 "gap" is the objective, relative to the best of the exact formulations that look at nodes. These are all but "offset",
 which asks for more than the clearance near corners, and "optimality", whose error is on the unsafe side.
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
-from obstacle_problems import guess_quarter_circle, model_size, restate, sampled_distance
+from obstacle_problems import model_size, restate, sampled_distance, start_on_quarter_circle
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
@@ -50,7 +50,7 @@ def scenes(quick: bool) -> dict[str, Callable[[], tuple[pyo.ConcreteModel, Any]]
     """Name: how to build the model, and the phase of it that avoids obstacles."""
 
     def car(elements: int) -> tuple[Any, Any]:
-        m = guess_quarter_circle(car_between_obstacles.build("one", elements))
+        m = start_on_quarter_circle(car_between_obstacles.build("one", elements))
         return m, m.drive
 
     def quadrotor() -> tuple[Any, Any]:
@@ -83,11 +83,11 @@ def main() -> None:
     table.header()
     agree = True
     for name, made in chosen.items():
-        guess = good_guess(made)
+        start = good_trajectory(made)
         shown = []
         for formulation, options in FORMULATIONS.items():
             show_progress(f"{name}: {formulation}")
-            shown.append((name, formulation, *measured(made, guess, options, arguments.time_limit)))
+            shown.append((name, formulation, *measured(made, start, options, arguments.time_limit)))
         show_progress("")
         exact = [row[7] for row in shown if row[1] in EXACT and row[7] is not None]
         for row in shown:
@@ -97,7 +97,7 @@ def main() -> None:
     print(f"the exact formulations {'agree' if agree else 'DO NOT AGREE'} to 1e-5")
 
 
-def good_guess(made: Callable[[], tuple[pyo.ConcreteModel, Any]]) -> rcp.Trajectory:
+def good_trajectory(made: Callable[[], tuple[pyo.ConcreteModel, Any]]) -> rcp.Trajectory:
     """Motion that a plane per interval leads to, and a plane per node from there."""
     m, phase = made()
     rcp.solve(m, progress=False)
@@ -106,9 +106,9 @@ def good_guess(made: Callable[[], tuple[pyo.ConcreteModel, Any]]) -> rcp.Traject
     return phase.trajectory()
 
 
-def bend(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
+def perturb(phase: Any, start: rcp.Trajectory, seed: int = 0) -> None:
     """Start from a motion to which waves are added, a thousandth of the range of each state high."""
-    phase.initialize(guess)
+    phase.initialize(start)
     generator = np.random.default_rng(seed)
     first, last = phase.time.first(), phase.time.last()
     for name in phase.record.names_of_states:
@@ -121,10 +121,10 @@ def bend(phase: Any, guess: rcp.Trajectory, seed: int = 0) -> None:
                 state[t].set_value(pyo.value(state[t]) + wave, skip_validation=True)
 
 
-def measured(made: Callable[..., Any], guess: rcp.Trajectory, options: dict[str, Any], time_limit: float) -> tuple:
+def measured(made: Callable[..., Any], start: rcp.Trajectory, options: dict[str, Any], time_limit: float) -> tuple:
     """One row: size, rounds, iterations, seconds, objective, distance found, asked, verdict."""
     m, phase = made()
-    bend(phase, guess)
+    perturb(phase, start)
     shapes = [part.shape for part in phase.avoid.record.scene.parts.values()]
     if options["formulation"] == "optimality" and not all(shape.is_bounded for shape in shapes):
         return (*[None] * 8, "cannot")  # nearest points are shares of corners, and wedges without end have other points

@@ -5,8 +5,8 @@
 A small car past one obstacle, and a slider pushed into a slot, both with 0.02 to keep: the distance that PyRoboCOP has
 built in. "optimality" states the nearest points of each pair as complementarity at the nodes, cold (all unknowns at
 zero, as there) or started at the nearest points; "planes" is the default, one plane per interval, with all rounds until
-the motion between the nodes is proven clear as well. Both start from the same guess: a quarter of a circle for the car,
-a straight line for the slider.
+the motion between the nodes is proven clear as well. Both start from the same initial guess: a quarter of a circle for
+the car, a straight line for the slider.
 
 "work" is iterations times variables, in millions, summed over all rounds; "ratio" is to that of the planes. "closest"
 is the smallest distance among 20 instants per interval, "a*b" the largest product of a complementary pair.
@@ -22,7 +22,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pyomo.environ as pyo
-from obstacle_problems import guess_quarter_circle, model_size, restate, sampled_distance
+from obstacle_problems import model_size, restate, sampled_distance, start_on_quarter_circle
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
@@ -40,7 +40,7 @@ WAYS: dict[str, dict[str, Any]] = {
 
 def car(elements: int) -> tuple[pyo.ConcreteModel, Any]:
     """Past one obstacle."""
-    m = guess_quarter_circle(car_between_obstacles.build("one", elements))
+    m = start_on_quarter_circle(car_between_obstacles.build("one", elements))
     return m, m.drive
 
 

@@ -29,6 +29,8 @@ autodoc_typehints = "none"  # the docstrings say it in words, with shapes and un
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 default_role = "code"  # a single backtick in a docstring names code
+# Types in docstrings are words, such as "number". Sphinx takes them for names, and some attributes have these names.
+suppress_warnings = ["ref.python"]
 
 html_theme = "furo"
 html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # where a host serves several versions

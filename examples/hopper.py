@@ -51,9 +51,9 @@ def build(case: str = "gait", elements: int = 20, stages: int = 3, speed: float 
 
 def state_flight(b, initial=None, final=None) -> None:
     """The body falls freely."""
-    for name, guess in {"x": lambda t: 0.8 * t, "y": 1.0, "v_x": 2.0, "v_y": lambda t: 1 - 2 * t}.items():
+    for name, start in {"x": lambda t: 0.8 * t, "y": 1.0, "v_x": 2.0, "v_y": lambda t: 1 - 2 * t}.items():
         b.declare(
-            name, rcp.State(initial=(initial or {}).get(name), final=(final or {}).get(name), initial_guess=guess)
+            name, rcp.State(initial=(initial or {}).get(name), final=(final or {}).get(name), initial_guess=start)
         )
     b.ode(lambda b, t: {b.x: b.v_x[t], b.y: b.v_y[t], b.v_x: 0, b.v_y: -GRAVITY})
 

@@ -16,7 +16,7 @@ from . import (
     turbo_car,
     turbo_car_with_hysteresis,
 )
-from .problem import Judgement, NonsmoothProblem
+from .problem import Assessment, NonsmoothProblem
 
 PROBLEMS = {
     each.name: each
@@ -39,4 +39,4 @@ PROBLEMS = {
     )
 }
 
-__all__ = ["PROBLEMS", "Judgement", "NonsmoothProblem"]
+__all__ = ["PROBLEMS", "Assessment", "NonsmoothProblem"]

@@ -1,7 +1,7 @@
 """Swing up a pole on a cart that dry friction holds: nothing moves until the force exceeds it.
 
 With pole of length one and mass 1/5 of the cart's, gravity 10 and ``F = u - 2 sign(v)``. What the optimum is, nobody
-knows: the plan is judged by the motion under its own forces.
+knows: the plan is assessed by the motion under its own forces.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
 from .filippov import Filippov
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 from .switches import add_step
 
 HORIZON, FRICTION, LARGEST, POLE, GRAVITY = 3.0, 2.0, 30.0, 0.2, 10.0
@@ -71,7 +71,7 @@ def deviation(m: pyo.ConcreteModel) -> float:
     """From the motion under the plan's own force, each element from its own start: a pole falls off any plan."""
     trajectory = m.phase.trajectory()
     states = at_boundaries(trajectory, "x", "angle", "v", "rate")
-    forces, times = held(trajectory, "u"), trajectory.grid.mesh.boundaries
+    forces, times = element_controls(trajectory, "u"), trajectory.grid.mesh.boundaries
     ends = [SYSTEM.simulate(times[i : i + 2], forces[i : i + 1], states[i])[-1] for i in range(len(forces))]
     return float(np.abs(states[1:] - np.array(ends)).max())
 

@@ -2,7 +2,7 @@
 
 The pusher's force is the control, ``p' = u - f_1 (q_1 - p) - f_2 (q_2 - p)``; a pushed disc moves as ``q_i' = f_i
 (q_i - p)``, with ``0 <= f_i ⟂ |q_i - p|^2 - 1 >= 0`` for discs of diameter one. Least ``integral of |u|^2`` from one
-side to the other. The problem is symmetric, and a symmetric guess has a symmetric answer.
+side to the other. The problem is symmetric, and a symmetric initial guess has a symmetric answer.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pyomo.environ as pyo
 import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 from .switches import add_pair
 
 HORIZON, REACH, ASIDE = 4.0, 1.5, 0.6
@@ -93,7 +93,7 @@ def catch_up(boundaries, controls: np.ndarray, steps: int = 100) -> np.ndarray:
 def deviation(m: pyo.ConcreteModel) -> float:
     """From catching up under the plan's own control."""
     trajectory = m.phase.trajectory()
-    controls = np.column_stack([held(trajectory, "u_x"), held(trajectory, "u_y")])
+    controls = np.column_stack([element_controls(trajectory, "u_x"), element_controls(trajectory, "u_y")])
     true = catch_up(trajectory.grid.mesh.boundaries, controls)
     states = at_boundaries(trajectory, "x", "y", "x_1", "y_1", "x_2", "y_2")
     return float(np.abs(states - true).max())

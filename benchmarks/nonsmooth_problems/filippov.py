@@ -27,7 +27,7 @@ class Filippov:
     Attributes
     ----------
     rates : callable
-        ``rates(x, u, w)``: derivative of x under the held control u, affine in the step w in [0, 1].
+        ``rates(x, u, w)``: derivative of x under the constant control u, affine in the step w in [0, 1].
     surface : callable
         ``surface(x)``: the step is 1 where it is positive, 0 where it is negative.
     gradient : callable
@@ -39,7 +39,7 @@ class Filippov:
     gradient: Callable[[Array], Array]
 
     def simulate(self, boundaries: Sequence[float], controls: Sequence[float], initial: Sequence[float]) -> Array:
-        """States at the boundaries, shape ``(N + 1, n)``, under a control that is held between them."""
+        """States at the boundaries, shape ``(N + 1, n)``, under a control that is constant between them."""
         states = [np.array(initial, dtype=float)]
         for start, end, control in zip(boundaries[:-1], boundaries[1:], controls, strict=True):
             states.append(self._hold(start, end, float(control), states[-1]))

@@ -15,7 +15,7 @@ import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
 from .filippov import Filippov
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 from .switches import add_step
 
 DISTANCE, FRICTION, LARGEST = 2.0, 1.0, 3.0
@@ -62,7 +62,7 @@ def deviation(m: pyo.ConcreteModel) -> float:
     """From the motion under the plan's own control."""
     trajectory = m.phase.trajectory()
     states = at_boundaries(trajectory, "x", "v")
-    true = SYSTEM.simulate(trajectory.grid.mesh.boundaries, held(trajectory, "u"), states[0])
+    true = SYSTEM.simulate(trajectory.grid.mesh.boundaries, element_controls(trajectory, "u"), states[0])
     return float(np.abs(states - true).max())
 
 

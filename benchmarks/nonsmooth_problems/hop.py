@@ -16,7 +16,7 @@ import pyomo.environ as pyo
 import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 
 HORIZON, START, GOAL, FOOT_GOAL, FOOT_MASS, GRAVITY, LONGEST = 0.8, 0.5, 1.2, 0.5, 0.25, 10.0, 0.9
 
@@ -101,7 +101,7 @@ def deviation(m: pyo.ConcreteModel) -> float:
     trajectory = m.phase.trajectory()
     body, foot = np.array([START, 0.0]), np.array([0.0, 0.0])
     states = [(body[0], foot[0])]
-    for width, u in zip(np.diff(trajectory.grid.mesh.boundaries), held(trajectory, "u"), strict=True):
+    for width, u in zip(np.diff(trajectory.grid.mesh.boundaries), element_controls(trajectory, "u"), strict=True):
         body = _fall(body, GRAVITY * (u - 1), width)
         foot = _foot(foot, GRAVITY * (-u / FOOT_MASS - 1), width)
         states.append((body[0], foot[0]))
@@ -118,7 +118,7 @@ def _foot(state: np.ndarray, acceleration: float, time: float) -> np.ndarray:
     if y <= 0 and v <= 0 and acceleration <= 0:
         return np.zeros(2)
     landed = _fall(state, acceleration, time)
-    # Without rebound, and with an acceleration that is held: a foot that lands within the step stays.
+    # Without rebound, and with a constant acceleration: a foot that lands within the step stays.
     if landed[0] <= 0 and acceleration < 0 and (v + sqrt(v**2 - 2 * acceleration * y)) / -acceleration <= time:
         return np.zeros(2)
     return landed

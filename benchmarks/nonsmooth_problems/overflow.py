@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 
 HORIZON, LEVEL = 2.0, 0.5
 
@@ -65,7 +65,7 @@ def deviation(m: pyo.ConcreteModel) -> float:
     trajectory = m.phase.trajectory()
     g, h = 0.0, 0.0
     states = [(g, h)]
-    for width, u in zip(np.diff(trajectory.grid.mesh.boundaries), held(trajectory, "u"), strict=True):
+    for width, u in zip(np.diff(trajectory.grid.mesh.boundaries), element_controls(trajectory, "u"), strict=True):
         filling = min(width, (1 - g) / u) if u > 0 else width
         g, h = g + u * filling, h * exp(-filling)
         over = width - filling

@@ -1,4 +1,4 @@
-"""What every problem here offers: a model, what is known about its answer, a judgement by independent numbers."""
+"""What every problem here offers: a model, what is known about its answer, an assessment by independent numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .filippov import Chattering
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Assessment:
     """How good the values on a model are; nothing of it comes from a solver.
 
     Attributes
@@ -58,7 +58,7 @@ class NonsmoothProblem:
         ``build(elements, stages, scheme)`` states the model; it has one phase, ``m.phase``, and one objective. With
         ``moving=True`` the boundaries of the elements move; with ``detect=True`` pairs are sums over an element, too.
     deviation : callable
-        ``deviation(model)`` compares the plan with the true motion; see `Judgement`.
+        ``deviation(model)`` compares the plan with the true motion; see `Assessment`.
     optimum : callable or None
         ``optimum()`` is the best objective in continuous time.
     accuracy : float
@@ -72,8 +72,8 @@ class NonsmoothProblem:
     optimum: Callable[[], float] | None
     accuracy: tuple[float, float]
 
-    def judge(self, model: pyo.ConcreteModel, tolerance: float = 1e-6, residual: float = 1e-6) -> Judgement:
-        """Judge the values on a model of this problem.
+    def assess(self, model: pyo.ConcreteModel, tolerance: float = 1e-6, residual: float = 1e-6) -> Assessment:
+        """Assess the values on a model of this problem.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class NonsmoothProblem:
         try:
             verified = model.phase.trajectory().verify()
         except rcp.errors.PyRobocopError as error:  # boundaries that moved past each other make no trajectory
-            return Judgement(inf, inf, objective, None, inf, (str(error),))
+            return Assessment(inf, inf, objective, None, inf, (str(error),))
         violation = max(verified.defect, verified.continuity, verified.equations, verified.bounds)
         best = None if self.optimum is None else self.optimum()
         error = None if best is None else (objective - best) / abs(best)
@@ -105,10 +105,10 @@ class NonsmoothProblem:
         ):
             if not number <= allowed:  # a NaN is a fault as well
                 faults.append(f"{what} {number:.1e} > {allowed:.1e}")
-        return Judgement(violation, verified.natural_residual, objective, error, deviation, tuple(faults))
+        return Assessment(violation, verified.natural_residual, objective, error, deviation, tuple(faults))
 
 
-def held(trajectory: rcp.Trajectory, name: str) -> np.ndarray:
+def element_controls(trajectory: rcp.Trajectory, name: str) -> np.ndarray:
     """Values of a control that is constant on each element, shape ``(N,)``."""
     return trajectory.element_signals(name)[:, 0]
 

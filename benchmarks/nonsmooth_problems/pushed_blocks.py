@@ -13,7 +13,7 @@ import pyomo.environ as pyo
 import pyrobocop_pyomo as rcp
 
 from .detection import MOVING, detect_switches
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 
 HORIZON = 3.0
 
@@ -56,7 +56,7 @@ def deviation(m: pyo.ConcreteModel) -> float:
     trajectory = m.phase.trajectory()
     x, y = 0.0, 2.0
     states = [(x, y)]
-    for width, u in zip(np.diff(trajectory.grid.mesh.boundaries), held(trajectory, "u"), strict=True):
+    for width, u in zip(np.diff(trajectory.grid.mesh.boundaries), element_controls(trajectory, "u"), strict=True):
         alone = width if u <= 0 else min(width, (y - 1 - x) / u)
         x += u * alone
         x, y = x + u / 2 * (width - alone), y + u / 2 * (width - alone)

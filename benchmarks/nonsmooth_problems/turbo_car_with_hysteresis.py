@@ -13,7 +13,7 @@ import pyrobocop_pyomo as rcp
 from .detection import MOVING, detect_switches
 from .filippov import DelayedRelay
 from .hysteresis import add_delayed_relay
-from .problem import NonsmoothProblem, at_boundaries, held
+from .problem import NonsmoothProblem, at_boundaries, element_controls
 
 DISTANCE, FASTEST, ON, OFF, PLAIN, FACTOR = 200.0, 25.0, 15.0, 10.0, 5.0, 3.0
 
@@ -68,7 +68,7 @@ def deviation(m: pyo.ConcreteModel) -> float:
     """From the motion under the plan's own control, with a relay that switches by events."""
     trajectory = m.phase.trajectory()
     states = at_boundaries(trajectory, "x", "v")
-    true, _ = SYSTEM.simulate(trajectory.grid.mesh.boundaries, held(trajectory, "u"), states[0], output=0.0)
+    true, _ = SYSTEM.simulate(trajectory.grid.mesh.boundaries, element_controls(trajectory, "u"), states[0], output=0.0)
     return float(np.abs(states - true).max())
 
 

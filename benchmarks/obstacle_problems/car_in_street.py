@@ -15,7 +15,7 @@ from parking import build  # isort: skip
 def random_parking(seed: int, elements: int = 40, stages: int = 2, **options: Any) -> pyo.ConcreteModel:
     """From anywhere in the street, heading along it or nearly so; even seeds park in reverse, odd ones in parallel.
 
-    The guess is the path of Hybrid A*, which is clear of everything.
+    The initial guess is the path of Hybrid A*, which is clear of everything.
 
     Parameters
     ----------

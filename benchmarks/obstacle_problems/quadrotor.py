@@ -15,7 +15,7 @@ from quadrotor_window import THICKNESS, WALL, build  # isort: skip
 
 
 def random_flight(seed: int, elements: int = 20, stages: int = 2, **options: Any) -> pyo.ConcreteModel:
-    """A flight from rest to rest on the other side of a wall; the guess is a straight line.
+    """A flight from rest to rest on the other side of a wall; the initial guess is a straight line.
 
     The window is 0.8 m to 1.2 m wide and 0.4 m to 0.8 m high, with its middle up to 0.5 m off the axis, and the ends
     are up to 0.8 m off: most straight lines run into the wall, which is 0.1 m thick.

@@ -36,7 +36,7 @@ def fix_ends(phase: Any, start: Mapping[str, float], goal: Mapping[str, float]) 
             getattr(phase, name)[time].fix(value)
 
 
-def guess_quarter_circle(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
+def start_on_quarter_circle(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
     """Let the small car start ahead and arrive sideways, as its headings ask; a straight line fits neither side."""
     b = m.drive
     last = b.time.last()

@@ -1,4 +1,4 @@
-"""Every benchmark runs in its quick form and prints its table; what it measures is judged by people."""
+"""Every benchmark runs in its quick form and prints its table; what it measures is for people to read."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_re_solve_costs_little_beyond_ipopt() -> None:
     assert 1.0 <= float(row[3]) < 2.0  # a coarse mesh on a busy machine: the real figures are those of the full run
 
 
-def test_methods_on_the_catalogue_are_judged_by_one_judge() -> None:
+def test_methods_on_the_catalogue_are_checked_alike() -> None:
     table = run_quick("mpcc_methods")
     assert "4 feasible and 1 infeasible problems" in table
     rows = {line[:38].strip(): line[38:].split() for line in table.splitlines()[4:]}
@@ -155,3 +155,11 @@ def test_planes_take_a_fifth_of_the_work_of_optimality_conditions() -> None:
     assert float(rows["planes"][5]) == 1.0
     assert min(float(rows[way][5]) for way in rows if way != "planes") >= 5.0
     assert rows["planes"][-2:] == ["clear", "OPTIMAL"]
+
+
+def test_few_files_receive_a_schedule_or_an_option() -> None:
+    rows = {line[:20].strip(): line[20:].split() for line in run_quick("walks").splitlines()[2:4]}
+    assert set(rows) == {"schedule", "option of Ipopt"}
+    for row in rows.values():
+        assert 1 <= int(row[0]) <= 3  # folders
+        assert int(row[0]) <= int(row[1]) <= 8  # files

@@ -1,4 +1,4 @@
-"""Examples around obstacles keep their clearances, judged afresh: densely between the nodes, by another library."""
+"""Examples around obstacles keep their clearances, checked afresh: densely between the nodes, by another library."""
 
 from __future__ import annotations
 

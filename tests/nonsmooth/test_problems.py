@@ -1,4 +1,4 @@
-"""Every nonsmooth problem is solved, judged by the true motion, and keeps the laws of its mechanics."""
+"""Every nonsmooth problem is solved, assessed by the true motion, and keeps the laws of its mechanics."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def trajectory(name: str, *arguments: Any) -> rcp.Trajectory:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_problem_is_solved_by_independent_numbers(name: str) -> None:
-    judged = PROBLEMS[name].judge(solved(name))
-    assert judged.faults == ()
-    assert judged.natural_residual < 1e-6
+    assessment = PROBLEMS[name].assess(solved(name))
+    assert assessment.faults == ()
+    assert assessment.natural_residual < 1e-6
 
 
 # Where the switches are detected and the motion between them is a polynomial of the scheme's degree, nothing is left of
@@ -48,20 +48,20 @@ EXACT = ("sliding by step", "sliding by modes", "braking with friction", "turbo 
 
 @pytest.mark.parametrize("name", EXACT)
 def test_detected_switches_leave_no_error_of_discretisation(name: str) -> None:
-    judged = PROBLEMS[name].judge(solved(name))
-    assert abs(judged.objective_error) < 1e-7
-    assert judged.deviation < 1e-7
-    assert judged.natural_residual < 1e-8
+    assessment = PROBLEMS[name].assess(solved(name))
+    assert abs(assessment.objective_error) < 1e-7
+    assert assessment.deviation < 1e-7
+    assert assessment.natural_residual < 1e-8
 
 
 def test_a_wrong_motion_is_not_accepted() -> None:
     problem = PROBLEMS["sliding by step"]
     model = problem.build(20, detect=True)
     rcp.solve(model, progress=False).raise_for_status()
-    assert problem.judge(model).solved
+    assert problem.assess(model).solved
     for t in model.phase.points:
         model.phase.right[t].set_value(0.3)
-    faults = " ".join(problem.judge(model).faults)
+    faults = " ".join(problem.assess(model).faults)
     assert "violation" in faults
     assert "natural residual" in faults
 
@@ -71,7 +71,7 @@ def test_a_bad_local_optimum_is_not_accepted() -> None:
     model = problem.build(20)
     model.phase.v.setub(turbo_car.THRESHOLD / 10)  # without ever using the turbo
     rcp.solve(model, progress=False).raise_for_status()
-    assert any(fault.startswith("objective error") for fault in problem.judge(model).faults)
+    assert any(fault.startswith("objective error") for fault in problem.assess(model).faults)
 
 
 @pytest.mark.parametrize("name", ["sliding by step", "sliding by modes"])
@@ -98,9 +98,9 @@ def test_the_grouping_detects_switches_where_elements_move() -> None:
     problem = PROBLEMS["turbo car"]
     model = problem.build(20, moving=True)
     rcp.solve(model, grouping=rcp.groupings.Crossed(left_end="first"), progress=False).raise_for_status()
-    judged = problem.judge(model)
-    assert abs(judged.objective_error) < 1e-7
-    assert judged.deviation < 1e-7
+    assessment = problem.assess(model)
+    assert abs(assessment.objective_error) < 1e-7
+    assert assessment.deviation < 1e-7
 
 
 def test_memory_makes_the_car_faster_and_it_brakes_with_the_turbo() -> None:
@@ -151,7 +151,7 @@ def test_the_best_answer_of_all_strategies_wins() -> None:
         model = problem.build(20)
         result = rcp.solve(model, strategies=strategies, progress=False)
         assert result.solved
-        assert problem.judge(model).solved
+        assert problem.assess(model).solved
         objectives[strategies] = result.objective
     assert objectives["continuation"] < objectives["barrier"] - 0.05
     assert objectives[None] == pytest.approx(objectives["continuation"], rel=1e-8)
