@@ -57,7 +57,7 @@ def measured(stated: str, obstacles: int, elements: int, seed: int) -> tuple:
     options = {
         "all pairs": {},
         "broad phase": {"broad_phase": REACH},
-        "by hand": {"pairs": near_pairs(obstacles, seed, REACH)},
+        "by hand": {"body_pairs": near_pairs(obstacles, seed, REACH)},
     }[stated]
     started = time.perf_counter()
     m = field(obstacles, elements, seed, **options)

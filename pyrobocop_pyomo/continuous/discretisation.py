@@ -23,7 +23,7 @@ from .derivatives import (
 )
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
-from .structure import Spot, axes_of, axis_on, continuous_sets, spots
+from .structure import Spot, axis_on, continuous_sets, spots
 from .sums_over_sets import find_possible_sums
 from .values import PreviousValues
 
@@ -160,16 +160,12 @@ def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
         component = spot.component
         if component.ctype not in (Var, DerivativeVar) or component.is_reference():
             continue
-        axes = axes_of(component)
         declared = None if axis_on(component, discretisation.domain) is None else declaration_of(component)
-        for index, data in component.items():
-            for domain, time in spot.points(index, axes):
-                if domain is discretisation.domain:
-                    key = spot.family(index, axes, domain)
-                    family = along.get(key)
-                    if family is None:
-                        family = along[key] = Family(id(data) in states, declared, points)
-                    (family.old if time in old else family.new).append((time, data))
+        for key, time, data in spot.members_along(discretisation.domain):
+            family = along.get(key)
+            if family is None:
+                family = along[key] = Family(id(data) in states, declared, points)
+            (family.old if time in old else family.new).append((time, data))
     for family in along.values():
         family.inherit(discretisation.domain)
 
@@ -180,16 +176,14 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
     for spot in found:
         if spot.component.ctype is not Complementarity:
             continue
-        axes = axes_of(spot.component)
-        for index, data in spot.component.items():
-            for domain, time in spot.points(index, axes):
-                if domain is discretisation.domain and time in elements:
-                    if spot.component._group_rule is None:
-                        data.set_group(elements[time])
-                    if spot.component._family_rule is None:
-                        data.set_family(spot.family(index, axes, domain)[-1][1])
-                    if spot.component._weight_rule is None:
-                        data.set_weight(weights[time])
+        for family, time, data in spot.members_along(discretisation.domain):
+            if time in elements:
+                if spot.component._group_rule is None:
+                    data.set_group(elements[time])
+                if spot.component._family_rule is None:
+                    data.set_family(family[-1][1])
+                if spot.component._weight_rule is None:
+                    data.set_weight(weights[time])
 
 
 class _ReferenceToDerivative:

@@ -65,6 +65,14 @@ class Spot(NamedTuple):
         """Each continuous set with the point at which one index stands."""
         return [*self.outer, *((axis.domain, axis.time(index)) for axis in axes)]
 
+    def members_along(self, domain: Any) -> Iterator[tuple[tuple[Any, ...], Any, Any]]:
+        """Key of the family, point and data of every member that stands at a point of a continuous set."""
+        axes = axes_of(self.component)
+        for index, data in self.component.items():
+            for along, time in self.points(index, axes):
+                if along is domain:
+                    yield self.family(index, axes, domain), time, data
+
 
 def axes_of(component: Any) -> tuple[Axis, ...]:
     """The continuous sets among the index sets of a component.

@@ -22,7 +22,7 @@ from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.errors import TranscriptionError
 
-from .structure import Spot, axes_of, axis_on, variables_in
+from .structure import Spot, axis_on, variables_in
 
 
 @dataclass(frozen=True)
@@ -87,11 +87,8 @@ def _places(spots: list[Spot], domain: Any) -> Iterator[tuple[int, tuple[Any, fl
     for spot in spots:
         if spot.component.ctype not in (Var, DerivativeVar, Expression):
             continue
-        axes = axes_of(spot.component)
-        for index, data in spot.component.items():
-            for along, time in spot.points(index, axes):
-                if along is domain:
-                    yield id(data), (spot.family(index, axes, domain), time)
+        for family, time, data in spot.members_along(domain):
+            yield id(data), (family, time)
 
 
 def _can_be_asked(component: Any) -> bool:

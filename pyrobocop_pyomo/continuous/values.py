@@ -83,14 +83,11 @@ def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tupl
     for spot in found:
         if spot.component.ctype not in (Var, DerivativeVar) or id(spot.component) in put_aside:
             continue
-        axes = axes_of(spot.component)
-        for index, data in spot.component.items():
-            for domain, time in spot.points(index, axes):
-                if domain is discretisation.domain:
-                    along.setdefault(spot.family(index, axes, domain), {})[time] = data
+        for family, time, data in spot.members_along(discretisation.domain):
+            along.setdefault(family, {})[time] = data
     states = discretisation.state_ids()
-    for family, data in along.items():
-        yield family, id(next(iter(data.values()))) in states, data
+    for family, by_time in along.items():
+        yield family, id(next(iter(by_time.values()))) in states, by_time
 
 
 def values_of(found: list[Spot], discretisation: Discretisation) -> dict[Any, tuple[bool, Array]]:
@@ -153,15 +150,11 @@ def _pairs(found: list[Spot], discretisation: Discretisation) -> dict[str, Array
     for spot in found:
         if spot.component.ctype not in PAIRS:
             continue
-        axes = axes_of(spot.component)
-        for index, data in spot.component.items():
-            for domain, time in spot.points(index, axes):
-                if domain is discretisation.domain and time in position:
-                    family = label(spot.family(index, axes, domain))
-                    for pair in canonical_form(data).pairs:
-                        name = f"{family} ({pair.role})" if pair.role else family
-                        sides = read.setdefault(name, np.full((2, len(position)), np.nan))
-                        sides[:, position[time]] = side_values(pair)
+        for family, time, data in spot.members_along(discretisation.domain):
+            for pair in canonical_form(data).pairs if time in position else ():
+                name = f"{label(family)} ({pair.role})" if pair.role else label(family)
+                sides = read.setdefault(name, np.full((2, len(position)), np.nan))
+                sides[:, position[time]] = side_values(pair)
     return read
 
 

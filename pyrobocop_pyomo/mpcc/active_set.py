@@ -172,6 +172,7 @@ class ActiveSetSearch:
     certified: BranchPoint | None = None
     interrupted: bool = False
     linear_seconds: float = 0.0
+    _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
     def polish(self, start: BranchPoint) -> BranchPoint:
         """Solve the branch nearest to a point, or else the best linearised one; keep the answer if it is no worse."""
@@ -271,7 +272,8 @@ class ActiveSetSearch:
         if best.branch is None or best.violation > self.limits.feasibility:
             return best
         point = Linearisation.at(self.program.nlp, best.x)
-        tried: set[bytes] = {best.branch.key()}
+        # Exploration may have begun this search and run out of its time: what it tried leads nowhere again.
+        tried = self._tried_from[1] if self._tried_from[0] is best else {best.branch.key()}
         for _ in range(self.limits.rounds):
             if self._late():
                 return best
@@ -286,8 +288,11 @@ class ActiveSetSearch:
             self.certificate = Certificate.DESCENT
             better = None
             if descent.branch.key() not in tried:
-                tried.add(descent.branch.key())
                 better = self._go("descend", descent.branch, best, best.x + descent.step)
+                if self._late() and better is None:
+                    return best
+                tried.add(descent.branch.key())
+                self._tried_from = best, tried
             if better is not None and self._improves(better, best):
                 best, radius = better, self.limits.radius
                 point = Linearisation.at(self.program.nlp, best.x)
@@ -321,8 +326,9 @@ class ActiveSetSearch:
         if not np.isfinite(outcome.x).all():
             return None
         found = BranchPoint.at(self.program, outcome.point, branch)
-        # Whatever Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
-        kept = self._no_worse(found, start)
+        # Whatever else Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
+        cut = outcome.status in (IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED, IpoptStatus.STOPPED)
+        kept = self._no_worse(found, start) and not (cut and start.branch is not None)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)
         return found if kept else None

@@ -69,15 +69,8 @@ _STATUSES = {
 class MpccConfig(SolverConfig):
     """Options of `Mpcc`."""
 
-    def __init__(
-        self,
-        description: str | None = None,
-        doc: str | None = None,
-        implicit: bool = False,
-        implicit_domain: Any = None,
-        visibility: int = 0,
-    ) -> None:
-        super().__init__(description, doc, implicit, implicit_domain, visibility)
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(*arguments, **keywords)
         for name, (default, meaning) in CHOICES.items():
             self.declare(name, ConfigValue(default=default, description=meaning))
 

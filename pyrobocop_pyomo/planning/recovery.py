@@ -14,12 +14,12 @@ from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import reroute
 from pyrobocop_pyomo.obstacles.tightening import split_violated
@@ -33,8 +33,6 @@ CLEARANCE_FACTORS = (0.2, 0.5, 1.0)
 SOFTNESS_WEIGHT = 100.0
 # Degrees by which the way past an obstacle is turned: to its other side, then across.
 TURNS = (180.0, 90.0, -90.0)
-
-Array = NDArray[np.float64]
 
 
 class Solves(Protocol):

@@ -58,7 +58,7 @@ def solve(
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
     * "tight": one solve at delta = 1e-8 from the user's initial guess, as a cross-check of up to 100 pairs;
     * "continuation": delta from 1 to 1e-8 by factors of 0.1, warm in primal and dual values; also a second opinion
-      on certified points where there are more than 100 pairs, or where solutions found so far differ;
+      on certified points where there are more than 100 pairs, or where the strategies so far do not agree on one;
     * "elastic": the products below a variable with a penalty term in the objective;
     * "projection": the branch that the linearised constraints can be met in, from the best point so far.
 

@@ -75,7 +75,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
 
 
 @contextmanager
-def held_at_zero(decisions: Sequence[Decision]) -> Iterator[None]:
+def fixed_at_zero(decisions: Sequence[Decision]) -> Iterator[None]:
     """Hold the decided sides at zero by the bounds of their variables; afterwards these are as they were."""
     # The stored bound and not `variable.upper`, which cannot tell a bound of its own from one of the domain.
     before: list[tuple[Any, str, Any]] = []

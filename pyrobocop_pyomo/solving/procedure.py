@@ -364,13 +364,16 @@ class _Procedure:
         if strategy is TIGHT:
             return small or settings.strategies is not None
         # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
-        # disagreed, the slow way down from delta = 1 is worth its time: it finds the better one more often than not.
+        # disagreed or the second one failed, the slow way down from delta = 1 is worth its time: it finds the better
+        # solution more often than not.
         return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
 
     def _disagree(self) -> bool:
-        """Whether the strategies so far have found different solutions."""
+        """Whether the strategies so far have found different solutions, or one of them none."""
         tolerances = self._settings.tolerances
         feasible = [iterate.objective for iterate in self._found if iterate.excess(tolerances) <= 1.0]
+        if len(feasible) < len(self._found):
+            return True
         return len(feasible) > 1 and max(feasible) - min(feasible) > 1e-4 * max(1.0, *map(abs, feasible))
 
     def _classify(self, best: Iterate) -> None:

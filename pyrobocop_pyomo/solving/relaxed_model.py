@@ -28,7 +28,7 @@ from pyrobocop_pyomo.complementarity import (
     without_penalty,
 )
 
-from .presolve import Decision, held_at_zero, presolve
+from .presolve import Decision, fixed_at_zero, presolve
 
 
 @dataclass(eq=False)
@@ -108,7 +108,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
         try:
             relaxed = _described(model, token.block)
             relaxed.decisions = presolve(relaxed.lifted)
-            with held_at_zero(relaxed.decisions):
+            with fixed_at_zero(relaxed.decisions):
                 yield relaxed
         finally:
             revert(model, token)

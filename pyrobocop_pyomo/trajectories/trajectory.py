@@ -282,6 +282,9 @@ class Trajectory:
             When the file is not there or holds no trajectory.
         """
         facts, groups = read_archive(path)
+        # Archives of version 0.1 say "held" and "linear".
+        facts.setdefault("piecewise_constant", facts.get("held", ()))
+        groups.setdefault("piecewise_linear", groups.pop("linear", {}))
         try:
             grid = groups.pop("grid")
             scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])

@@ -19,6 +19,7 @@ RETIRED = {
     "check": "judge",
     "chord_deviation, curvature_bound, mismatch, jump": "sag bend strays leaps",
     "interval, taylor_form": "jet enclosure",
+    "zero_order_hold, piecewise_constant": "held",
     "segment, subinterval": "piece stretch stretches",
     "rule_proxies": "stand_in",
     "grid_path, best_first_search, car_kinematics, heuristic_weight": "ways_around outward_search rolling eagerness",

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from problems import at_origin, ipopt, ralph1, scholtes4, sides, trap
 from scipy.optimize import linprog
 
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
@@ -66,6 +67,38 @@ def test_a_polish_that_ends_badly_is_not_kept():
         return type(outcome)(**{**vars(outcome), "x": np.array([0.0, 7.0])})
 
     assert ActiveSetSearch(program, fails).polish(start) is start
+
+
+@needs_ipopt
+@pytest.mark.parametrize("status", [IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED])
+def test_a_run_that_was_cut_replaces_no_solved_point(status):
+    program = trap()
+    wrong = Branch(np.array([False]), np.array([True]))
+
+    def cut(nlp, start, iterations):
+        return replace(ipopt(nlp, start), status=status)
+
+    start = at_origin(program, wrong)
+    assert ActiveSetSearch(program, cut).descend(start) is start
+
+
+@needs_ipopt
+def test_a_branch_is_not_tried_twice_from_the_same_point():
+    program = trap()
+    wrong = Branch(np.array([False]), np.array([True]))
+    runs = []
+
+    def fails(nlp, start, iterations):
+        runs.append(nlp)
+        outcome = ipopt(nlp, start)
+        return replace(outcome, x=np.array([0.0, 7.0]))
+
+    search = ActiveSetSearch(program, fails)
+    start = at_origin(program, wrong)
+    assert search.descend(start) is start
+    assert search.descend(start) is start
+    assert len(runs) == 1
+    assert search.certificate is Certificate.DESCENT
 
 
 @given(data=st.data())

@@ -7,7 +7,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.solving.presolve import held_at_zero, presolve
+from pyrobocop_pyomo.solving.presolve import fixed_at_zero, presolve
 
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
 
@@ -61,7 +61,7 @@ def test_a_side_that_cannot_be_zero_makes_the_other_zero(case: str) -> None:
     RELAX.apply_to(m, lift=True)
     (decision,) = presolve(RELAX.lifted_pairs_of(m))
     assert decision.side.variable is m.y
-    with held_at_zero([decision]):
+    with fixed_at_zero([decision]):
         assert (m.y.lb, m.y.ub) == (0.0, 0.0)
     RELAX.revert(m)
     assert stored_bounds(m) == before
@@ -84,7 +84,7 @@ def test_bounds_come_back_after_an_exception() -> None:
     m = plane((0.5, None))
     RELAX.apply_to(m, lift=True)
     before = stored_bounds(m)
-    with pytest.raises(ZeroDivisionError), held_at_zero(presolve(RELAX.lifted_pairs_of(m))):
+    with pytest.raises(ZeroDivisionError), fixed_at_zero(presolve(RELAX.lifted_pairs_of(m))):
         1 / 0  # noqa: B018
     assert stored_bounds(m) == before
 
@@ -94,7 +94,7 @@ def test_a_bound_that_excludes_zero_is_not_overwritten() -> None:
     RELAX.apply_to(m, lift=True)
     decisions = presolve(RELAX.lifted_pairs_of(m))
     m.y.setub(-1.0)
-    with held_at_zero(decisions):
+    with fixed_at_zero(decisions):
         assert m.y.ub == -1.0
 
 
@@ -106,7 +106,7 @@ def test_a_side_at_its_upper_bound_is_held_from_below() -> None:
     RELAX.apply_to(m, lift=True)
     (decision,) = presolve(RELAX.lifted_pairs_of(m))
     assert (decision.side.variable, decision.other_least) == (m.y, 1.0)
-    with held_at_zero([decision]):
+    with fixed_at_zero([decision]):
         assert (m.y.lb, m.y.ub) == (2.0, 2.0)
     assert (m.y.lb, m.y.ub) == (None, 2.0)
 
