@@ -105,23 +105,23 @@ def chosen(names: list[str] | None, known: Any, words: Callable[[Any], list[str]
     """Those of `known` one of whose words holds one of `names`; all without names."""
     if not names:
         return list(known)
-    return [each for each in known if any(name in word for name in names for word in words(each))]
+    return [candidate for candidate in known if any(name in word for name in names for word in words(candidate))]
 
 
 def summary(method: str, outcomes: list[Outcome]) -> tuple[Any, ...]:
     """One line of the table."""
-    feasible = [each for each in outcomes if each.problem.feasible]
-    counts = [each.effort.iterations for each in feasible if each.effort is not None]
+    feasible = [outcome for outcome in outcomes if outcome.problem.feasible]
+    counts = [outcome.effort.iterations for outcome in feasible if outcome.effort is not None]
     return (
         method,
-        sum(each.solved for each in feasible),
-        sum(each.strict for each in feasible),
-        sum(each.feasible for each in feasible),
-        sum(each.claims for each in outcomes if not each.problem.feasible),
-        sum(bool(each.error) for each in outcomes),
+        sum(outcome.solved for outcome in feasible),
+        sum(outcome.strict for outcome in feasible),
+        sum(outcome.feasible for outcome in feasible),
+        sum(outcome.claims for outcome in outcomes if not outcome.problem.feasible),
+        sum(bool(outcome.error) for outcome in outcomes),
         sum(counts),
         int(statistics.median(counts)) if counts else None,
-        sum(each.seconds for each in outcomes),
+        sum(outcome.seconds for outcome in outcomes),
     )
 
 
@@ -177,13 +177,13 @@ def show_details(results: dict[str, list[Outcome]]) -> None:
     )  # fmt: skip
     table.header()
     for outcomes in zip(*results.values(), strict=True):
-        for name, each in zip(results, outcomes, strict=True):
-            p = each.point
+        for name, outcome in zip(results, outcomes, strict=True):
+            p = outcome.point
             numbers = (None,) * 4 if p is None else (p.objective, p.violation, p.product, p.natural)
-            iterations = None if each.effort is None else each.effort.iterations
+            iterations = None if outcome.effort is None else outcome.effort.iterations
             table.add(
-                each.problem.name, name, each.verdict(), numbers[0], each.problem.best, *numbers[1:], iterations,
-                each.seconds,
+                outcome.problem.name, name, outcome.verdict(), numbers[0], outcome.problem.best, *numbers[1:],
+                iterations, outcome.seconds,
             )  # fmt: skip
 
 

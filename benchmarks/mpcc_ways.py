@@ -85,7 +85,7 @@ def stock_solver(model: Any, backend: str, limit: float) -> Effort:
     CountedIpopt.backend, CountedIpopt.until, CountedIpopt.efforts = backend, time.perf_counter() + limit, []
     pyo.SolverFactory("mpec_nlp").solve(model, options={"solver": "counted_ipopt", "epsilon_initial": 1.0})
     # It reports the same for everything; what its last solve said is the most that can be held in its favour.
-    return Effort(CountedIpopt.efforts[-1].claims, sum(each.iterations for each in CountedIpopt.efforts))
+    return Effort(CountedIpopt.efforts[-1].claims, sum(effort.iterations for effort in CountedIpopt.efforts))
 
 
 @LegacySolverFactory.register("counted_ipopt", doc="Ipopt by a chosen backend, which counts (for benchmarks)")

@@ -69,12 +69,13 @@ def main() -> None:
 
 def summary(results: list[rcp.SolveResult]) -> tuple:
     """Counts and times of one row."""
-    feasible = [each for each in results if each.quality is not rcp.Quality.INFEASIBLE]
-    verdicts = [each.safety.worst.verdict for each in feasible]
+    feasible = [result for result in results if result.quality is not rcp.Quality.INFEASIBLE]
+    verdicts = [result.safety.worst.verdict for result in feasible]
     return (
-        len(feasible), sum(bool(each.safe) for each in results), verdicts.count("too close"), verdicts.count("overlap"),
-        sum(len(each.rounds) for each in results), sum(each.iterations for each in results),
-        median(each.seconds for each in results), max(each.seconds for each in results),
+        len(feasible), sum(bool(result.safe) for result in results), verdicts.count("too close"),
+        verdicts.count("overlap"),
+        sum(len(result.rounds) for result in results), sum(result.iterations for result in results),
+        median(result.seconds for result in results), max(result.seconds for result in results),
     )  # fmt: skip
 
 

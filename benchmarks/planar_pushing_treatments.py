@@ -69,7 +69,7 @@ def main() -> None:
                     for variable, number in start:
                         variable.set_value(number, skip_validation=True)
                     results.append(rcp.solve(model, backend=backend, progress=False, **choices))
-                result = min(results, key=lambda each: each.seconds)
+                result = min(results, key=lambda candidate: candidate.seconds)
                 show_progress("")
                 table.add(
                     goal,

@@ -54,9 +54,9 @@ def steps(elements: int, repeats: int) -> tuple[list[float], list[float], list[i
     m = build(elements)
     controller = rcp.studies.RecedingHorizon(m, m.ahead)
     done = [controller.step(disturbed(k), advance=0.04 if k else 0.0) for k in range(repeats + 1)][1:]
-    assert all(each.solved for each in done)
-    return [1e3 * each.seconds for each in done], [1e3 * each.ipopt_seconds for each in done], [
-        each.iterations for each in done
+    assert all(made.solved for made in done)
+    return [1e3 * made.seconds for made in done], [1e3 * made.ipopt_seconds for made in done], [
+        made.iterations for made in done
     ]  # fmt: skip
 
 
@@ -91,8 +91,8 @@ def main() -> None:
         show_progress("")
         table.add(
             elements,
-            *(statistics.median(each) for each in (total, ipopt)), sum(total) / sum(ipopt),
-            *(statistics.median(each) for each in (step, step_ipopt)), sum(step) / sum(step_ipopt),
+            *(statistics.median(times) for times in (total, ipopt)), sum(total) / sum(ipopt),
+            *(statistics.median(times) for times in (step, step_ipopt)), sum(step) / sum(step_ipopt),
             statistics.mean(iterations), scratch,
         )  # fmt: skip
 

@@ -19,8 +19,8 @@ from . import (
 from .problem import Assessment, NonsmoothProblem
 
 PROBLEMS = {
-    each.name: each
-    for each in (
+    problem.name: problem
+    for problem in (
         signum.PROBLEM,
         sliding.STEP,
         sliding.MODES,

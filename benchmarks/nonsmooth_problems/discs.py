@@ -50,7 +50,7 @@ def build(
     def viscous(b, t):
         rates = {b.x: b.u_x[t], b.y: b.u_y[t]}
         for i in (1, 2):
-            push_x, push_y = (getattr(b, f"force_{i}")[t] * each for each in offset(b, t, i))
+            push_x, push_y = (getattr(b, f"force_{i}")[t] * component for component in offset(b, t, i))
             rates[getattr(b, f"x_{i}")], rates[getattr(b, f"y_{i}")] = push_x, push_y
             rates[b.x], rates[b.y] = rates[b.x] - push_x, rates[b.y] - push_y
         return rates
@@ -59,7 +59,7 @@ def build(
         add_pair(
             b,
             f"contact_{i}",
-            lambda b, t, i=i: sum(each**2 for each in offset(b, t, i)) - 1,
+            lambda b, t, i=i: sum(component**2 for component in offset(b, t, i)) - 1,
             lambda b, t, i=i: getattr(b, f"force_{i}")[t],
         )
 

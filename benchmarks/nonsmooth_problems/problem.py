@@ -82,7 +82,7 @@ class NonsmoothProblem:
         tolerance, residual : float
             Largest allowed violation and natural residual.
         """
-        (objective,) = (pyo.value(each) for each in model.component_data_objects(pyo.Objective, active=True))
+        (objective,) = (pyo.value(found) for found in model.component_data_objects(pyo.Objective, active=True))
         try:
             verified = model.phase.trajectory().verify()
         except rcp.errors.PyRobocopError as error:  # boundaries that moved past each other make no trajectory
@@ -95,7 +95,7 @@ class NonsmoothProblem:
         except Chattering:
             deviation = inf
         coarseness = 50 / model.phase.trajectory().grid.mesh.elements
-        allowed_error, allowed_deviation = (coarseness * each for each in self.accuracy)
+        allowed_error, allowed_deviation = (coarseness * allowed for allowed in self.accuracy)
         faults = []
         for what, number, allowed in (
             ("violation", violation, tolerance),

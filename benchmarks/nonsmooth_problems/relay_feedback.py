@@ -65,7 +65,7 @@ def optimum() -> float:
         return float(simulate(gain, [0.0, HORIZON])[-1, 2])
 
     scanned = np.linspace(*GAINS, 29)
-    best = scanned[np.argmin([cost(each) for each in scanned])]
+    best = scanned[np.argmin([cost(gain) for gain in scanned])]
     return float(minimize_scalar(cost, bounds=(best - 0.1, best + 0.1), method="bounded", options={"xatol": 1e-7}).fun)
 
 

@@ -67,6 +67,6 @@ def sampled_distance(avoid: Any, per_interval: int = 20) -> float:
 
 def model_size(model: pyo.ConcreteModel) -> tuple[int, int]:
     """Variables that are not fixed, and rows."""
-    variables = sum(not each.fixed for each in model.component_data_objects(pyo.Var, active=True))
+    variables = sum(not variable.fixed for variable in model.component_data_objects(pyo.Var, active=True))
     rows = sum(1 for _ in model.component_data_objects(pyo.Constraint, active=True))
     return variables, rows

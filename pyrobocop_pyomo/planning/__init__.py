@@ -3,7 +3,4 @@
 from .mpcc_solver import Mpcc
 from .solve import solve
 
-__all__ = [
-    "Mpcc",
-    "solve",
-]
+__all__ = ["Mpcc", "solve"]

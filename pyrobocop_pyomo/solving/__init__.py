@@ -7,13 +7,6 @@ from .solve_result import SolveResult
 from .strategies import Strategy
 
 __all__ = [
-    "ActiveSide",
-    "Iterate",
-    "PairReport",
-    "PersistentNLP",
-    "Quality",
-    "SolveResult",
-    "Standing",
-    "StopReason",
+    "ActiveSide", "Iterate", "PairReport", "PersistentNLP", "Quality", "SolveResult", "Standing", "StopReason",
     "Strategy",
-]
+]  # fmt: skip

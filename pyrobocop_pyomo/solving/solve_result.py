@@ -146,22 +146,10 @@ class SolveResult:
 
     def to_pandas(self) -> Any:
         """The pairs as a data frame, indexed by name."""
-        rows = [
-            {
-                "component": pair.component,
-                "index": pair.index,
-                "first": pair.first,
-                "second": pair.second,
-                "product": pair.product,
-                "natural": pair.natural,
-                "active": pair.active.value,
-                "first_multiplier": pair.first_multiplier,
-                "second_multiplier": pair.second_multiplier,
-            }
-            for pair in self.pairs
-        ]
+        facts = ("component", "index", "first", "second", "product", "natural", "active")
+        columns = [*facts, "first_multiplier", "second_multiplier"]
+        rows = [{name: getattr(pair, name) for name in columns} | {"active": pair.active.value} for pair in self.pairs]
         index = pandas.Index([pair.name for pair in self.pairs], name="pair", dtype=object)
-        columns = list(rows[0]) if rows else ["component", "index", "first", "second", "active"]
         return pandas.DataFrame(rows, index=index, columns=columns)
 
     def steps_table(self) -> str:
@@ -176,9 +164,11 @@ class SolveResult:
         """The runs as a data frame, numbered from 1."""
         columns = ("label", "delta", "mu", "status", "iterations", "seconds", "objective")
         residuals = ("constraint_violation", "largest_product", "largest_natural_residual")
-        rows = [{name: getattr(step, name) for name in (*columns, *residuals)} for step in self.steps]
-        for row in rows:
-            row["status"] = "" if row["status"] is None else row["status"].name
+        rows = [
+            {name: getattr(step, name) for name in (*columns, *residuals)}
+            | {"status": "" if step.status is None else step.status.name}
+            for step in self.steps
+        ]
         return pandas.DataFrame(rows, index=pandas.RangeIndex(1, len(rows) + 1, name="step"))
 
     def report(self, worst: int = 5) -> str:
