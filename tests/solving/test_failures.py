@@ -137,7 +137,7 @@ def count_solves(monkeypatch: pytest.MonkeyPatch, name: str) -> list[Any]:
 @pytest.mark.casadi
 @pytest.mark.parametrize("run", [0, 3, 7])
 def test_a_path_of_data_ends_where_it_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    results = count_solves(monkeypatch, "pyrobocop_pyomo.studies.homotopy")
+    results = count_solves(monkeypatch, "pyrobocop_pyomo.studies.outcomes")
     runs = interrupt_run(monkeypatch, run)
     m = weighted()
     with pytest.raises(HomotopyStalled, match="Ctrl-C"):
