@@ -1,6 +1,6 @@
-"""What is tried when no feasible plan was found: one step after the other, from the user's guess or the last point.
+"""What is tried when no feasible plan was found: one step after the other, from the initial guess or the last point.
 
-A wrong side, sides that contradict each other, a plane that has to see too long a step, or an initial guess deep inside
+Normals on a wrong side or in contradiction, a plane for too long an interval, or an initial guess deep inside
 an obstacle end in a point of local infeasibility. None of the steps below is trusted by itself: all end with the full
 clearance and hard planes.
 """
@@ -51,7 +51,7 @@ class Recovery:
     Parameters
     ----------
     model : Block
-        Its values are the user's guess.
+        Its values are the user's initial guess.
     blocks : list of ObstacleAvoidanceBlockData
     regions : list of ContainmentData
     planning : Solves
@@ -61,19 +61,19 @@ class Recovery:
         self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Solves
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
-        self._guess = VariableValues.of_free(model)
-        self._sides = {block: dict(block.record.directions) for block in blocks}
+        self._initial = VariableValues.of_free(model)
+        self._directions = {block: dict(block.record.directions) for block in blocks}
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start; the caller stops asking when a plan is good enough."""
-        yield self._from_guess
-        # Where no certificate takes part, obstacles are not what makes the rest infeasible.
+        yield self._from_initial_guess
+        # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
             return
         formulations = [block.record.formulation for block in self._blocks]
         if self._has_a_way_around():
             yield self._around_all
-        yield self._planes_anew
+        yield self._new_planes
         if any(formulation.norms for formulation in formulations):
             yield self._other_norm
         yield self._growing_clearance
@@ -82,23 +82,23 @@ class Recovery:
         for turn in TURNS:
             yield partial(self._other_side, turn)
 
-    def _start(self, sides: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
-        """Back to the user's guess, with certificates of its own."""
-        self._guess.restore()
+    def _start(self, directions: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
+        """Back to the initial guess, with separations that start there."""
+        self._initial.restore()
         for region in self._regions:
             region.margin.store_values(dict.fromkeys(region.times, 0.0))
         for block in self._blocks:
             clear_margins(block)
-            block.initialize(directions={**self._sides[block], **(sides or {}).get(block, {})})
+            block.initialize(directions={**self._directions[block], **(directions or {}).get(block, {})})
 
-    def _from_guess(self) -> SolveResult:
+    def _from_initial_guess(self) -> SolveResult:
         self._start()
-        return self._planning.solve("from the guess")
+        return self._planning.solve("from the initial guess")
 
     def _has_a_way_around(self) -> bool:
-        """Whether the guess can be led around all obstacles at once; it is on the model then."""
+        """Whether the initial guess can be led around all obstacles at once; it is on the model then."""
         last = VariableValues.of_free(self._model)
-        self._guess.restore()
+        self._initial.restore()
         rerouted = [bool(reroute(block)) for block in self._blocks]
         if not any(rerouted):
             # The next step goes on from there.
@@ -111,11 +111,11 @@ class Recovery:
             block.initialize()
         return self._planning.solve("led around all obstacles")
 
-    def _planes_anew(self) -> SolveResult:
+    def _new_planes(self) -> SolveResult:
         for block in self._blocks:
             split_violated(block)
             block.initialize()
-        return self._planning.solve("planes anew, at the last point")
+        return self._planning.solve("new planes, at the last point")
 
     def _other_norm(self) -> SolveResult:
         self._start()
@@ -149,13 +149,13 @@ class Recovery:
         return self._planning.solve("hard planes again")
 
     def _other_side(self, turn: float) -> SolveResult:
-        """Have the two that are in each other's way most pass on another side than they do now."""
+        """Let the two bodies with the largest violation pass each other on another side."""
         block, pair, direction = self._most_in_the_way()
         self._start({block: {pair: _turned(direction, turn)}})
         return self._planning.solve(f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round")
 
     def _most_in_the_way(self) -> tuple[ObstacleAvoidanceBlockData, tuple[str, str], Array]:
-        """The block and the bodies of the certificate that misses most, and where its normal points at the guess."""
+        """The block and bodies of the separation with the largest violation, and its normal at the initial guess."""
         gaps = {
             (block, index): gap - value(block.required[index])
             for block in self._blocks
@@ -164,7 +164,7 @@ class Recovery:
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
         at_last_point = _normal(block, first, second, start)
         self._start()
-        # The broad phase may leave out at the guess what is in the way now.
+        # The broad phase may leave out at the initial guess what is in the way now.
         normal = _normal(block, first, second, start) if (first, second, start) in block.separations else at_last_point
         parts = block.record.scene.parts
         return block, (parts[first].body, parts[second].body), normal
@@ -192,7 +192,7 @@ def _turned(direction: Array, degrees: float) -> Array:
 
 @contextmanager
 def softened(model: Any, blocks: list[ObstacleAvoidanceBlockData], weight: float) -> Iterator[None]:
-    """Let planes give way at a price, in an objective that takes the place of the user's for a while."""
+    """Let planes be violated at a penalty, in an objective that replaces the user's meanwhile."""
     users = list(model.component_data_objects(Objective, active=True))
     home = blocks[0]
     name = unique_component_name(home, "softened_objective")

@@ -1,9 +1,9 @@
 """Plans that keep clear of obstacles all along: solve, verify the continuous motion, tighten where it fails.
 
 The rows of an `ObstacleAvoidanceBlock` say something about single times. What counts is what `verify` proves of the
-motion in between, so a solved model is only the first round: planes that the motion bulges beyond get a margin, those
-where a margin does not help are split in two, and pairs that were left out come back. Where Ipopt finds no feasible
-point at all, see `recovery`.
+motion in between, so a solved model is only the first round: planes that the motion crosses between the nodes get a
+margin, those where a margin does not help are split in two, and pairs that were left out come back. Where Ipopt finds
+no feasible point at all, see `recovery`.
 """
 
 from __future__ import annotations

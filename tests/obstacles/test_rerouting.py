@@ -142,4 +142,4 @@ def test_a_plan_starts_from_a_rerouted_guess() -> None:
     reroute(m.move.avoid)
     result = rcp.solve(m, progress=False)
     assert result.safe
-    assert len([round for planned in result.rounds if planned.purpose == "from the guess"]) == 1
+    assert len([round for planned in result.rounds if planned.purpose == "from the initial guess"]) == 1

@@ -394,7 +394,7 @@ def test_recovery_ends_where_no_obstacle_takes_part() -> None:
     avoiding(m, obstacles={"far": box(1, 1, center=(2, 50))}, broad_phase=5.0)
     m.impossible = pyo.Constraint(expr=m.move.x[0.5] ** 2 <= -1)
     result = rcp.solve(m, options={"max_iter": 60})
-    assert [each.purpose for each in result.rounds] == ["from the guess"]
+    assert [each.purpose for each in result.rounds] == ["from the initial guess"]
     assert result.quality is rcp.Quality.INFEASIBLE
     assert result.safe is False
 

@@ -58,8 +58,8 @@ def told(model: pyo.ConcreteModel) -> dict[str, float]:
 
 def test_the_guess_comes_first_then_one_that_is_led_around_and_others_start_from_the_users_again() -> None:
     starts = told(through_a_wall())
-    assert list(starts)[:2] == ["from the guess", "led around all obstacles"]
-    assert starts["from the guess"] == 0.0
+    assert list(starts)[:2] == ["from the initial guess", "led around all obstacles"]
+    assert starts["from the initial guess"] == 0.0
     assert starts["led around all obstacles"] == pytest.approx(1.2, abs=0.25)
     assert starts["other norm of the normals"] == 0.0
     assert "planes that give way" in starts
