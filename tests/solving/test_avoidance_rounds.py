@@ -53,7 +53,7 @@ def closest(m: pyo.ConcreteModel, obstacles: Any, samples: int = 400) -> float:
 
 @pytest.fixture
 def no_recovery(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess]))
 
 
 # ---------------------------------------------------------------- what comes back
@@ -66,7 +66,7 @@ def components(m: pyo.ConcreteModel) -> set[str]:
 @pytest.mark.parametrize("sense", [pyo.minimize, pyo.maximize], ids=str)
 def test_the_model_is_afterwards_as_it_was(sense: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # Through the one step that has an objective of its own for a while.
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess, self._giving_way]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._giving_way]))
     m = around_a_tall_wall()
     if sense == pyo.maximize:
         m.effort.set_value(-m.effort.expr)
@@ -170,12 +170,12 @@ def failing_verify(monkeypatch: pytest.MonkeyPatch, calls: int, error: BaseExcep
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", failing)
 
 
-@pytest.mark.parametrize("step", ["_planes_anew", "_growing_clearance", "_giving_way"])
+@pytest.mark.parametrize("step", ["_new_planes", "_growing_clearance", "_giving_way"])
 def test_ctrl_c_between_runs_ends_with_the_best_round(step: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # In the middle of a step: of the clearance, a fraction is asked then, or planes give way at a price.
     m = around_a_tall_wall(4)
     before = components(m)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess, getattr(self, step)]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, getattr(self, step)]))
     failing_verify(monkeypatch, 1, KeyboardInterrupt())
     result = rcp.solve(m, options={"max_iter": 60})
     monkeypatch.undo()
@@ -196,7 +196,7 @@ def test_ctrl_c_in_the_first_round_is_passed_on(monkeypatch: pytest.MonkeyPatch)
 def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
     m = around_a_tall_wall(4)
     before = components(m)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess, self._giving_way]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess, self._giving_way]))
     failing_verify(monkeypatch, 1, ArithmeticError("lost"))
     with pytest.raises(ArithmeticError, match="lost"):
         rcp.solve(m, options={"max_iter": 60})
@@ -205,7 +205,7 @@ def test_an_error_is_passed_on_with_the_best_point_on_the_model(monkeypatch: pyt
     assert m.effort.active
     assert_hard(m.move.avoid)
     once = around_a_tall_wall(4)
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess]))
     rcp.solve(once, options={"max_iter": 60})
     assert pyo.value(m.effort) == pytest.approx(pyo.value(once.effort), rel=1e-9)
 
@@ -306,7 +306,7 @@ def test_progress_shows_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---------------------------------------------------------------- recovery
 
 NEEDED = {  # elements of the tall wall with which the guess fails and the step succeeds
-    "_planes_anew": 4,
+    "_new_planes": 4,
     "_other_norm": 6,
     "_growing_clearance": 6,
     "_giving_way": 4,
@@ -319,7 +319,7 @@ NEEDED = {  # elements of the tall wall with which the guess fails and the step 
 @pytest.mark.parametrize("step", NEEDED)
 def test_each_step_of_recovery_helps_where_the_guess_fails(step: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     def steps(self: Recovery) -> Iterator[Callable[[], Any]]:
-        yield self._from_guess
+        yield self._from_initial_guess
         yield partial(self._other_side, step) if isinstance(step, float) else getattr(self, step)
 
     monkeypatch.setattr(Recovery, "steps", steps)
@@ -377,7 +377,7 @@ def test_the_last_point_is_kept_where_no_way_around_is_found(monkeypatch: pytest
     m = closed_in()
     last = []
     monkeypatch.setattr(Recovery, "_around_all", lambda self: pytest.fail("there is no way into a closed room"))
-    monkeypatch.setattr(Recovery, "_planes_anew", lambda self: last.append(positions(m)) or self._from_guess())
+    monkeypatch.setattr(Recovery, "_new_planes", lambda self: last.append(positions(m)) or self._from_initial_guess())
     monkeypatch.setattr("pyrobocop_pyomo.planning.recovery.TURNS", ())
     guess = positions(m)
     result = rcp.solve(m, time_limit=2, options={"max_iter": 30})
