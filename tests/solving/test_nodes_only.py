@@ -60,7 +60,7 @@ def planned(m: pyo.ConcreteModel, phase: Any, name: str, pose: Any, body: Any, o
 @pytest.fixture(autouse=True)
 def one_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """No other starts are tried: this is about what is said of a plan, not about finding a better one."""
-    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_guess]))
+    monkeypatch.setattr(Recovery, "steps", lambda self: iter([self._from_initial_guess]))
 
 
 def fine_times(trajectory: Any) -> list[np.ndarray]:
