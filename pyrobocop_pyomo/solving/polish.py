@@ -143,6 +143,8 @@ class Polish:
 
     def explore(self, iterate: Iterate) -> Iterate:
         """Look for a better optimum beyond a certified one, in the time that this may take; or return the same."""
+        if self._exploration.budget(self._program.pairs) <= 0.0:
+            return iterate
         prepare()
         budget = self._exploration.budget(self._program.pairs)
         deadline = self._settings.deadline.within(budget)
