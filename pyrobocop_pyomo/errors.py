@@ -13,6 +13,7 @@
     │   ├── StructureChanged             a compiled model whose free variables or rows have changed since
     │   ├── GeometryError                a shape or a pose that is invalid: not convex, not closed, mirrored
     │   ├── ObstacleError                obstacles that cannot be avoided as stated
+    │   ├── TeamError                    a team whose agents, shared quantities or graph do not fit together
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
     ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
@@ -22,7 +23,10 @@
     ├── TimeLimitReached (RuntimeError)  a computation that has no answer to give at its time limit
     ├── SensitivityError (ArithmeticError) a solution that has no derivative with respect to its data
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
-    │   └── HomotopyStalled              a path of data that could not be followed to its end
+    │   ├── HomotopyStalled              a path of data that could not be followed to its end
+    │   └── TeamFailed                   a team whose rounds ended without a plan that holds
+    ├── EngineError (RuntimeError)       where a team's agents live cannot be started, reached or sent what they need
+    ├── CheckpointError (ValueError)     a file that a team cannot go on from
     └── TrajectoryError (ValueError)     a trajectory that cannot be read, evaluated or verified
 
 `ModelError` and `TrajectoryError` are `ValueError` as well, so that code which knows nothing of this
@@ -74,6 +78,10 @@ class GeometryError(ModelError):
 
 class ObstacleError(ModelError):
     """Obstacles that cannot be avoided as stated: a clearance of zero, a fixed pose that is too close."""
+
+
+class TeamError(ModelError):
+    """A team whose agents, shared quantities, penalties or graph do not fit together."""
 
 
 class StructureChanged(ModelError):
@@ -153,6 +161,18 @@ class HomotopyStalled(SolveFailed):
     def __init__(self, message: str, result: object, position: float) -> None:
         super().__init__(message, result)
         self.position = position
+
+
+class TeamFailed(SolveFailed):
+    """The rounds of a team ended without a plan that holds physically, or without agreement."""
+
+
+class EngineError(PyRobocopError, RuntimeError):
+    """An engine that is not installed, cannot be started or reached, or an agent that cannot be sent to it."""
+
+
+class CheckpointError(PyRobocopError, ValueError):
+    """A file that a team cannot go on from: missing, damaged, or written by another team."""
 
 
 class TrajectoryError(PyRobocopError, ValueError):

@@ -30,6 +30,11 @@ matplotlib, matplotlib_available = attempt_import(
 # Not loaded with Matplotlib, so that each is deferred on its own.
 art3d, _ = attempt_import("mpl_toolkits.mplot3d.art3d", error_message=_remedy("Matplotlib", "plot"))
 animation, _ = attempt_import("matplotlib.animation", error_message=_remedy("Matplotlib", "plot"))
+distributed, distributed_available = attempt_import("distributed", error_message=_remedy("Dask distributed", "dask"))
+# Without an MPI library, mpi4py raises a RuntimeError. Its import initialises MPI.
+mpi, mpi_available = attempt_import(
+    "mpi4py.MPI", error_message=_remedy("mpi4py", "mpi"), catch_exceptions=(ImportError, RuntimeError)
+)
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))

@@ -1,13 +1,14 @@
 """Values and derivatives of groups of terms: one small function for each shape, derived by CasADi, for all terms.
 
-NumPy evaluates a derived function for thousands of arguments at once. CasADi's virtual machine takes three nanoseconds
-for each operation on each argument; NumPy, one operation on all arguments after the other, takes half a nanosecond for
-arithmetic. Compiling would be as quick, but takes seconds and a compiler.
+CasADi's virtual machine takes some nanoseconds for each operation on each argument. NumPy, one operation on all
+arguments after the other, takes half a nanosecond for arithmetic, but half a microsecond to begin: it is quicker for
+hundreds of arguments. Compiling would be as quick as that, but takes seconds and a compiler.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar
 
@@ -19,10 +20,11 @@ from pyrobocop_pyomo.optional_imports import casadi
 
 from .expression_codes import decoded
 from .nonlinear_program import FloatArray
+from .term_bundles import FEWEST_TERMS, Bundle, Output, bundles_of
 from .term_groups import TermGroup
 
-# Shapes with fewer terms than this share one function: one of its own would do little at each of its steps.
-FEWEST_TERMS = 12
+# NumPy spends half a microsecond on each step, CasADi five nanoseconds on each step and instance.
+FEWEST_INSTANCES_OF_NUMPY = 128
 
 # Names of CasADi's operations and of the NumPy functions that do the same.
 _UFUNCS = {
@@ -82,19 +84,21 @@ class VectorisedFunction:
 
 
 class InterpretedFunction:
-    """The same for a single instance, by CasADi's virtual machine: many operations on one argument each."""
+    """The same by CasADi's virtual machine, one instance after the other: one row for each instance."""
 
     def __init__(self, symbols: Sequence[Any], result: Any, arrays: Sequence[FloatArray]) -> None:
+        instances = arrays[0].shape[0]
         function = casadi.Function("interpreted", list(symbols), [result])
-        self._result = np.empty((result.numel(), 1))
+        self._result = np.empty((instances, result.numel()))
         self._arrays = arrays  # their memory is used for as long as the function is
-        self._buffer, self._evaluate = function.buffer()
+        self._function = function.map(instances) if instances > 1 else function
+        self._buffer, self._evaluate = self._function.buffer()
         for i, array in enumerate(arrays):
             self._buffer.set_arg(i, array.data)
         self._buffer.set_res(0, self._result.data)
 
     def __call__(self) -> FloatArray:
-        """Values for the arguments that stand in the arrays, shape (size of the result, 1)."""
+        """Values for the arguments that stand in the arrays, shape (instances, size of the result)."""
         self._evaluate()
         return self._result
 
@@ -110,28 +114,21 @@ def _numpy_functions() -> dict[int, Callable[..., Any]]:
 
 
 class TermFunction:
-    """Functions of one shape, evaluated over many sets of variables and numbers at once.
+    """The outputs of a bundle, evaluated for all of its instances at once.
 
-    An *instance* is one set of variables with one set of numbers; its functions are its *outputs*. In arrays each
-    instance is a column.
+    Arrays of the values of one evaluation, and what belongs to each value, are flat: by instances, or by values where
+    NumPy evaluates.
 
     Parameters
     ----------
-    columns : int array, shape (variables, instances)
-        Variables of each instance.
-    numbers : float array, shape (numbers, instances)
-        Numbers of each instance.
-    parameters : int array, shape (3, count)
-        Rows and columns in `numbers`, and the parameters that stand there.
-    build : callable
-        From lists of symbols for the variables and of symbols and floats for the numbers to a list of outputs.
-    rows : int array, shape (outputs, instances)
-        Where each output is added.
-    scales : float array, shape (outputs, instances)
-        The factors that it is added with.
+    bundle : Bundle
 
     Attributes
     ----------
+    rows : int array
+        Where each output is added.
+    scales : float array
+        The factors that it is added with.
     gradient_rows, gradient_columns : int arrays
         Rows and variables of the values that `gradient` returns.
     gradient_scales : float array
@@ -140,40 +137,45 @@ class TermFunction:
         Pairs of variables of the values that `hessian` returns; the first is not smaller.
     """
 
-    def __init__(
-        self,
-        columns: np.ndarray,
-        numbers: FloatArray,
-        parameters: np.ndarray,
-        build: Callable[[list[Any], list[Any]], list[Any]],
-        rows: np.ndarray,
-        scales: FloatArray,
-    ) -> None:
-        self._columns, self.rows, self.scales = columns, rows.ravel(), scales.ravel()
+    def __init__(self, bundle: Bundle) -> None:
+        numbers = np.hstack([output.numbers for output in bundle.outputs])
+        parameters = np.hstack([output.parameters for output in bundle.outputs])
         # Numbers that are the same everywhere become part of the function; the others are arguments.
-        varies = (numbers != numbers[:, :1]).any(axis=1)
-        varies[parameters[0]] = True
-        self._numbers = np.ascontiguousarray(numbers[varies])
-        self._places = (np.cumsum(varies) - 1)[parameters[0]], parameters[1]
-        self._parameters = parameters[2]
-        sizes = {"x": columns.shape[0], "p": self._numbers.shape[0], "w": rows.shape[0]}
+        varies = ((numbers != numbers[:1]) | (parameters >= 0)).any(axis=0)
+        columns = bundle.columns
+        rows = np.column_stack([output.rows for output in bundle.outputs])
+        scales = np.column_stack([output.scales for output in bundle.outputs])
+        sizes = {"x": columns.shape[1], "p": int(np.count_nonzero(varies)), "w": rows.shape[1]}
         x, p, w = (casadi.SX.sym(name, size) for name, size in sizes.items())
-        free, given = iter(p.elements()), numbers[:, 0].tolist()
-        symbols = [next(free) if changes else given[i] for i, changes in enumerate(varies.tolist())]
-        outputs = casadi.vertcat(*build(x.elements(), symbols))
+        outputs = _outputs(bundle, x, p, numbers[0], varies)
         gradient = casadi.jacobian(outputs, x)
         hessian = casadi.tril(casadi.hessian(casadi.dot(w, outputs), x)[0])
 
+        instances = columns.shape[0]
+        by_values = instances >= FEWEST_INSTANCES_OF_NUMPY
+
+        def flat(values: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(values.T if by_values else values).ravel()
+
+        def shaped(values: FloatArray, size: int) -> FloatArray:
+            return values.reshape((size, instances) if by_values else (instances, size))
+
+        self.rows, self.scales, self._columns = flat(rows), flat(scales), flat(columns)
         output, variable = (np.array(indices, dtype=np.intp) for indices in gradient.sparsity().get_triplet())
-        self.gradient_rows, self.gradient_columns = rows[output].ravel(), columns[variable].ravel()
-        self.gradient_scales = scales[output].ravel()
+        self.gradient_rows, self.gradient_columns = flat(rows[:, output]), flat(columns[:, variable])
+        self.gradient_scales = flat(scales[:, output])
         triplet = hessian.sparsity().get_triplet()
-        first, second = (columns[np.array(indices, dtype=np.intp)].ravel() for indices in triplet)
+        first, second = (flat(columns[:, np.array(indices, dtype=np.intp)]) for indices in triplet)
         self.hessian_rows, self.hessian_columns = np.maximum(first, second), np.minimum(first, second)
 
-        self._x, self._w = np.zeros(columns.shape), np.zeros(rows.size)
-        arrays = [self._x, self._numbers, self._w.reshape(rows.shape)]
-        evaluator = InterpretedFunction if columns.shape[1] == 1 else VectorisedFunction
+        known = flat(parameters[:, varies])
+        self._places = np.flatnonzero(known >= 0)
+        self._parameters = known[self._places]
+        self._x, self._w, self._numbers = np.zeros(columns.size), np.zeros(rows.size), flat(numbers[:, varies])
+        arrays = [
+            shaped(self._x, sizes["x"]), shaped(self._numbers, sizes["p"]), shaped(self._w, sizes["w"])
+        ]  # fmt: skip
+        evaluator = VectorisedFunction if by_values else InterpretedFunction
         self._value, self._gradient, self._hessian = (
             evaluator([x, p, w], casadi.cse(casadi.vertcat(*nonzeros)), arrays)
             for nonzeros in (casadi.densify(outputs).nonzeros(), gradient.nonzeros(), hessian.nonzeros())
@@ -201,61 +203,53 @@ class TermFunction:
         return self._hessian().ravel()
 
 
-def term_functions(groups: Sequence[TermGroup]) -> list[TermFunction]:
-    """One function for each large group, and one for all terms of the small ones together.
+def _outputs(bundle: Bundle, x: Any, p: Any, numbers: FloatArray, varies: np.ndarray) -> Any:
+    free, given = iter(p.elements()), numbers.tolist()
+    upcoming = iter([next(free) if changes else given[i] for i, changes in enumerate(varies.tolist())])
+    variables = x.elements()
+    outputs = []
+    for output in bundle.outputs:
+        inner = [next(upcoming) for _ in range(output.numbers.shape[1])]
+        outer = [variables[k] for k in output.variables]
+        outputs.append(decoded(output.code, outer, inner, _SYMBOLIC_FUNCTIONS))
+    # What outputs share is found before it is differentiated: it is then differentiated once.
+    return casadi.cse(casadi.vertcat(*outputs))
+
+
+def term_functions(groups: Sequence[TermGroup], variables: int) -> list[TermFunction]:
+    """One function for each large bundle, and one for all terms of the small ones together.
+
+    Parameters
+    ----------
+    groups : sequence of TermGroup
+    variables : int
+        Count of all variables.
 
     Raises
     ------
     EvaluationError
         When a number in an expression does not exist.
     """
-    small = [group for group in groups if len(group.rows) < FEWEST_TERMS]
+    bundles = bundles_of(groups, variables)
+    large = [bundle for bundle in bundles if bundle.columns.shape[0] >= FEWEST_TERMS]
+    small = [bundle for bundle in bundles if bundle.columns.shape[0] < FEWEST_TERMS]
     try:
-        functions = [_repeated(group) for group in groups if len(group.rows) >= FEWEST_TERMS]
-        return [*functions, _assorted(small)] if small else functions
+        functions = [TermFunction(bundle) for bundle in large]
+        return [*functions, TermFunction(_assorted(small))] if small else functions
     except ArithmeticError as error:  # among the numbers: those of variables are symbols here
         raise EvaluationError(f"a number in an expression does not exist: {error}") from None
 
 
-def _repeated(group: TermGroup) -> TermFunction:
-    terms = len(group.rows)
-    places, parameters = np.array(group.parameters, dtype=np.intp).reshape(-1, 2).T
-    instance, number = np.divmod(places, max(group.numbers_per_term, 1))
-    return TermFunction(
-        np.ascontiguousarray(np.array(group.columns, dtype=np.intp).reshape(terms, group.size).T),
-        np.array(group.numbers, dtype=float).reshape(terms, group.numbers_per_term).T,
-        np.array([number, instance, parameters]),
-        lambda x, p: [decoded(group.code, x, p, _SYMBOLIC_FUNCTIONS)],
-        np.array(group.rows, dtype=np.intp)[None],
-        np.array(group.scales, dtype=float)[None],
-    )
-
-
-def _assorted(groups: Sequence[TermGroup]) -> TermFunction:
-    """All terms as the outputs of one function with one instance."""
-    columns = np.concatenate([np.array(group.columns, dtype=np.intp) for group in groups])
-    numbers = np.concatenate([np.array(group.numbers, dtype=float) for group in groups])
-    starts = np.cumsum([0, *(len(group.numbers) for group in groups[:-1])])
-    places = [
-        (start + place, 0, parameter)
-        for start, group in zip(starts, groups, strict=True)
-        for place, parameter in group.parameters
-    ]
-
-    def build(x: list[Any], p: list[Any]) -> list[Any]:
-        outputs = []
-        for group in groups:
-            for i in range(len(group.rows)):
-                inner = p[i * group.numbers_per_term : (i + 1) * group.numbers_per_term]
-                variables = x[i * group.size : (i + 1) * group.size]
-                outputs.append(decoded(group.code, variables, inner, _SYMBOLIC_FUNCTIONS))
-            x, p = x[len(group.columns) :], p[len(group.numbers) :]
-        return outputs
-
-    rows = np.concatenate([np.array(group.rows, dtype=np.intp) for group in groups])
-    scales = np.concatenate([np.array(group.scales, dtype=float) for group in groups])
-    triplets = np.array(places, dtype=np.intp).reshape(-1, 3).T
-    return TermFunction(columns[:, None], numbers[:, None], triplets, build, rows[:, None], scales[:, None])
+def _assorted(bundles: Sequence[Bundle]) -> Bundle:
+    """All terms of all instances as the outputs of one instance, each with variables of its own."""
+    outputs: list[Output] = []
+    start = 0
+    for bundle in bundles:
+        for i in range(bundle.columns.shape[0]):
+            chosen = np.array([i])
+            outputs += [replace(output.part(chosen), variables=output.variables + start) for output in bundle.outputs]
+            start += bundle.columns.shape[1]
+    return Bundle(np.concatenate([bundle.columns.ravel() for bundle in bundles])[None], outputs)
 
 
 class _SymbolicFunctions(dict[str, Callable[..., Any]]):

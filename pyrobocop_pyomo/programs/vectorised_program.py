@@ -95,7 +95,7 @@ class _Sums:
     """Rows that are each a constant, a linear function and terms of some groups."""
 
     def __init__(self, terms: Terms, rows: int, n: int) -> None:
-        self.functions: list[TermFunction] = term_functions(list(terms.groups.values()))
+        self.functions: list[TermFunction] = term_functions(list(terms.groups.values()), n)
         self._constants = np.zeros(rows)
         for row, constant in terms.constants.items():
             self._constants[row] = constant

@@ -11,7 +11,7 @@ from pyomo.common.collections import ComponentMap
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IterationRecord
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -23,6 +23,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
     lagrangian_residual,
 )
 
+from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, IpoptOptions
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
@@ -83,19 +84,10 @@ class InProcessSession:
         if not isinstance(nlp, ShiftedRows):
             raise TypeError("delta can follow the barrier parameter only where it shifts rows")
         resolved = options.resolve()
-        nlp.delta = delta = schedule.delta_for(float(resolved.get("mu_init", IPOPT_MU_INIT)))
-        path: list[tuple[float, float]] = []
-
-        def follow_mu(record: IterationRecord) -> bool | None:
-            # Called between iterations: the next trial point is the first to see the new bound. The values that
-            # Ipopt keeps of the current point are those under the old one, so delta lags mu by one iteration.
-            nonlocal delta
-            path.append((record.mu, delta))
-            nlp.delta = delta = schedule.delta_for(record.mu)
-            return None if self._on_iteration is None else self._on_iteration(record)
-
+        first = float(resolved.get("mu_init", IPOPT_MU_INIT))
+        follow_mu = DeltaFollowsBarrier(nlp, schedule, first, self._on_iteration)
         outcome = self._solve(resolved, deadline, None, follow_mu)
-        yield replace(self._iterate("delta follows mu", delta, resolved, outcome), path=path)
+        yield replace(self._iterate("delta follows mu", follow_mu.delta, resolved, outcome), path=follow_mu.path)
 
     def _solve(
         self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, on_iteration: OnIteration | None

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.complementarity.canonical import PAIR_ROLES
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 
 # A side of at most this size counts as zero, as where multipliers are classified.
@@ -87,7 +88,7 @@ def pair_reports(residuals: Sequence[PairResidual], multipliers: Multipliers | N
 
 def split_name(name: str) -> tuple[str, str]:
     """Split ``block.pair[1,a] (lower)`` into ``block.pair (lower)`` and ``1,a``; names of blocks keep their indices."""
-    role = next((suffix for suffix in (" (lower)", " (upper)") if name.endswith(suffix)), "")
+    role = next((f" ({word})" for word in PAIR_ROLES if name.endswith(f" ({word})")), "")
     stem = name[: len(name) - len(role)]
     if not stem.endswith("]"):
         return name, ""

@@ -9,15 +9,21 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import BlockData
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.var import VarData
 
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
+from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_rows_of
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.quadratic_cost import AddedQuadraticCost, QuadraticCost
 
-from .ipopt_options import IpoptOptions, warm_start
+from .following_barrier import DeltaFollowsBarrier
+from .ipopt_options import IPOPT_MU_INIT, IpoptOptions, warm_start
 from .session import OnIteration
 
 
@@ -25,7 +31,8 @@ class PersistentNLP:
     """A model that is prepared once and solved many times, each time from the last solution.
 
     A solve that fails leaves its last point on the model, but does not spoil the next one: that starts from the last
-    solution again, unless the values on the model were changed in between.
+    solution again, unless the values on the model were changed in between. A solve that reached its iteration limit
+    has not failed: the next one goes on where it stopped.
 
     Between two solves, change what is a number: values of fixed variables, mutable Params, bounds, values of
     variables. What changes the structure (fixing, unfixing, adding, deactivating) makes the next solve prepare the
@@ -38,6 +45,11 @@ class PersistentNLP:
         Continuous, with at most one active objective. Complementarity has to be relaxed before.
     options : mapping, optional
         Ipopt's options for every solve.
+    barrier : schedule with ``delta_for``, optional
+        How delta follows the barrier parameter, as `FollowBarrier` says it. The model has to be relaxed by rows that a
+        delta shifts; the delta of the model is then not read.
+    quadratic : QuadraticCost, optional
+        Added to the objective; its numbers may change between two solves.
 
     Attributes
     ----------
@@ -51,6 +63,8 @@ class PersistentNLP:
     ------
     ModelError
         When the model is not continuous, has several objectives or no free variables.
+    ComplementarityError
+        When delta is to follow the barrier parameter, and there are no rows that it shifts.
     SolverNotFoundError
         When CasADi or an Ipopt library is missing.
 
@@ -69,10 +83,18 @@ class PersistentNLP:
     True 2.0
     """
 
-    def __init__(self, model: BlockData, options: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        model: BlockData,
+        options: Mapping[str, Any] | None = None,
+        *,
+        barrier: BarrierSchedule | None = None,
+        quadratic: QuadraticCost | None = None,
+    ) -> None:
         self.model = model
         self.preparations = 0
         self._options = dict(options or {})
+        self._barrier, self._quadratic = barrier, quadratic
         self.prepare()
 
     def prepare(self) -> None:
@@ -83,8 +105,105 @@ class PersistentNLP:
     def _forget(self) -> None:
         """A model of another structure has another program: multipliers of the old one mean nothing there."""
         self.outcome: IpoptOutcome | None = None
-        self._solved: IpoptOutcome | None = None
+        self._goes_on_from: PrimalDualPoint | None = None
         self.preparations += 1
+        self._nlp: NonlinearProgram = self._compiled.nlp
+        self._added: AddedQuadraticCost | None = None
+        if self._quadratic is not None:
+            self._nlp = self._added = AddedQuadraticCost(self._nlp, self._compiled.variables, self._quadratic)
+        self._shifted: ShiftedRows | None = None
+        if self._barrier is not None:
+            row_of = self._compiled.row_of
+            rows = [row_of[row] for row in shifted_rows_of(self.model) if row in row_of]
+            if not rows:
+                raise ComplementarityError(
+                    f"'{self.model.name}': delta cannot follow the barrier parameter: no row of the model is shifted "
+                    f"by "
+                    "delta. Apply pyrobocop.relax_complementarity with a relaxation such as 'scholtes' first."
+                )
+            self._nlp = self._shifted = ShiftedRows(self._nlp, rows, base=delta_of(self.model).value)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Numbers of free variables and of rows."""
+        return self._nlp.n, self._nlp.m
+
+    @property
+    def state(self) -> PrimalDualPoint | None:
+        """Where a warm solve goes on: copies of the point, of the rows' and of the bounds' multipliers.
+
+        None before the first solve that ended with a usable point. `restore` takes it in, also in another process whose
+        model was built in the same way.
+        """
+        point = self._goes_on_from
+        if point is None:
+            return None
+        return PrimalDualPoint(self._warm_values(point), *map(np.copy, point.complete(self._nlp)))
+
+    def _warm_values(self, good: PrimalDualPoint) -> FloatArray:
+        """The values on the model; those of the last solution where a solve failed and nobody changed them since."""
+        here, last = self._compiled.current_point(), self.outcome
+        failed = last is not None and last.x is not good.x
+        return np.copy(good.x) if failed and last is not None and np.array_equal(here, last.x) else here
+
+    @property
+    def program(self) -> NonlinearProgram:
+        """What Ipopt is given."""
+        return self._nlp
+
+    @property
+    def variables(self) -> list[VarData]:
+        """Free variables, in the order of the program."""
+        return self._compiled.variables
+
+    @property
+    def rows(self) -> list[ConstraintData]:
+        """Constraints, in the order of the program's rows."""
+        return self._compiled.constraints
+
+    @property
+    def objective(self) -> Any:
+        """The active objective of the model, or None."""
+        return self._compiled.objective
+
+    @property
+    def goes_on_from_last_point(self) -> bool:
+        """Whether the last solve ended with a point that the next one can go on from."""
+        last = self.outcome
+        return last is not None and self._goes_on_from is not None and last.x is self._goes_on_from.x
+
+    def point(self) -> FloatArray:
+        """Values of the free variables, in the order of the program."""
+        return self._compiled.current_point()
+
+    def restore(self, state: PrimalDualPoint | None, *, cold: bool = False) -> None:
+        """Go on from a state that `state` gave out: its point is put on the model, its multipliers start the next
+        solve.
+
+        Parameters
+        ----------
+        state : PrimalDualPoint or None
+            None for a cold start from the values that stand on the model.
+
+        Raises
+        ------
+        ValueError
+            When the state is one of a model with other numbers of variables or rows.
+        """
+        self.outcome = None
+        self._goes_on_from = None
+        if state is None:
+            return
+        rows = np.shape(state.complete(self._nlp)[0])
+        if np.shape(state.x) != (self._nlp.n,) or rows != (self._nlp.m,):
+            raise ValueError(
+                f"'{self.model.name}': the state has {np.size(state.x)} variables and {rows[0]} rows; the model has "
+                f"{self._nlp.n} and {self._nlp.m}. Restore states of models that were built in the same way."
+            )
+        self._compiled.load_point(state.x)
+        if cold:
+            return
+        self._goes_on_from = PrimalDualPoint(np.copy(state.x), *map(np.copy, state.complete(self._nlp)))
 
     def solve(
         self,
@@ -92,6 +211,7 @@ class PersistentNLP:
         *,
         warm: bool = True,
         mu: float = 1e-4,
+        mu_target: float | None = None,
         time_limit: float | None = None,
         tee: bool = False,
         on_iteration: OnIteration | None = None,
@@ -103,10 +223,13 @@ class PersistentNLP:
         options : mapping, optional
             Ipopt's options for this solve; they win over those of the model and of the warm start.
         warm : bool
-            Start with the multipliers of the last solve that succeeded, from the point on the model; where that is
-            still the last point of a solve that failed, from the last solution.
+            Start with the multipliers of the last solve that succeeded or reached its iteration limit, from the point
+            on the model; where that is still the last point of a solve that failed, from the last solution.
         mu : float
             Ipopt's first barrier parameter in a warm start: the smaller, the closer to the last solution.
+        mu_target : float, optional
+            Solve the barrier problem of this parameter, from the first iteration on, instead of the problem itself.
+            With `barrier`, delta is what belongs to this parameter.
         time_limit : float, optional
             Seconds.
         tee : bool
@@ -130,24 +253,31 @@ class PersistentNLP:
         self._compiled.update()  # also before the first solve: numbers may have changed since the model was prepared
         if self._compiled.nlp is not before:
             self._forget()
+        if self._added is not None:
+            self._added.read_fixed()
         start = PrimalDualPoint(self._compiled.current_point())
         purpose: dict[str, Any] = {}
-        if warm and self._solved is not None:
-            failed = self.outcome is not self._solved
-            if failed and self.outcome is not None and np.array_equal(start.x, self.outcome.x):
-                start = PrimalDualPoint(self._solved.x)
-            start = replace(self._solved.point, x=start.x)
+        if warm and self._goes_on_from is not None:
+            start = replace(self._goes_on_from, x=self._warm_values(self._goes_on_from))
             purpose = warm_start(mu)
-        layers = IpoptOptions(user={**self._options, **(options or {})}, default={})
+        if mu_target is not None:
+            # Without damping: it would move the solution by 1e-5 mu, and Ipopt would end in steps that are too small.
+            barrier_problem = {"mu_strategy": "monotone", "mu_init": mu_target, "mu_target": mu_target, "kappa_d": 0.0}
+            purpose = {**purpose, **barrier_problem}
+        resolved = IpoptOptions(user={**self._options, **(options or {})}, default={}).resolve(purpose)
+        if self._shifted is not None and self._barrier is not None:
+            first = float(resolved.get("mu_init", IPOPT_MU_INIT))
+            on_iteration = DeltaFollowsBarrier(self._shifted, self._barrier, first, on_iteration)
         self.outcome = run_ipopt(
-            self._compiled.nlp,
-            layers.resolve(purpose),
+            self._nlp,
+            resolved,
             start,
             deadline=Deadline.after(time_limit),
             on_iteration=on_iteration,
             output=[sys.stdout] if tee else [],
         )
-        if self.outcome.status.solved:
-            self._solved = self.outcome
+        usable = self.outcome.status.solved or self.outcome.status is IpoptStatus.ITERATION_LIMIT
+        if usable and all(np.isfinite(values).all() for values in self.outcome.point.complete(self._nlp)):
+            self._goes_on_from = self.outcome.point
         InProcessSolutionLoader(self._compiled, self.outcome).load_solution()
         return self.outcome

@@ -54,7 +54,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
     intervals = ExpressionBoundsVisitor()
     found = []
     for pair in pairs:
-        least_a, most_a = _range(pair.a, pair.pair.a, SidePart.WHOLE, intervals)
+        least_a, most_a = _range(pair.a, pair.pair.a, pair.pair.a_part, intervals)
         least_b, most_b = _range(pair.b, pair.pair.b, pair.pair.b_part, intervals)
         for which, most in (("first", most_a), ("second", most_b)):
             if most < -tolerance:

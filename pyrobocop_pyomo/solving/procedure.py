@@ -17,6 +17,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.programs.repetition import repeats_large_rows
 
 from .continuation import Continuation
 from .executable_session import ExecutableSession
@@ -308,6 +309,7 @@ class _Procedure:
     def _open_session(self, relaxed: RelaxedModel) -> Session:
         """A session of the first backend that takes the model."""
         name, progress = self._model.name, self._settings.progress
+        self._prefer_vectorised(relaxed)
         while True:
             try:
                 session = _session(self._backends[0], relaxed, self._settings)
@@ -321,6 +323,16 @@ class _Procedure:
         progress.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
         progress.line(STEP_HEADER)
         return session
+
+    def _prefer_vectorised(self, relaxed: RelaxedModel) -> None:
+        """Take the vectorised backend first, where the caller chose none and the rows repeat large expressions."""
+        vectorised = Backend.IN_PROCESS_VECTORISED
+        if self._solver or vectorised not in self._backends[1:]:
+            return  # decided by the first session, or by the caller
+        if repeats_large_rows(relaxed.model):
+            logger.info("'%s': its rows repeat large expressions: %s", self._model.name, vectorised.value)
+            self._backends.remove(vectorised)
+            self._backends.insert(0, vectorised)
 
     def _options(self) -> Any:
         """Ipopt's options, those that pairs need by default among them."""

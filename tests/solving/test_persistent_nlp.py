@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.expression_zoo import cart_pole, parameters_everywhere
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
+from pyrobocop_pyomo.schedules import FollowBarrier
 from pyrobocop_pyomo.solving import PersistentNLP
 
 pytestmark = pytest.mark.casadi
@@ -83,3 +90,122 @@ def test_declared_suffixes_are_filled():
     model.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
     PersistentNLP(model).solve()
     assert model.linear in model.dual
+
+
+def two_sides() -> pyo.ConcreteModel:
+    """A pair on a curve, relaxed: the solution of each barrier problem depends on mu."""
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, None), initialize=1.0)
+    m.y = pyo.Var(bounds=(0, None), initialize=1.0)
+    m.pair = rcp.Complementarity(rule=lambda m: rcp.complements(m.x >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2 + (m.y - 2) ** 2 + m.x**4)
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, delta=1.0)
+    return m
+
+
+def test_a_solve_goes_on_after_an_iteration_limit():
+    whole = PersistentNLP(cart_pole(10))
+    iterations = whole.solve().iterations
+    parts = PersistentNLP(cart_pole(10))
+    counts = [parts.solve({"max_iter": 3}).iterations]
+    while not parts.outcome.status.solved:
+        mu = parts.outcome.mu
+        counts.append(parts.solve({"max_iter": 3}, mu=mu).iterations)
+        assert len(counts) < iterations
+    # Another barrier path, but not from the start each time: that would never end.
+    assert sum(counts) <= 3 * iterations
+    assert parts.outcome.objective == pytest.approx(whole.outcome.objective, rel=1e-7)
+
+
+def test_a_state_carries_a_solve_to_a_twin():
+    first = PersistentNLP(cart_pole(10))
+    assert first.state is None
+    first.solve({"max_iter": 4})
+    twin = PersistentNLP(cart_pole(10))
+    twin.restore(first.state)
+    here, there = first.solve({"max_iter": 3}), twin.solve({"max_iter": 3})
+    assert np.array_equal(here.x, there.x)
+    assert np.array_equal(here.g_multipliers, there.g_multipliers)
+    assert np.array_equal(here.lower_multipliers, there.lower_multipliers)
+    assert twin.preparations == 1
+
+
+def test_a_state_of_another_model_is_refused():
+    first, other = PersistentNLP(cart_pole(10)), PersistentNLP(cart_pole(8))
+    first.solve()
+    with pytest.raises(ValueError, match="built in the same way"):
+        other.restore(first.state)
+
+
+@pytest.mark.parametrize("mu", [1e-1, 1e-2, 1e-3])
+def test_a_barrier_problem_is_solved_at_a_fixed_mu_with_its_delta(mu: float):
+    kept = PersistentNLP(two_sides(), {"bound_relax_factor": 0.0}, barrier=FollowBarrier(factor=2.0))
+    outcome = kept.solve({"tol": 1e-10}, mu_target=mu)
+    assert outcome.status.solved
+    assert {record.mu for record in outcome.records} == {mu}
+    x, y = kept.model.x.value, kept.model.y.value
+    # The optimality conditions of: minimise f - mu log x - mu log y - mu log(2 mu - x y).
+    slack = 2 * mu - x * y
+    assert slack > 0
+    assert 2 * (x - 1) + 4 * x**3 - mu / x + mu * y / slack == pytest.approx(0, abs=1e-6)
+    assert 2 * (y - 2) - mu / y + mu * x / slack == pytest.approx(0, abs=1e-6)
+
+
+def test_delta_follows_no_barrier_without_rows_that_it_shifts():
+    with pytest.raises(ComplementarityError, match="relax_complementarity"):
+        PersistentNLP(cart_pole(10), barrier=FollowBarrier())
+
+
+@given(seed=st.integers(0, 2**31), dense=st.booleans())
+@settings(max_examples=10)
+def test_an_added_quadratic_cost_is_what_the_model_could_state(seed: int, dense: bool):
+    random = np.random.default_rng(seed)
+    model = parameters_everywhere()
+    variables = list(model.x.values())
+    n = len(variables)
+    linear, diagonal = random.normal(size=n), random.uniform(0.5, 2.0, n)
+    root = random.normal(size=(n, n)) / 3
+    matrix = root @ root.T if dense else np.zeros((n, n))
+    cost = QuadraticCost(variables, [np.arange(n)] if dense else [])
+    kept = PersistentNLP(model, quadratic=cost)
+    cost.linear[:], cost.diagonal[:] = linear, diagonal
+    if dense:
+        cost.dense[0][:] = matrix
+    numeric = kept.solve({"tol": 1e-10})
+    stated = parameters_everywhere()
+    whole = matrix + np.diag(diagonal)
+    x = list(stated.x.values())
+    stated.cost.set_value(
+        stated.cost.expr
+        + sum(linear[i] * x[i] for i in range(n))
+        + sum(whole[i, j] * x[i] * x[j] for i in range(n) for j in range(n)) / 2
+    )
+    symbolic = PersistentNLP(stated).solve({"tol": 1e-10})
+    assert numeric.status.solved
+    assert symbolic.status.solved
+    assert numeric.objective == pytest.approx(symbolic.objective, rel=1e-7, abs=1e-7)
+    assert [v.value for v in variables] == pytest.approx([v.value for v in x], abs=1e-5)
+
+
+def test_a_variable_that_only_the_added_cost_would_use_is_refused():
+    model = cart_pole(10)
+    model.lonely = pyo.Var(initialize=0.0)
+    with pytest.raises(ModelError, match="lonely"):
+        PersistentNLP(model, quadratic=QuadraticCost([model.lonely]))
+
+
+def test_a_state_goes_on_elsewhere_also_after_a_solve_that_failed():
+    here, elsewhere = PersistentNLP(cart_pole(10)), PersistentNLP(cart_pole(10))
+    assert here.solve().status.solved
+    good = here.point()
+    at_start(here.model, 1e3, 0.0)
+    assert not here.solve({"max_iter": 3000}).status.solved
+    assert abs(here.point() - good).max() > 1.0
+    elsewhere.restore(here.state)
+    assert elsewhere.point().tolist() == good.tolist()
+    at_start(here.model, 0.1, 0.0)
+    at_start(elsewhere.model, 0.1, 0.0)
+    one, other = here.solve(), elsewhere.solve()
+    assert one.status.solved
+    assert one.x.tolist() == other.x.tolist()
+    assert one.iterations == other.iterations
