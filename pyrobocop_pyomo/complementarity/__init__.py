@@ -43,7 +43,7 @@ from .relaxing import (
 )
 from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
-from .statement import Complements, complements
+from .statement import Complements, complements, either_zero
 from .transformation import RelaxComplementarity
 
 __all__ = [
@@ -96,6 +96,7 @@ __all__ = [
     "component_residuals",
     "crossed_pairs_of",
     "delta_of",
+    "either_zero",
     "form_of",
     "has_penalty",
     "lifted_pairs_of",

@@ -18,7 +18,7 @@ from pyomo.gdp import Disjunct, Disjunction
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 
-from .canonical import CanonicalForm, CanonicalPair
+from .canonical import CanonicalForm, CanonicalPair, SidePart
 
 
 class BoundedSides:
@@ -142,7 +142,9 @@ def add_disjunctions(block: Block, sides: BoundedSides, forms: list[CanonicalFor
 
 
 def _branches_of_pair(pair: CanonicalPair, sides: BoundedSides) -> dict[str, list[Any]]:
-    variables = sides.nonnegative(pair.a, pair.source), sides.nonnegative(pair.b, pair.source)
+    # The parts of a free side are zero together.
+    second = sides.nonnegative if pair.b_part is SidePart.WHOLE else sides.free
+    variables = sides.nonnegative(pair.a, pair.source), second(pair.b, pair.source)
     return {branch: [variable == 0] for branch, variable in zip(BRANCHES_OF_A_PAIR, variables, strict=True)}
 
 
@@ -164,6 +166,11 @@ def add_special_ordered_sets(block: Block, sides: BoundedSides, forms: list[Cano
             width = form.between[2] - form.between[0]
             for pair, part in zip(form.pairs, (positive, negative), strict=True):
                 members.append((form.source, [sides.between(pair.a, 0, width, form.source), part]))
+        elif len(form.pairs) > 1:
+            first = sides.nonnegative(form.pairs[0].a, form.source)
+            positive, negative = sides.parts(form.pairs[0].b, form.source)
+            members += [(form.source, [first, positive]), (form.source, [first, negative])]
+            members.append((form.source, [positive, negative]))
         else:
             members += [
                 (form.source, [sides.nonnegative(pair.a, form.source), sides.nonnegative(pair.b, form.source)])

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+# What tells pairs of one statement apart: of a range by its bounds, of a side of any sign by its parts.
+PAIR_ROLES = ("lower", "upper", "positive", "negative", "sign")
+
 
 class SidePart(Enum):
     """Which part of the expression ``b`` is complementary to ``a``."""
@@ -35,8 +38,10 @@ class CanonicalPair:
     b_part : SidePart
         Which part of ``b`` belongs to the pair. Of a range ``l <= F <= u ⟂ H``, the first pair couples F - l with the
         positive part of H, the second u - F with the negative one. ``b`` is H in both, of any sign.
-    role : {"", "lower", "upper"}
-        Tells two pairs of one source apart.
+    role : {"", "lower", "upper", "positive", "negative", "sign"}
+        Tells pairs of one source apart.
+    a_part : SidePart
+        Which part of ``a`` belongs to the pair. Not all of it only where both sides are parts of one expression.
     """
 
     source: Any
@@ -48,6 +53,7 @@ class CanonicalPair:
     weight: Any
     b_part: SidePart = SidePart.WHOLE
     role: str = ""
+    a_part: SidePart = SidePart.WHOLE
 
     @property
     def name(self) -> str:
@@ -65,8 +71,8 @@ class CanonicalForm:
     source : component data
         The statement as declared.
     pairs : tuple of CanonicalPair
-        One; two for a range against a free side; none for an equality against a free side, and for a side that is
-        paired with itself.
+        One; two for a range against a free side; three for a side against one of any sign; none for an equality
+        against a free side, and for a side that is paired with itself.
     rows : tuple of relational expressions
         Constraints beyond the ``a_row`` and ``b_row`` of the pairs.
     between : tuple (l, F, u) or None

@@ -16,6 +16,7 @@ from pyrobocop_pyomo.modeling.expressions import same_expression
 
 from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .sides import ParsedSide, SideKind, above_lower, below_upper, check_sides, four_bounds, read_side
+from .statement import ANY_SIGN
 
 
 def form_of(
@@ -47,6 +48,8 @@ def form_of(
         If the sides do not have two finite bounds together, or bounds that nothing can meet.
     """
     a, b = read_side(first, choices[0], source), read_side(second, choices[1], source)
+    if choices[1] == ANY_SIGN:
+        return _any_sign(a, b, source, group, weight)
     if a.bounds == b.bounds == 1:
         _refuse_contradiction(a, b, source)
         row = _decided_row(a, b)
@@ -82,6 +85,27 @@ def _range(side: ParsedSide, free: Any, source: Any, group: Hashable, weight: An
             CanonicalPair(source, upper, free, upper_row, None, group, weight, SidePart.NEGATIVE, "upper"),
         ),
         between=(side.lower, side.body, side.upper),
+    )
+
+
+def _any_sign(side: ParsedSide, free: ParsedSide, source: Any, group: Hashable, weight: Any) -> CanonicalForm:
+    """``F >= l`` and ``(F - l) H = 0``, with both parts of H: only where one of these is zero are they its parts."""
+    if side.bounds == 0:
+        raise _too_few(side, source)
+    if side.bounds == 2 or side.kind is SideKind.EQUALITY:
+        raise ComplementarityError(
+            f"'{source.name}': side '{side.given}' has two finite bounds; of either_zero(first, second) the first side "
+            "has one. Write 'expr >= c', or choose with first_bound= 'lower' or 'upper'."
+        )
+    a, row = _only(side)
+    h, positive, negative = free.body, SidePart.POSITIVE, SidePart.NEGATIVE
+    return CanonicalForm(
+        source,
+        (
+            CanonicalPair(source, a, h, row, None, group, weight, positive, "positive"),
+            CanonicalPair(source, a, h, row, None, group, weight, negative, "negative"),
+            CanonicalPair(source, h, h, None, None, group, weight, negative, "sign", positive),
+        ),
     )
 
 

@@ -116,12 +116,17 @@ class SideRows:
             self.sides.append((statement, row))
         parts: dict[SidePart, Any] | None = None
         keeps_bounds = self.place.record.abilities.keeps_bounds
-        relaxed_pairs = []
+        relaxed_pairs: list[RelaxedPair] = []
         for pair in form.pairs:
             relaxed = RelaxedPair(pair, pair.a, pair.b)
-            if keeps_bounds:
-                relaxed.a_slack = self._own_slack(pair.a, pair.a_row)
-            relaxed.a = self._side(statement, pair.a, pair.a_row, relaxed.a_slack)
+            if parts is not None and pair.a_part is not SidePart.WHOLE:
+                relaxed.a = parts[pair.a_part]
+            elif relaxed_pairs and pair.a is relaxed_pairs[0].pair.a:
+                relaxed.a, relaxed.a_slack = relaxed_pairs[0].a, relaxed_pairs[0].a_slack
+            else:
+                if keeps_bounds:
+                    relaxed.a_slack = self._own_slack(pair.a, pair.a_row)
+                relaxed.a = self._side(statement, pair.a, pair.a_row, relaxed.a_slack)
             if pair.b_part is SidePart.WHOLE:
                 if keeps_bounds:
                     relaxed.b_slack = self._own_slack(pair.b, pair.b_row)

@@ -87,10 +87,11 @@ def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
 
 def side_values(pair: CanonicalPair) -> tuple[float, float]:
     """Return the values of both sides, of a part of a range the value of that part; errors as `pair_residuals`."""
-    a, b = _number(pair, pair.a), _number(pair, pair.b)
-    if pair.b_part is SidePart.WHOLE:
-        return a, b
-    return a, max(b if pair.b_part is SidePart.POSITIVE else -b, 0.0)
+    return _part(_number(pair, pair.a), pair.a_part), _part(_number(pair, pair.b), pair.b_part)
+
+
+def _part(number: float, part: SidePart) -> float:
+    return number if part is SidePart.WHOLE else max(number if part is SidePart.POSITIVE else -number, 0.0)
 
 
 def _number(pair: CanonicalPair, side: Any) -> float:

@@ -24,7 +24,9 @@ from pyrobocop_pyomo.modeling.expressions import (
     never_changes,
 )
 
-BOUND_CHOICES = (None, "lower", "upper", "free")
+from .statement import ANY_SIGN
+
+BOUND_CHOICES = (None, "lower", "upper", "free", ANY_SIGN)
 
 
 def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None], pair: Any) -> None:
@@ -35,6 +37,13 @@ def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None],
     """
     check_side(first, choices[0], pair)
     check_side(second, choices[1], pair)
+    if choices[1] == ANY_SIGN:
+        if is_bare_expression(first):
+            raise ComplementarityError(
+                f"'{pair.name}': side '{first}' is a bare expression; of either_zero(first, second) the first side "
+                "has a sign. Write expr >= 0."
+            )
+        return
     for side, other in ((first, second), (second, first)):
         if is_bare_expression(side) and (is_bare_expression(other) or other.__class__ is InequalityExpression):
             raise ComplementarityError(
@@ -75,6 +84,11 @@ def check_side(side: Any, choice: str | None, pair: Any) -> None:
     kind = side.__class__
     if kind in (InequalityExpression, EqualityExpression, RangedExpression):
         _check_relation(side, pair)
+        if choice == ANY_SIGN:
+            raise ComplementarityError(
+                f"'{pair.name}': the second side of either_zero(first, second) is an expression of any sign, found "
+                f"'{side}'. Leave the relation out; a bound of it is a Constraint."
+            )
         if choice is not None:
             raise ComplementarityError(
                 f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which states its own. "
@@ -83,7 +97,7 @@ def check_side(side: Any, choice: str | None, pair: Any) -> None:
     elif is_bare_expression(side):
         if not holds_variable(side):
             raise ComplementarityError(f"'{pair.name}': {_no_variable(side)}")
-        if choice is not None:
+        if choice not in (None, ANY_SIGN):
             raise ComplementarityError(
                 f"'{pair.name}': a bound '{choice}' was chosen for the side '{side}', which has none. "
                 "The choice is for a plain variable: leave it out."
@@ -222,8 +236,8 @@ def _read_relation(side: Any, pair: Any) -> ParsedSide:
 
 def _read_variable(variable: Any, choice: str | None, pair: Any) -> ParsedSide:
     own = (variable.lower, variable.upper)
-    lower = _bound(own[0], "lower", variable, pair) if choice not in ("upper", "free") else None
-    upper = _bound(own[1], "upper", variable, pair) if choice not in ("lower", "free") else None
+    lower = _bound(own[0], "lower", variable, pair) if choice in (None, "lower") else None
+    upper = _bound(own[1], "upper", variable, pair) if choice in (None, "upper") else None
     if choice in ("lower", "upper") and lower is upper is None:
         raise ComplementarityError(
             f"'{pair.name}': side '{variable}' has no finite {choice} bound, which was chosen. "

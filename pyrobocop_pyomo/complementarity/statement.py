@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.expressions import is_indexed_component
 
+# The choice of a bound that marks the second side of `either_zero`.
+ANY_SIGN = "any sign"
+
 
 class Complements(NamedTuple):
     """Two sides as the user wrote them, and which bound is meant where a side is a plain variable."""
@@ -44,6 +47,35 @@ def complements(
         What a `Complementarity` rule returns.
     """
     return Complements(first, second, first_bound, second_bound)
+
+
+def either_zero(first: Any, second: Any, *, first_bound: str | None = None) -> Complements:
+    """State that a side with a sign and a side of any sign are not both away from zero: ``a >= 0`` and ``a h = 0``.
+
+    As `complements`, but the second side may be positive, zero or negative where the first one is zero: a contact
+    force acts only while the distance does not change, ``either_zero(force >= 0, speed)``. What stands in the model are
+    three pairs of the parts of h: ``a ⟂ max(h, 0)``, ``a ⟂ max(-h, 0)`` and ``max(h, 0) ⟂ max(-h, 0)``.
+
+    Parameters
+    ----------
+    first : relational expression or variable
+        With one finite bound, as in `complements`.
+    second : variable or expression
+        Its own bounds are just bounds.
+    first_bound : {None, "lower", "upper"}
+        Which bound is meant of a first side that is a plain variable with two.
+
+    Returns
+    -------
+    Complements
+        What a `Complementarity` rule returns.
+
+    References
+    ----------
+    Mehlitz (2020), Stationarity conditions and constraint qualifications for mathematical programs with switching
+    constraints, Math. Program. 181, doi:10.1007/s10107-019-01380-5
+    """
+    return Complements(first, second, first_bound, ANY_SIGN)
 
 
 def is_family_pair(first: Any, second: Any) -> bool:

@@ -10,12 +10,12 @@ from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array, radau
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .companions import indices_of
 from .declarations import Algebraic
 from .element_integration import Unknowns, find_unknowns, step_element
 from .point_model import PointEquations
 from .record import PhaseRecord
 from .verification import element_errors as reintegrated_errors
-from .verification import indices_of
 
 _MORE_STAGES = 2
 
@@ -29,11 +29,16 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
     Raises
     ------
     TrajectoryError
-        When there are no states, or the equations do not determine the algebraics.
+        When there are no states, or a step map leads them, or the equations do not determine the algebraics.
     """
     names = record.names_of_states
     if not names:
         raise TrajectoryError(f"phase '{block.name}' has no states: there is no error to estimate.")
+    if record.discrete_states:
+        raise TrajectoryError(
+            f"phase '{block.name}': no error of discretisation of {', '.join(sorted(record.discrete_states))}. A step "
+            "leads them from element to element; on another mesh it would be another motion."
+        )
     if set(record.equation_of) == set(names):
         return reintegrated_errors(block, record, trajectory)
     unknowns = _unknowns(block, record)
@@ -46,6 +51,7 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
     signals = {name: trajectory.element_signals(name) @ to_fine.T for name in trajectory.signals}
     errors = np.empty(len(widths))
     for i, width in enumerate(widths):
+        equations.enter(i)
         times = boundaries[i] + width * fine.c
         asked = tuple(equations.index_at(time) for time in times.tolist())
         start = {name: float(states[name][i, 0]) for name in names}

@@ -129,12 +129,19 @@ def step_element(
             )
             for j, k in enumerate(new)
         ]  # fmt: skip
-        left += [scheme.D @ nodes[name] - width * (scheme.F @ rates[name][i]) for name in names]
+        following = equations.next_states(times[-1], start)
+        left += [
+            nodes[name][-1:] - following[name]
+            if name in following
+            else scheme.D @ nodes[name] - width * (scheme.F @ rates[name][i])
+            for name in names
+        ]
         return np.concatenate(left) if left else np.empty(0)
 
     slopes = {
         name: float(rates[name][i, 0]) if scheme.starts_on_a_stage else near.get(f"d {name}", 0.0) for name in names
     }
+    slopes = {name: slope if np.isfinite(slope) else 0.0 for name, slope in slopes.items()}  # of a step map: none
     guess = [start[name] + width * slopes[name] * tau for name in names for tau in scheme.state_nodes[1:]]
     guess += [near[key] for _ in new for key in (*(f"d {n}" for n in unknowns.implicit), *unknowns.algebraics)]
     found, left = _solve(residuals, np.array(guess, dtype=float))
@@ -172,6 +179,8 @@ def _solve(residuals: Any, guess: Array) -> tuple[Array, float]:
         residuals(guess)
         return guess, 0.0
     left = np.inf
+    # MINPACK takes differences over a step relative to each value, and from a tiny value on they are rounding.
+    guess = np.where(np.abs(guess) < 1e-6, 0.0, guess)
     for method in ("hybr", "lm"):
         result = scipy.optimize.root(residuals, guess, method=method, tol=1e-13)
         # Asked once more, since the last call of a method need not be at its result.

@@ -1,4 +1,4 @@
-"""From the user's rules to Pyomo rows: differential equations, residuals, path constraints, complementarity."""
+"""From the user's rules to Pyomo rows: differential equations, step maps, residuals, constraints, complementarity."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
-from pyrobocop_pyomo.transcription import collocation_rows
+from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
 from .declarations import State, check_bounds
 from .horizon import element_widths
-from .record import PhaseRecord, labelled_rows
+from .record import PhaseRecord, PreviousStates, labelled_rows
 from .variables import add_generated, rate_units
 
 Rule = Callable[..., Any]
@@ -25,36 +25,80 @@ Rule = Callable[..., Any]
 def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for the states whose derivatives a rule gives."""
     what = f"phase '{block.name}': ode '{rule_name(rule)}'"
+    rates = _given_for_states(block, record, what, "derivative", "right-hand side", lambda time: rule(block, time))
+    for name, values in rates.items():
+        _refuse_second_equation(record, name, what)
+        _add_state_equation(block, record, name, values)
+        record.equation_of[name] = rule_name(rule)
+
+
+def add_step(block: Any, record: PhaseRecord, rule: Rule) -> None:
+    """Rows for the states whose values an element later a rule gives."""
+    what = f"phase '{block.name}': step map '{rule_name(rule)}'"
+    grid = record.grid
+    if not can_step(grid.scheme):
+        raise TranscriptionError(
+            f"{what} leads from one element boundary to the next, but {grid.scheme.name} has {grid.scheme.stages} "
+            "stages, or one inside the element. State it on a phase with scheme='implicit_euler' (or explicit Euler)."
+        )
+    states = {name: block.component(name) for name in record.names_of_states}
+    starts = {stage: nodes[0] for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True)}
+
+    def ask(time: float) -> Any:
+        return rule(block, time, PreviousStates(what, {name: state[starts[time]] for name, state in states.items()}))
+
+    for name, following in _given_for_states(block, record, what, "next value", "value", ask).items():
+        _refuse_second_equation(record, name, what)
+        declaration = record.declarations[name]
+        assert isinstance(declaration, State)
+        if declaration.derivative_bounds is not None or name in record.kept_derivatives:
+            raise TranscriptionError(
+                f"{what} gives the next value of '{name}' (declared at {declaration.declared_at}), whose derivative is "
+                "in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an ode."
+            )
+        rows = _add_generated_rows(block, record, f"{name}_step")
+        for time, row in step_rows(states[name], following, grid):
+            rows.add(time, row)
+        record.equation_of[name] = rule_name(rule)
+        record.discrete_states.add(name)
+
+
+def _given_for_states(
+    block: Any, record: PhaseRecord, what: str, meaning: str, expected: str, ask: Callable[[float], Any]
+) -> dict[str, dict[float, Any]]:
+    """What a rule gives for states as {name: {collocation point: expression}}."""
     names: dict[Any, str] = {}
-    rates: dict[str, dict[float, Any]] = {}
+    given: dict[str, dict[float, Any]] = {}
     for time in record.grid.points:
-        result = rule(block, time)
+        result = ask(time)
         if not isinstance(result, Mapping):
             raise TranscriptionError(
                 f"{what} returned a {type(result).__name__} at t = {time:g}; expected a dict "
-                "{state: right-hand side}. Is the return statement missing?"
+                f"{{state: {expected}}}. Is the return statement missing?"
             )
-        for state, rate in result.items():
+        for state, expression in result.items():
             if state not in names:
                 names[state] = block.state_name(state)
-            if rate.__class__ not in native_numeric_types and not _is_numeric(rate):
+            if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
                 raise TranscriptionError(
-                    f"{what} gives '{rate}' as the derivative of '{names[state]}' at t = {time:g}; expected a "
+                    f"{what} gives '{expression}' as the {meaning} of '{names[state]}' at t = {time:g}; expected a "
                     "number or an expression. Is an index [t] missing?"
                 )
-            rates.setdefault(names[state], {})[time] = rate
-    for name, values in rates.items():
+            given.setdefault(names[state], {})[time] = expression
+    for name, values in given.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
             raise TranscriptionError(
-                f"{what} gives no derivative of '{name}' at t = {missing:g}; it must at every point."
+                f"{what} gives no {meaning} of '{name}' at t = {missing:g}; it must at every point."
             )
-        if name in record.equation_of:
-            raise TranscriptionError(
-                f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one."
-            )
-        _add_state_equation(block, record, name, values)
-        record.equation_of[name] = rule_name(rule)
+    return given
+
+
+def _refuse_second_equation(record: PhaseRecord, name: str, what: str) -> None:
+    if name in record.equation_of:
+        raise TranscriptionError(
+            f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one."
+        )
 
 
 def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Mapping[float, Any]) -> None:

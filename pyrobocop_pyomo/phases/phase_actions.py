@@ -76,8 +76,9 @@ class PhaseActions:
         """What the equations do from the initial values on, as a trajectory on the phase's own grid.
 
         Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
-        polynomials of controls. With residual equations, or ``method="scheme"``, the rows of the scheme are solved
-        element by element. Nothing on the model changes: use ``phase.initialize(trajectory)`` to start from the result.
+        polynomials of controls. With residual equations, step maps, or ``method="scheme"``, the rows of the scheme
+        are solved element by element. Nothing on the model changes: use ``phase.initialize(trajectory)`` to start
+        from the result.
 
         Parameters
         ----------
@@ -121,7 +122,7 @@ class PhaseActions:
         Raises
         ------
         TrajectoryError
-            When there are no states, or the equations do not determine the algebraics.
+            When there are no states, or a step map leads them, or the equations do not determine the algebraics.
         """
         checked = self.trajectory() if trajectory is None else trajectory
         return estimate_element_errors(self, self.record, checked)

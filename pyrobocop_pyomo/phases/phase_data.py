@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Real
 from types import MappingProxyType
 from typing import Any
@@ -24,6 +24,7 @@ from .equations import (
     add_derivative,
     add_ode,
     add_residual,
+    add_step,
     rule_name,
 )
 from .horizon import add_horizon, check_horizon, make_mesh, quadrature_weights, real_time
@@ -101,6 +102,27 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         """
         return self._state("ode", rule, add_ode)
 
+    def step_map(self, rule: Rule) -> Rule:
+        """State a map from element to element: ``rule(phase, t, previous)`` returns ``{state: value at the end}``.
+
+        Usable as a decorator, for states that no differential equation describes well: a rotation matrix that turns by
+        the exponential map, a counter, a discrete-time model. ``previous.x`` is the value of a state where the
+        element starts; at the collocation point ``t`` everything may be read. Such a state has no derivative. Between
+        element boundaries a trajectory joins its values by lines.
+
+        Parameters
+        ----------
+        rule : callable
+            Called for each element; keys of its result are states (or their names).
+
+        Raises
+        ------
+        TranscriptionError
+            When the scheme has more than one stage, or one inside the element; when a key is no state, a state gets a
+            second equation, or its derivative is in use.
+        """
+        return self._state("step map", rule, add_step)
+
     def residual(self, rule: Rule) -> Rule:
         """State implicit or algebraic equations: ``rule(phase, t)`` returns one or several equalities.
 
@@ -166,11 +188,16 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Raises
         ------
         TranscriptionError
-            When it is no state of this phase.
+            When it is no state of this phase, or one that a step map leads.
         """
         name = self.state_name(state)
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
+        if name in self.record.discrete_states:
+            raise TranscriptionError(
+                f"{self._what}: '{name}' has no derivative; the step map '{self.record.equation_of[name]}' leads it "
+                "from element to element."
+            )
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
         with self._all_or_nothing():
@@ -280,9 +307,16 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         """The current values, as a trajectory that can be read, plotted, verified and saved."""
         return PhaseValues(self).trajectory()
 
-    def verify(self, trajectory: Trajectory) -> Verification:
-        """Check a trajectory against this phase's equations, recomputed; see `Verification`."""
-        return verify(self, self.record, trajectory)
+    def verify(self, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
+        """Check a trajectory against this phase's equations, recomputed; see `Verification`.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+        beside : sequence of Trajectory
+            Of other phases that the rules read; needed where the trajectory is not what stands on the model.
+        """
+        return verify(self, self.record, trajectory, beside)
 
     # ---------------------------------------------------------------- construction
 

@@ -177,7 +177,7 @@ def _placed(trajectory: Trajectory, nodes: Nodes, place: Callable[[float], float
 
 
 def _has_rate(phase: Any, name: str) -> bool:
-    return name in phase.record.equation_of or phase.component(f"{name}_derivative") is not None
+    return name in phase.record.rates or phase.component(f"{name}_derivative") is not None
 
 
 def _rates(phase: Any, name: str) -> Array:

@@ -7,7 +7,8 @@ This checks a trajectory by the equations as stated, not by the rows that were b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,13 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.core.expr.relational_expr import EqualityExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.lent_items import in_place_of_nodes, variables_read
 from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
 from pyrobocop_pyomo.numerics import Grid
 
+from .companions import Companion, companions_of
 from .declarations import Parameter
-from .record import PhaseRecord, Statement, labelled_rows
+from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 
 
 class PointModel(Signals):
@@ -34,9 +37,18 @@ class PointModel(Signals):
     indices, grid : Grid
         The same grid in the phase's time indices and in real time, for rules that read the time, the start or the
         duration.
+    companions : sequence of Companion
+        Other phases, which rules may read at the same instant; at points of the grid all others are read as they are.
+
+    Attributes
+    ----------
+    element : int or None
+        The element that instants belong to; None for the one that ends there, where two meet.
     """
 
-    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid) -> None:
+    def __init__(
+        self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, companions: Sequence[Companion] = ()
+    ) -> None:
         self._block = block
         self._record = record
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
@@ -49,6 +61,12 @@ class PointModel(Signals):
         self._indices, self._boundaries = indices.mesh.boundaries, grid.mesh.boundaries
         self.index = np.nan
         self._proxy = _PhaseProxy(block, self, grid)
+        self.element: int | None = None
+        self._lent = [
+            (block.component(name), self._values[name]) for name in [*record.names_of_states, *record.names_of_signals]
+        ]
+        self._companions = tuple(companions)
+        self._read_by: dict[int, tuple[Companion, ...]] = {}
 
     # ---------------------------------------------------------------- what rules read
 
@@ -108,8 +126,8 @@ class PointModel(Signals):
             self._values[name].setlb(lower)
             self._values[name].setub(upper)
 
-    def result_of(self, statement: Statement, time: float) -> Any:
-        """The result of a rule at a time index.
+    def result_of(self, statement: Statement, time: float, *more: Any) -> Any:
+        """The result of a rule at a time index, and of what else it is given.
 
         Raises
         ------
@@ -122,13 +140,28 @@ class PointModel(Signals):
                 "the top level of a module."
             )
         self.index = time
+        read = self._read_by.get(id(statement), self._companions)
         try:
-            return statement.rule(self._proxy, time)
+            for other in read:
+                other.set_instant(*self._place(time))
+            with in_place_of_nodes(chain(self._lent, *(other.lent for other in read)), time):
+                result = statement.rule(self._proxy, time, *more)
         except KeyError as error:
             raise TrajectoryError(
                 f"phase '{self._block.name}': the rule '{statement.name}' cannot be asked at t = {time:g} ({error}). "
                 "Read variables through its first argument, not through the model."
             ) from error
+        if id(statement) not in self._read_by:
+            variables = variables_read(result) if self._companions else []
+            self._read_by[id(statement)] = tuple(other for other in self._companions if other.is_read_in(variables))
+        return result
+
+    def _place(self, time: float) -> tuple[int, float]:
+        """Element of a time index, and the place within it."""
+        starts, element = self._indices, self.element
+        if element is None:
+            element = min(max(int(np.searchsorted(starts, time, side="left")) - 1, 0), len(starts) - 2)
+        return element, (time - starts[element]) / (starts[element + 1] - starts[element])
 
     def rates(self, statements: list[Statement], time: float) -> dict[str, float]:
         """Derivatives that odes state, at a time index."""
@@ -136,6 +169,16 @@ class PointModel(Signals):
             self._proxy.state_name(state): float(value(rate))
             for statement in statements
             for state, rate in self.result_of(statement, time).items()
+        }
+
+    def next_states(self, statements: list[Statement], time: float, previous: Mapping[str, float]) -> dict[str, float]:
+        """Values at the end of an element by step maps, from those at its start and those that are set."""
+        return {
+            self._proxy.state_name(state): float(value(following))
+            for statement in statements
+            for state, following in self.result_of(
+                statement, time, PreviousStates(f"phase '{self._block.name}': step map '{statement.name}'", previous)
+            ).items()
         }
 
 
@@ -188,8 +231,9 @@ class PointEquations:
         grid: Grid,
         parameters: Mapping[str, float] | None = None,
     ) -> None:
-        self._point = PointModel(block, record, indices, grid)
+        self._point = PointModel(block, record, indices, grid, companions_of(block, indices.mesh.boundaries))
         self._odes = record.statements_of("ode")
+        self._steps = record.statements_of("step map")
         self._residuals = record.statements_of("residual")
         own = {name: block.component(name).value for name in record.names(Parameter)}
         self.parameters = {name: float(number) for name, number in {**own, **(parameters or {})}.items()}
@@ -199,6 +243,10 @@ class PointEquations:
         """The time index of a real time."""
         return self._point.index_at(time)
 
+    def enter(self, element: int) -> None:
+        """The instants that are asked from now on are of this element."""
+        self._point.element = element
+
     def rates(
         self, time: float, values: Mapping[str, float], slopes: Mapping[str, float] | None = None
     ) -> dict[str, float]:
@@ -206,6 +254,10 @@ class PointEquations:
         self._point.forget_derivatives()  # those of an instant before would be read as if they were of this one
         self._point.set_values(values, slopes)
         return self._point.rates(self._odes, time)
+
+    def next_states(self, time: float, previous: Mapping[str, float]) -> dict[str, float]:
+        """Values at the element end by the step maps, at the values last set."""
+        return self._point.next_states(self._steps, time, previous)
 
     def residuals(self, time: float, slopes: Mapping[str, float]) -> list[float]:
         """Left minus right side of each residual equation, at the values last set and all the slopes."""

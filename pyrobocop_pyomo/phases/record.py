@@ -9,6 +9,7 @@ from typing import Any
 
 from pyomo.core.expr.relational_expr import RelationalExpression
 
+from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
 
@@ -51,7 +52,9 @@ class PhaseRecord:
     declarations : dict of name to Declaration
     statements : list of Statement
         Every rule, in the order stated.
-    equation_of : dict of state name to the name of the rule that gives its derivative
+    equation_of : dict of state name to the name of the rule that gives its derivative, or its value an element later
+    discrete_states : set of str
+        States that a step map leads from element to element: they have no derivative.
     rates : dict of state name to {collocation point: expression}
         Right-hand sides that were substituted.
     kept_derivatives : set of str
@@ -75,6 +78,7 @@ class PhaseRecord:
     declarations: dict[str, Declaration] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
+    discrete_states: set[str] = field(default_factory=set)
     rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
@@ -115,6 +119,30 @@ class PhaseRecord:
             if isinstance(value, (dict, list, set)):
                 setattr(duplicate, attribute.name, copy.copy(value))
         return duplicate
+
+
+class PreviousStates:
+    """The states where an element starts, by name: ``previous.x``. A step map gets them as its third argument.
+
+    Parameters
+    ----------
+    what : str
+        Phase and rule, for messages.
+    values : mapping of state name to variable or number
+    """
+
+    def __init__(self, what: str, values: Mapping[str, Any]) -> None:
+        self._what, self._values = what, values
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name not in self._values:
+            raise TranscriptionError(
+                f"{self._what} reads previous.{name}; only states have a value where an element starts; those of the "
+                f"phase are {', '.join(self._values) or 'none'}."
+            )
+        return self._values[name]
 
 
 def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:

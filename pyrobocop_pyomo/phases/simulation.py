@@ -1,7 +1,7 @@
 """Forward simulation: what a phase does from its initial values under given controls.
 
-Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations are
-stepped with the rows of the scheme itself (`element_integration`). Bounds, path constraints and
+Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations and step
+maps are stepped with the rows of the scheme itself (`element_integration`). Bounds, path constraints and
 complementarity are ignored.
 """
 
@@ -65,7 +65,9 @@ def simulate(
             f"phase '{block.name}': method {options.method!r} is unknown; choose one of {', '.join(METHODS)}."
         )
     run = _Run(block, record, controls, initial)
-    by_rows = options.method == "scheme" or bool(run.unknowns.algebraics or run.unknowns.implicit)
+    by_rows = options.method == "scheme" or bool(
+        run.unknowns.algebraics or run.unknowns.implicit or record.discrete_states
+    )
     for i in range(record.grid.mesh.elements):
         start = run.grid.mesh.boundaries[i]
         try:
@@ -121,6 +123,7 @@ class _Run:
     def by_integration(self, i: int, options: SimulationOptions) -> tuple[float, str] | None:
         """Integrate one element with SciPy; returns time and reason of a failure."""
         scheme, names = self.record.grid.scheme, self.record.names_of_states
+        self.equations.enter(i)
         first, last = self.record.grid.mesh.boundaries[i : i + 2]
         width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
         given = {name: per_stage[i] for name, per_stage in self.signals.items()}
@@ -149,6 +152,7 @@ class _Run:
         """Solve the rows of one element; returns time and reason of a failure."""
         names, scheme = self.record.names_of_states, self.record.grid.scheme
         start = dict(zip(names, self.start.tolist(), strict=True))
+        self.equations.enter(i)
         shared = self.record.grid.elements_share_points and i > 0
         if shared:
             for per_stage in (
@@ -210,7 +214,11 @@ class _Run:
             signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
             parameters=self.equations.parameters,
             pairs={},
-            rates={name: self._at_points(grid, per_stage) for name, per_stage in self.rates.items()},
+            rates={
+                name: self._at_points(grid, per_stage)
+                for name, per_stage in self.rates.items()
+                if name not in self.record.discrete_states
+            },
             knot_values=self.given,
         )
 

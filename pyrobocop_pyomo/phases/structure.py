@@ -45,7 +45,8 @@ def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
             where = record.declarations[name].declared_at
             raise TranscriptionError(
                 f"phase '{block.name}': state '{name}' (declared at {where}) has no equation. State its derivative in "
-                "an ode, or use phase.derivative(...) in a residual; what has no derivative is Algebraic or Control."
+                "an ode, or use phase.derivative(...) in a residual, or state its next value in a step; what has no "
+                "derivative is Algebraic or Control."
             )
 
 
@@ -65,7 +66,8 @@ def _check_counts(block: Any, record: PhaseRecord) -> None:
     )
     counts = (
         f"{states} states and {algebraics} algebraics need {needed} equations per collocation point; stated are {odes} "
-        f"in odes, {residuals} in residuals and {pairs} complementarity pairs"
+        f"in {'odes and steps' if record.discrete_states else 'odes'}, {residuals} in residuals and {pairs} "
+        "complementarity pairs"
     )
     if odes + residuals > needed:
         raise TranscriptionError(

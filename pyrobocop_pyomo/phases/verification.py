@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,14 +11,17 @@ from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
-from pyrobocop_pyomo.numerics import Array, Grid, Mesh
+from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
+from pyrobocop_pyomo.transcription import can_step
 
+from .companions import Companion, companions_of, indices_of, is_on_model, other_phases, put_on_model
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .element_integration import integrate_elements, integrate_horizon, signals_at
 from .point_model import PointModel
-from .record import PhaseRecord, Statement, labelled_rows
+from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,8 @@ class Verification:
     Attributes
     ----------
     defect : float
-        How far the derivative of the state polynomial is from the stated right-hand side.
+        How far the derivative of the state polynomial is from the stated right-hand side, and a state at the end of an
+        element from what its step map says.
     continuity : float
         Jump of a state between elements.
     equations : float
@@ -83,13 +87,22 @@ class Verification:
         return "\n".join([*lines, *self.remarks])
 
 
-def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verification:
+def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
     """Recompute everything that a trajectory promises; see `Verification`.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    trajectory : Trajectory
+    beside : sequence of Trajectory
+        Values of other phases that the rules read. Those on the model are taken where the trajectory is what stands on
+        the model; elsewhere, what reads them is not checked.
 
     Raises
     ------
     TrajectoryError
-        When the trajectory has other variables than the phase.
+        When the trajectory has other variables than the phase, or one beside it is of no other phase.
     """
     signals = record.names(Algebraic) + record.names(Control)
     for kind, given, needed in (
@@ -102,52 +115,94 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Verificat
                 f"trajectory '{trajectory.name}' has the {kind} {sorted(given)}, phase '{block.name}' has "
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
-    check = _TrajectoryCheck(block, record, trajectory)
-    check.remark_what_is_not_stated(block)
-    defect, equations, natural, product = check.at_collocation_points()
-    element_errors, horizon_error = check.reintegrate()
-    return Verification(
-        defect=defect,
-        continuity=check.continuity(),
-        equations=equations,
-        bounds=check.bounds(),
-        natural_residual=natural,
-        product=product,
-        element_error=None if element_errors is None else float(element_errors.max()),
-        horizon_error=horizon_error,
-        remarks=tuple(check.remarks),
-        element_errors=element_errors,
-    )
-
-
-def indices_of(record: PhaseRecord, grid: Grid) -> Grid:
-    """The grid of a trajectory in the phase's time indices; its mesh need not be that of the phase."""
-    if not record.normalised:
-        return grid
-    if grid.mesh.elements == record.grid.mesh.elements:
-        return Grid(grid.scheme, record.grid.mesh)
-    first, last = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
-    return Grid(grid.scheme, Mesh(tuple((time - first) / (last - first) for time in grid.mesh.boundaries)))
+    check = _TrajectoryCheck(block, record, trajectory, beside)
+    with put_on_model(check.values_of_phases):
+        check.remark_what_is_not_stated(block)
+        defect, equations, natural, product = check.at_collocation_points()
+        element_errors, horizon_error = check.reintegrate()
+        return Verification(
+            defect=defect,
+            continuity=check.continuity(),
+            equations=equations,
+            bounds=check.bounds(),
+            natural_residual=natural,
+            product=product,
+            element_error=None if element_errors is None else float(element_errors.max()),
+            horizon_error=horizon_error,
+            remarks=tuple(check.remarks),
+            element_errors=element_errors,
+        )
 
 
 def element_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
     """Re-integration error of each element, shape ``(N,)``; every state has an explicit equation."""
-    return _TrajectoryCheck(block, record, trajectory).element_errors()
+    check = _TrajectoryCheck(block, record, trajectory)
+    if check.remarks:
+        raise TrajectoryError(" ".join(check.remarks))
+    return check.element_errors()
 
 
 class _TrajectoryCheck:
-    def __init__(self, block: Any, record: PhaseRecord, trajectory: Trajectory) -> None:
+    def __init__(
+        self, block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
+    ) -> None:
         self.record = record
         self.trajectory = trajectory
         self.grid = trajectory.grid
         # Rules are asked at time indices, which are normalised where something of the horizon was to be found.
         self.indices = indices_of(record, trajectory.grid)
-        self.point = PointModel(block, record, self.indices, trajectory.grid)
+        companions = companions_of(block, self.indices.mesh.boundaries, beside)
+        self.point = PointModel(block, record, self.indices, trajectory.grid, companions)
         self.point.set_values(trajectory.parameters)
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
+        others = other_phases(block)
+        on_model = not others or is_on_model(block, trajectory)
+        known = [(other.phase, other.trajectory) for other in companions if other.trajectory is not None]
+        self.values_of_phases = [*([] if on_model else [(block, trajectory)]), *known]
+        self.statements = list(record.statements)
+        if not on_model:
+            given = [phase for phase, _ in known]
+            self._leave_out([phase for phase in others if not any(phase is one for one in given)], companions)
+        if record.discrete_states and not can_step(self.grid.scheme):
+            raise TrajectoryError(
+                f"trajectory '{trajectory.name}' is one of {self.grid.scheme.name}; the phase has step maps "
+                f"({', '.join(sorted(record.discrete_states))}), which lead from one element boundary to the next."
+            )
+
+    def _leave_out(self, unknown: Sequence[Any], companions: Sequence[Companion]) -> None:
+        """Leave out the rules that read other phases whose values at the times of the trajectory nobody knows."""
+        for statement in self.record.statements:
+            variables = self._variables_of(statement)
+            read = {id(variable.parent_block()) for variable in variables}
+            read |= {id(other.phase) for other in companions if other.is_read_in(variables)}
+            names = [phase.name for phase in unknown if id(phase) in read]
+            if names:
+                self.statements.remove(statement)
+                self.remarks.append(
+                    f"not checked: '{statement.name}', which reads {', '.join(names)}. The model has other values than "
+                    "this trajectory, so that those of the other phase are not known: verify(beside=[trajectory of "
+                    f"{', '.join(names)}])."
+                )
+
+    def _variables_of(self, statement: Statement) -> list[Any]:
+        """What a rule reads at its first instant; nothing, where it cannot be asked there."""
+        at_boundaries = statement.kind == "constraint at boundaries"
+        time = self.indices.times[0] if at_boundaries else self.indices.stage_times[0][0]
+        states = dict.fromkeys(self.states, 0.0)
+        try:
+            return variables_read(
+                self.point.result_of(
+                    statement, time, *([PreviousStates("", states)] if statement.kind == "step map" else [])
+                )
+            )
+        except Exception:  # said where the rule is checked
+            return []
+
+    def _stated(self, kind: str) -> list[Statement]:
+        return [statement for statement in self.statements if statement.kind == kind]
 
     def _slopes(self, name: str) -> Array:
         """Derivatives at the stages: of the polynomial, or as handed over where its values do not determine them."""
@@ -168,21 +223,25 @@ class _TrajectoryCheck:
             self.remarks.append(f"not checked, since they were not stated through the phase: {', '.join(own)}.")
 
     def at_collocation_points(self) -> tuple[float, float, float, float]:
-        equations = natural = product = 0.0
+        equations = natural = product = of_steps = 0.0
         stated = {name: np.full_like(slopes, np.nan) for name, slopes in self.slopes.items()}
         stage_states = {name: self._at_stages(at_nodes) for name, at_nodes in self.states.items()}
         for i, times in enumerate(self.indices.stage_times):
+            self.point.element = i
             for k, time in enumerate(times):
                 values = {name: per_stage[i, k] for name, per_stage in (stage_states | self.signals).items()}
                 slope = {name: float(per_stage[i, k]) for name, per_stage in self.slopes.items()}
                 self.point.set_values(values, slope)
                 self.point.set_bounds(time)
-                for name, rate in self.point.rates(self.record.statements_of("ode"), time).items():
+                for name, rate in self.point.rates(self._stated("ode"), time).items():
                     stated[name][i, k] = rate
-                for statement in self.record.statements_of("residual") + self.record.statements_of("constraint"):
+                previous = {name: float(at_nodes[i, 0]) for name, at_nodes in self.states.items()}
+                for name, following in self.point.next_states(self._stated("step map"), time, previous).items():
+                    of_steps = max(of_steps, abs(float(self.states[name][i, -1]) - following))
+                for statement in self._stated("residual") + self._stated("constraint"):
                     for row in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
                         equations = max(equations, relation_violation(row))
-                for statement in self.record.statements_of("complementarity"):
+                for statement in self._stated("complementarity"):
                     for pair in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
                         if pair is Complementarity.Skip:
                             continue
@@ -190,12 +249,13 @@ class _TrajectoryCheck:
                         equations = max(equations, beside)
                         for a, b in pair_values:
                             natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
-        return self._defect(stated), max(equations, self._at_boundaries()), natural, product
+        self.point.element = None
+        return max(of_steps, self._defect(stated)), max(equations, self._at_boundaries()), natural, product
 
     def _at_boundaries(self) -> float:
         """Violation of the constraints that are stated for element boundaries."""
         worst = 0.0
-        statements = self.record.statements_of("constraint at boundaries")
+        statements = self._stated("constraint at boundaries")
         position = {time: i for i, time in enumerate(self.indices.times)}
         for time in self.indices.mesh.boundaries if statements else ():
             self.point.set_values({name: samples[position[time]] for name, samples in self.trajectory.states.items()})
@@ -253,12 +313,21 @@ class _TrajectoryCheck:
         if not names:
             self.remarks.append("re-integration needs states; there are none.")
             return None, None
+        if self.record.discrete_states:
+            self.remarks.append(
+                "re-integration needs differential equations; step maps lead "
+                f"{', '.join(sorted(self.record.discrete_states))}. The defect says how far each step is from its map; "
+                "phase.simulate() applies the maps one after the other."
+            )
+            return None, None
         if set(self.record.equation_of) != set(names):
             implicit = sorted(set(names) - set(self.record.equation_of))
             self.remarks.append(
                 f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}."
             )
             return None, None
+        if self._stated("ode") != self.record.statements_of("ode"):
+            return None, None  # as remarked
         try:
             element_errors = self.element_errors()
             horizon_error = float(np.abs(integrate_horizon(self.trajectory, self._rate_function(names))).max())
@@ -285,7 +354,8 @@ class _TrajectoryCheck:
             values = signals_at(scheme, local, time, per_stage, self.trajectory.piecewise_linear)
             self.point.set_values({**values, **dict(zip(names, state, strict=True))})
             self.point.forget_derivatives()
-            result = self.point.rates(self.record.statements_of("ode"), self.point.index_at(time))
+            self.point.element = element
+            result = self.point.rates(self._stated("ode"), self.point.index_at(time))
             return np.array([result[name] for name in names])
 
         return rates

@@ -85,8 +85,8 @@ def solve(
         far; ``float("inf")`` for no limit but `time_limit`. By default 1 up to 100 pairs, then less, and 0 from 200.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
-        ``"executable"``. By default the best that is present; for models with obstacles ``"vectorised"``, which is
-        faster there.
+        ``"executable"``. By default the best that is present; for models with obstacles and for those that repeat
+        large nonlinear rows ``"vectorised"``, which is faster there.
     options : mapping, optional
         Ipopt's options; they win over all that are set here, in every run.
     tee : bool or sequence of text streams

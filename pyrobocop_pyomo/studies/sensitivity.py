@@ -408,7 +408,8 @@ class ParametricBuilder:
                 row.construct()
                 self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
             first_is_zero = False
-            for pair in form.pairs:
+            stated = [pair for pair in form.pairs if pair.a_part is SidePart.WHOLE]
+            for pair in stated:
                 sides = values[id(pair)]
                 for side in (pair.a, pair.b):
                     self._substituted(side)  # a parameter of a positive side is used as well
@@ -421,7 +422,7 @@ class ParametricBuilder:
                     self._set_zero(pair, pair.a, "first")
                     first_is_zero = True
             # The parts of a free side are zero together: one equation, and only where no bound of the range has one.
-            whole = [pair for pair in form.pairs if values[id(pair)].a >= values[id(pair)].b]
+            whole = [pair for pair in stated if values[id(pair)].a >= values[id(pair)].b]
             parts = [pair for pair in whole if pair.b_part is not SidePart.WHOLE]
             for pair in [pair for pair in whole if pair.b_part is SidePart.WHOLE] + (
                 [] if first_is_zero else parts[:1]

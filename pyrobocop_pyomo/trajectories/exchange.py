@@ -128,7 +128,8 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, 
         When the file is not there or holds something else.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here, because NumPy does not close the file of a damaged archive.
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(str(archive["header"]))
             written_in = header["format"]
             if written_in == _FORMAT:

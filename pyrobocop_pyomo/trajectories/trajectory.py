@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -164,18 +164,21 @@ class Trajectory:
     def _per_stage(self, values: Array) -> Array:
         return values[self.grid.stage_positions]
 
-    def verify(self, phase: Any = None) -> Any:
+    def verify(self, phase: Any = None, *, beside: Sequence[Trajectory] = ()) -> Any:
         """Check these values against the equations of a phase, recomputed independently of the solver.
 
         Parameters
         ----------
         phase : PhaseBlock, optional
             The phase to check against; the one that the trajectory came from by default.
+        beside : sequence of Trajectory
+            Of other phases that the rules read at the same instants. Without them the values that stand on the model
+            are taken, as long as these values stand there too; what reads other phases is else not checked.
 
         Raises
         ------
         TrajectoryError
-            When the trajectory was loaded from a file and no phase is given.
+            When the trajectory was loaded from a file and no phase is given, or one beside it is of no other phase.
         """
         verifier = self.phase if phase is None else phase
         if verifier is None:
@@ -183,7 +186,7 @@ class Trajectory:
                 f"trajectory '{self.name}' was loaded from a file and knows no equations. "
                 f"Use verify(phase=model.{self.name})."
             )
-        return verifier.verify(self)
+        return verifier.verify(self, beside)
 
     def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
         """Draw signals over time; returns the Matplotlib figure.

@@ -1,10 +1,12 @@
-"""Builders of variables' guesses, collocation rows and quadrature on a grid, for any Pyomo block."""
+"""Builders of variables' guesses, rows and quadrature on a grid, for any Pyomo block."""
 
 from .collocation_rows import collocation_rows, continuity_rows, quadrature
 from .initial_guesses import InitialGuess, initial_number, initial_stage_values, initial_state_values, initial_values_at
+from .step_rows import can_step, step_rows
 
 __all__ = [
     "InitialGuess",
+    "can_step",
     "collocation_rows",
     "continuity_rows",
     "initial_number",
@@ -12,4 +14,5 @@ __all__ = [
     "initial_state_values",
     "initial_values_at",
     "quadrature",
+    "step_rows",
 ]

@@ -1,0 +1,46 @@
+"""Items lent to components while a rule is evaluated, and what the rule then reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from itertools import chain
+from typing import Any
+
+from pyomo.core.base.var import VarData
+from pyomo.core.expr.visitor import identify_variables
+
+_MISSING = object()
+
+
+@contextmanager
+def in_place_of_nodes(variables: Iterable[tuple[Any, VarData]], index: float) -> Iterator[None]:
+    """Context in which ``component[index]`` is another variable, on the grid or off it, however a rule gets there.
+
+    A rule may hold the model in its closure, where no proxy can stand in its place.
+    """
+    replaced: list[tuple[dict[Any, Any], Any]] = []
+    try:
+        for component, variable in variables:
+            # Pyomo has no public way to lend a component an item.
+            items = component._data
+            replaced.append((items, items.get(index, _MISSING)))
+            items[index] = variable
+        yield
+    finally:
+        for items, before in reversed(replaced):
+            if before is _MISSING:
+                del items[index]
+            else:
+                items[index] = before
+
+
+def variables_read(result: Any) -> list[Any]:
+    """Variables in whatever a rule returned: expressions, relations, pairs, in lists, tuples and mappings."""
+    if isinstance(result, Mapping):
+        return list(chain.from_iterable(map(variables_read, result.values())))
+    if isinstance(result, (list, tuple)):
+        return list(chain.from_iterable(map(variables_read, result)))
+    if hasattr(result, "is_expression_type"):
+        return list(identify_variables(result, include_fixed=True))
+    return []

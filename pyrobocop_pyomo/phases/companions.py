@@ -1,0 +1,170 @@
+"""Other phases that the rules of a phase read: their values at the instant at which a rule is evaluated.
+
+A rule of one phase may read the variables of another phase of the same time indices, ``m.body.x[t]``. Between the
+points of the grid such a variable does not exist, and the values on the model may be those of another plan than the
+trajectory that is verified. Here the other phase has a trajectory as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.block import Block
+from pyomo.core.base.PyomoModel import ConcreteModel
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
+from pyrobocop_pyomo.modeling.variable_values import values_restored
+from pyrobocop_pyomo.numerics import Grid, Mesh
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .declarations import Algebraic, Control, State
+from .phase_values import PhaseValues
+from .record import PhaseRecord
+
+
+class Companion:
+    """Another phase of the model with the same element boundaries in its time indices.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    trajectory : Trajectory, optional
+        Its values; by default those on the model, when they are first asked for.
+
+    Attributes
+    ----------
+    lent : list of pairs of component and VarData
+        Variables that hold the values of the instant, and what they stand in place of.
+    """
+
+    def __init__(self, phase: Any, trajectory: Trajectory | None = None) -> None:
+        self.phase, self.trajectory = phase, trajectory
+        self._scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
+        names = [name for kind in (State, Algebraic, Control) for name in phase.record.names(kind)]
+        self._scratch.instant = Var(names)
+        self.lent = [(phase.component(name), variable) for name, variable in self._scratch.instant.items()]
+        self._instant: tuple[int, float] | None = None
+
+    def set_instant(self, element: int, local: float) -> None:
+        """Hold the values at a place of an element, from 0 at its start to 1 at its end; none, where there are none."""
+        if self._instant == (element, local):
+            return
+        if self.trajectory is None:
+            try:
+                self.trajectory = PhaseValues(self.phase).trajectory(evaluate=False)
+            except TrajectoryError:
+                return
+        mesh = self.trajectory.grid.mesh
+        start = mesh.boundaries[element]
+        # A trajectory answers at an element boundary for the element that ends there.
+        first = start if element == 0 else float(np.nextafter(start, mesh.boundaries[-1]))
+        time = min(max(start + local * mesh.widths[element], first), mesh.boundaries[element + 1])
+        for name, number in self.trajectory(time).items():
+            self._scratch.instant[name].set_value(number, skip_validation=True)
+        self._instant = element, local
+
+    def is_read_in(self, variables: Iterable[Any]) -> bool:
+        """Whether one of these variables is of this phase, or holds a value of it."""
+        return any(
+            variable.parent_component() is self._scratch.instant or variable.parent_block() is self.phase
+            for variable in variables
+        )
+
+
+def other_phases(block: Any) -> list[Any]:
+    """All phases of a model but one."""
+    return [
+        phase
+        for phase in block.model().block_data_objects(descend_into=Block)
+        if phase is not block and isinstance(phase, BuiltBlockData) and phase.is_built
+        if isinstance(getattr(phase, "record", None), PhaseRecord)
+    ]
+
+
+def companions_of(block: Any, boundaries: Sequence[float], beside: Iterable[Trajectory] = ()) -> list[Companion]:
+    """The other phases of the model that share the element boundaries of a phase, in time indices.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    boundaries : sequence of float
+        Element boundaries of the trajectory that is checked, in time indices.
+    beside : iterable of Trajectory
+        Values of other phases; for the others those on the model are taken.
+
+    Raises
+    ------
+    TrajectoryError
+        When a trajectory is of no such phase, or has other elements.
+    """
+    found = {id(phase): phase for phase in other_phases(block)}
+    given: dict[int, Trajectory] = {}
+    for trajectory in beside:
+        of = [key for key, phase in found.items() if trajectory.phase is phase or trajectory.name == phase.name]
+        if not of or trajectory.grid.mesh.elements + 1 != len(boundaries):
+            raise TrajectoryError(
+                f"trajectory '{trajectory.name}' with {trajectory.grid.mesh.elements} elements: no phase beside "
+                f"'{block.name}' has such a trajectory; the phases beside it are "
+                f"{', '.join(phase.name for phase in found.values()) or 'none'}, with {len(boundaries) - 1} elements."
+            )
+        given[of[0]] = trajectory
+    return [
+        Companion(phase, given.get(key))
+        for key, phase in found.items()
+        if key in given or _same(phase.record.grid.mesh.boundaries, boundaries)
+    ]
+
+
+def _same(first: Sequence[float], second: Sequence[float]) -> bool:
+    return len(first) == len(second) and bool(np.allclose(first, second, rtol=1e-9, atol=1e-12))
+
+
+def indices_of(record: PhaseRecord, grid: Grid) -> Grid:
+    """The grid of a trajectory in the phase's time indices; its mesh need not be that of the phase."""
+    if not record.normalised:
+        return grid
+    if grid.mesh.elements == record.grid.mesh.elements:
+        return Grid(grid.scheme, record.grid.mesh)
+    first, last = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
+    return Grid(grid.scheme, Mesh(tuple((time - first) / (last - first) for time in grid.mesh.boundaries)))
+
+
+def is_on_model(phase: Any, trajectory: Trajectory) -> bool:
+    """Whether the values of a trajectory are those that the phase has now."""
+    try:
+        now = PhaseValues(phase).trajectory(evaluate=False)
+    except TrajectoryError:
+        return False
+    return _same(now.grid.times, trajectory.grid.times) and all(
+        np.allclose(values[name], numbers, rtol=1e-9, atol=1e-12)
+        for values, given in (
+            (now.states, trajectory.states),
+            (now.signals, trajectory.signals),
+            (now.parameters, trajectory.parameters),
+        )
+        for name, numbers in given.items()
+    )
+
+
+@contextmanager
+def put_on_model(trajectories: Iterable[tuple[Any, Trajectory]]) -> Iterator[None]:
+    """Context in which phases have the values of trajectories, for rules that read the model at other instants."""
+    pairs = list(trajectories)
+    with values_restored([variable for phase, _ in pairs for variable in phase.component_data_objects(Var)]):
+        for phase, trajectory in pairs:
+            indices = indices_of(phase.record, trajectory.grid).mesh.boundaries
+            time_of = partial(np.interp, xp=indices, fp=trajectory.grid.mesh.boundaries)
+            values = PhaseValues(phase)
+            sampled = values.sampled(trajectory, time_of)
+            for name, numbers in sampled.items():
+                for variable, number in zip(values.nodes[name].variables(phase), numbers.tolist(), strict=True):
+                    variable.set_value(number, skip_validation=True)
+            for name, number in trajectory.parameters.items():
+                phase.component(name).set_value(number, skip_validation=True)
+        yield

@@ -1,0 +1,141 @@
+"""A side with a sign against a side of any sign: one of both is zero, and nothing else is asked of the second."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import canonical_form, pair_residuals, pairs_of, relax, revert
+from pyrobocop_pyomo.errors import ComplementarityError
+
+
+def nearest(c0: float, h0: float, **bounds: float) -> pyo.ConcreteModel:
+    """The nearest point to (c0, h0) on the union of the half line h = 0, c >= 0 and the line c = 0."""
+    m = pyo.ConcreteModel()
+    m.c, m.h = pyo.Var(initialize=0.5, **bounds), pyo.Var(initialize=0.1)
+    m.either = rcp.Complementarity(expr=rcp.either_zero(m.c >= 0, 2.0 * m.h))
+    m.cost = pyo.Objective(expr=(m.c - c0) ** 2 + (m.h - h0) ** 2)
+    return m
+
+
+@given(c=st.floats(0, 5), h=st.floats(-5, 5))
+def test_residuals_are_those_of_the_product_with_the_size_of_the_free_side(c, h):
+    m = nearest(0, 0)
+    m.c, m.h = c, h
+    residuals = pair_residuals(pairs_of(m))
+    assert max(abs(residual.product) for residual in residuals) == pytest.approx(c * abs(2.0 * h), rel=1e-12)
+    assert max(abs(residual.natural) for residual in residuals) == pytest.approx(min(c, abs(2.0 * h)), rel=1e-12)
+    assert [residual.name for residual in residuals] == ["either (positive)", "either (negative)", "either (sign)"]
+
+
+@settings(max_examples=25, deadline=None)
+@given(c=st.floats(0, 2), h=st.floats(-2, 2), delta=st.floats(1e-3, 1.0))
+def test_relaxed_rows_hold_where_the_product_is_below_delta(c, h, delta):
+    m = nearest(0, 0)
+    token = relax(m, delta=delta)
+    m.c, m.h = c, h
+    positive, negative = list(token.block.lifted.values())
+    positive.set_value(max(2.0 * h, 0.0))
+    negative.set_value(max(-2.0 * h, 0.0))
+    slack = min(row.slack() for row in token.block.component_data_objects(pyo.Constraint) if not row.equality)
+    assert (slack >= -1e-12) == (c * abs(2.0 * h) <= delta + 1e-12)
+    assert all(abs(row.slack()) < 1e-12 for row in token.block.component_data_objects(pyo.Constraint) if row.equality)
+    revert(m, token)
+    assert pairs_of(m)
+    assert not list(m.component_data_objects(pyo.Constraint))
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize(
+    ("c0", "h0", "expected"),
+    [(3.0, 1.0, (3.0, 0.0)), (1.0, 3.0, (0.0, 3.0)), (1.0, -3.0, (0.0, -3.0)), (-1.0, -3.0, (0.0, -3.0))],
+)
+@pytest.mark.parametrize("relaxation", ["scholtes", "fischer-burmeister", "penalty"])
+def test_the_nearest_point_is_found_and_certified(c0, h0, expected, relaxation):
+    m = nearest(c0, h0)
+    result = rcp.solve(m, relaxation=relaxation)
+    assert result.quality is rcp.Quality.OPTIMAL
+    assert (m.c.value, m.h.value) == pytest.approx(expected, abs=1e-6)
+    assert result.certificate.name == "PROVEN"
+
+
+@pytest.mark.ipopt
+def test_a_decided_pair_is_decided_before_the_solve():
+    m = nearest(3.0, 1.0)
+    m.h.setlb(0.5)
+    result = rcp.solve(m)
+    assert (m.c.value, m.h.value) == pytest.approx((0.0, 1.0), abs=1e-6)
+    assert result.quality is rcp.Quality.OPTIMAL
+
+
+def test_it_is_stated_in_a_phase_and_verified():
+    m = pyo.ConcreteModel()
+    m.move = b = rcp.PhaseBlock(duration=1.0, elements=2, scheme="implicit_euler")
+    b.x, b.force = rcp.State(initial=0.0), rcp.Control(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.force[t] - 1.0})
+
+    @b.complementarity
+    def sticking(b, t):
+        return rcp.either_zero(b.force[t] >= 0, b.x[t])
+
+    times = list(b.time)
+    for t, (x, force) in zip(times, [(0.0, 0.0), (0.0, 1.0), (-0.5, 0.0)], strict=True):
+        b.x[t].set_value(x)
+        if t > 0:
+            b.force[t].set_value(force)
+    verification = b.trajectory().verify()
+    assert verification.natural_residual < 1e-12
+    b.x[times[1]].set_value(-0.25)
+    assert b.trajectory().verify().product == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("sos1", [False, True])
+def test_disjunctions_offer_either(sos1):
+    m = nearest(3.0, 1.0, bounds=(0, 4))
+    m.h.setlb(-2)
+    m.h.setub(2)
+    transformation = pyo.TransformationFactory("pyrobocop.complementarity_to_disjunctions")
+    transformation.apply_to(m, sos1=sos1)
+    assert len(transformation.choices_of(m.either)) == (3 if sos1 else 1)
+    transformation.revert(m)
+
+
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [
+        (lambda m: rcp.either_zero(m.x, m.y), "no finite bound"),
+        (lambda m: rcp.either_zero(m.x + m.y, m.y), "bare expression"),
+        (lambda m: rcp.either_zero(m.x >= 0, m.y >= 0), "any sign"),
+        (lambda m: rcp.either_zero(m.x >= 0, m.y == 0), "any sign"),
+        (lambda m: rcp.either_zero(pyo.inequality(0, m.x, 1), m.y), "two finite bounds"),
+        (lambda m: rcp.either_zero(m.x == 0, m.y), "two finite bounds"),
+        (lambda m: rcp.either_zero(m.x >= 0, 3.0), "constant"),
+    ],
+)
+def test_what_makes_no_statement_is_refused(state, message):
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(), pyo.Var()
+
+    def stated() -> None:
+        m.either = rcp.Complementarity(expr=state(m))
+        canonical_form(m.either)
+
+    with pytest.raises(ComplementarityError, match=message):
+        stated()
+
+
+def test_a_plain_variable_with_one_bound_is_a_first_side_and_a_bounded_one_a_second():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(0, None)), pyo.Var(bounds=(-1, 2))
+    m.either = rcp.Complementarity(expr=rcp.either_zero(m.x, m.y))
+    form = canonical_form(m.either)
+    assert [pair.a for pair in form.pairs] == [m.x, m.x, m.y]
+    m.x.setub(5)
+    with pytest.raises(ComplementarityError, match="two finite bounds"):
+        canonical_form(m.either)
+    m.other = rcp.Complementarity(expr=rcp.either_zero(m.x, m.y, first_bound="upper"))
+    m.x, m.y = 4.0, 0.0
+    assert pyo.value(canonical_form(m.other).pairs[0].a) == 1.0

@@ -1,0 +1,220 @@
+"""A phase whose rules read another phase is verified with the values of that phase at the same instants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TrajectoryError
+
+READ = {
+    "closure": lambda m, b: m.body,
+    "parent block": lambda m, b: b.parent_block().body,
+    "model": lambda m, b: b.model().body,
+}
+
+
+def carried(read: str = "closure", scheme: str = "radau", stages: int | None = 3, elements: int = 4, **other):
+    """A body with x' = v, and a robot with y' = x + w and d = x - y, which reads x of the body."""
+    m = pyo.ConcreteModel()
+    grid = {"duration": 2.0, "elements": elements, "scheme": scheme, "stages": stages}
+    m.body = b = rcp.PhaseBlock(**{**grid, **other})
+    b.x, b.v = rcp.State(initial=1.0), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t]})
+    m.me = r = rcp.PhaseBlock(**grid)
+    r.y, r.d, r.w = rcp.State(initial=0.0), rcp.Algebraic(), rcp.Control()
+    of = READ[read]
+    r.ode(lambda r, t: {r.y: of(m, r).x[t] + r.w[t]})
+
+    @r.residual
+    def distance(r, t):
+        return r.d[t] == of(m, r).x[t] - r.y[t]
+
+    @r.constraint
+    def speeds(r, t):
+        return of(m, r).v[t] + r.w[t] <= 10.0
+
+    @r.complementarity
+    def pushing(r, t):
+        return rcp.complements(r.d[t] + r.y[t] - of(m, r).x[t] + 1.0 >= 0, r.w[t] + 3.0 - of(m, r).v[t] >= 0)
+
+    return m
+
+
+def set_exactly(m, speed: float) -> None:
+    """With v = c and w = c - 3, where the second side of the pair is zero: x = 1 + c t, and y' = x + w."""
+    for t, x in m.body.x.items():
+        x.set_value(1.0 + speed * t)
+    for v in m.body.v.values():
+        v.set_value(speed)
+    for w in m.me.w.values():
+        w.set_value(speed - 3.0)
+    for t, y in m.me.y.items():
+        y.set_value(t + speed * t**2 / 2 + (speed - 3.0) * t)
+    for t, d in m.me.d.items():
+        d.set_value(m.body.x[t].value - m.me.y[t].value)
+
+
+def values(m) -> list:
+    return [(v.name, v.value, v.stale) for v in m.component_data_objects(pyo.Var)]
+
+
+@pytest.mark.parametrize("read", READ)
+@pytest.mark.parametrize(("scheme", "stages"), [("radau", 3), ("gauss", 2), ("lobatto", 3)])
+def test_what_stands_on_the_model_is_verified_between_the_points_too(read, scheme, stages):
+    m = carried(read, scheme, stages)
+    set_exactly(m, 5.0)
+    verification = m.me.trajectory().verify()
+    assert verification.largest_violation < 1e-12
+    assert verification.remarks == ()
+    assert verification.element_error < 1e-8
+    assert verification.horizon_error < 1e-8
+
+
+@pytest.mark.parametrize("read", READ)
+def test_another_plan_on_the_model_is_not_mixed_with_the_trajectory(read):
+    m = carried(read)
+    set_exactly(m, 5.0)
+    mine, body = m.me.trajectory(), m.body.trajectory()
+    expected = mine.verify()
+    set_exactly(m, -4.0)
+    before = values(m)
+    with_both = mine.verify(beside=[body])
+    assert (with_both.largest_violation, with_both.remarks) == (expected.largest_violation, ())
+    assert with_both.horizon_error == pytest.approx(expected.horizon_error, abs=1e-12)
+    assert m.me.verify(mine, [body]) == with_both
+    alone = mine.verify()
+    assert alone.largest_violation < 1e-12
+    assert alone.element_error is None
+    assert len(alone.remarks) == 4
+    assert all("body" in remark and "beside" in remark for remark in alone.remarks)
+    assert values(m) == before
+
+
+def test_a_wrong_trajectory_beside_shows_as_a_defect():
+    m = carried()
+    set_exactly(m, 5.0)
+    mine = m.me.trajectory()
+    set_exactly(m, -4.0)
+    assert mine.verify(beside=[m.body.trajectory()]).defect == pytest.approx(9.0 * 2.0)
+
+
+def test_rules_that_read_only_their_own_phase_need_nothing_beside():
+    m = carried()
+    set_exactly(m, 5.0)
+    body = m.body.trajectory()
+    set_exactly(m, -4.0)
+    verification = body.verify()
+    assert verification.largest_violation < 1e-12
+    assert verification.remarks == ()
+
+
+def test_steps_of_implicit_euler_read_the_end_of_their_element():
+    m = carried(scheme="implicit_euler", stages=None, elements=5)
+    x, y = 1.0, 0.0
+    h = 2.0 / 5
+    for v in m.body.v.values():
+        v.set_value(5.0)
+    for w in m.me.w.values():
+        w.set_value(2.0)
+    for t in m.body.time:
+        if t > 0:
+            x = x + 5.0 * h
+            y = y + h * (x + 2.0)
+            m.me.d[t].set_value(x - y)
+        m.body.x[t].set_value(x)
+        m.me.y[t].set_value(y)
+    verification = m.me.trajectory().verify()
+    assert verification.defect < 1e-12
+    assert verification.equations < 1e-12
+    # Between the ends x is a line, whose integral over an element is h x - h^2 v / 2: the error of the step.
+    assert verification.element_errors == pytest.approx(np.full(5, 5.0 * h**2 / 2), rel=1e-8)
+
+
+def test_a_jump_at_an_element_boundary_belongs_to_the_element_that_is_integrated():
+    m = pyo.ConcreteModel()
+    grid = {"duration": 2.0, "elements": 4, "scheme": "implicit_euler"}
+    m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**grid)
+    m.body.force = rcp.Control()
+    m.me.v = rcp.State(initial=0.0)
+    m.me.ode(lambda r, t: {r.v: m.body.force[t]})
+    speed = 0.0
+    for i, t in enumerate(m.body.points):
+        m.body.force[t].set_value((-1.0) ** i)
+        speed += 0.5 * (-1.0) ** i
+        m.me.v[t].set_value(speed)
+    m.me.v[0.0].set_value(0.0)
+    verification = m.me.trajectory().verify()
+    assert verification.largest_violation < 1e-12
+    assert verification.element_error < 1e-12
+
+
+def test_fixed_instants_and_parameters_are_those_of_the_trajectories():
+    m = pyo.ConcreteModel()
+    m.body, m.me = rcp.PhaseBlock(duration=1.0, elements=2), rcp.PhaseBlock(duration=1.0, elements=2)
+    m.body.x, m.me.y, m.me.k = rcp.State(), rcp.State(), rcp.Parameter()
+    m.body.ode(lambda b, t: {b.x: 0.0})
+    m.me.ode(lambda r, t: {r.y: m.body.x[0.0] * m.me.k})
+
+    def put(x, k):
+        for variable in m.body.x.values():
+            variable.set_value(x)
+        m.me.k.set_value(k)
+        for t, variable in m.me.y.items():
+            variable.set_value(x * k * t)
+
+    put(2.0, 3.0)
+    mine, body = m.me.trajectory(), m.body.trajectory()
+    put(5.0, 7.0)
+    before = values(m)
+    assert mine.verify(beside=[body]).defect < 1e-12
+    assert values(m) == before
+
+
+def test_a_simulation_reads_the_other_phase_between_the_points():
+    m = pyo.ConcreteModel()
+    m.body, m.me = rcp.PhaseBlock(duration=2.0, elements=4), rcp.PhaseBlock(duration=2.0, elements=4)
+    m.body.x, m.me.y = rcp.State(), rcp.State(initial=0.0)
+    m.body.ode(lambda b, t: {b.x: 5.0})
+    m.me.ode(lambda r, t: {r.y: m.body.x[t]})
+    for t, x in m.body.x.items():
+        x.set_value(1.0 + 5.0 * t)
+    trajectory = m.me.simulate()
+    assert trajectory.states["y"][-1] == pytest.approx(2.0 + 5.0 * 2.0, rel=1e-8)
+
+
+def test_a_trajectory_of_no_other_phase_is_refused():
+    m = carried()
+    set_exactly(m, 5.0)
+    mine = m.me.trajectory()
+    with pytest.raises(TrajectoryError, match="body"):
+        mine.verify(beside=[mine])
+    other = carried(elements=3)
+    set_exactly(other, 5.0)
+    with pytest.raises(TrajectoryError, match="3 elements"):
+        mine.verify(beside=[other.body.trajectory()])
+
+
+def test_a_phase_of_another_grid_is_read_at_common_times_only_and_said_so():
+    m = pyo.ConcreteModel()
+    m.body = rcp.PhaseBlock(duration=2.0, elements=4, scheme="implicit_euler")
+    m.me = rcp.PhaseBlock(duration=2.0, elements=2, scheme="implicit_euler")
+    m.body.x, m.me.y = rcp.State(), rcp.State()
+    m.body.ode(lambda b, t: {b.x: 1.0})
+    m.me.ode(lambda r, t: {r.y: m.body.x[t]})
+    for t, x in m.body.x.items():
+        x.set_value(t)
+    for t, y in m.me.y.items():
+        y.set_value(t * (t + 1.0) / 2)
+    verification = m.me.trajectory().verify()
+    assert verification.defect < 1e-12
+    assert verification.element_error is None
+    assert any("between the points" in remark for remark in verification.remarks)
+    mine = m.me.trajectory()
+    for variable in (*m.body.x.values(), *m.me.y.values()):
+        variable.set_value(7.0)
+    again = mine.verify()
+    assert again.defect < 1e-12
+    assert any("body" in remark for remark in again.remarks)
