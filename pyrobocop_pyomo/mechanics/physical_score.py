@@ -1,0 +1,188 @@
+"""What a combined plan of a team is worth physically: numbers that no solver reports, and two words for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import Array
+
+# Below this normal force nobody is said to push, newtons.
+PUSHING = 0.1
+
+
+@dataclass(frozen=True)
+class ScoreLimits:
+    """What a plan must keep to deserve a word; an entry that is None is not asked for.
+
+    Attributes
+    ----------
+    name : str
+    residual : float or None
+        Missing forces and moments, newtons and newton metres.
+    cone : float
+        Force outside the friction cone, newtons.
+    product : float or None
+        Of complementary quantities, newton metres and newton metres per second.
+    penetration : float or None
+        On the plan, metres.
+    goal_distance, goal_angle : float
+        Of the re-simulated object, metres and degrees.
+    gap_at_force, simulated_penetration : float or None
+        Along the re-simulated object, metres.
+    distance : float
+        Between the centres of robots, metres.
+    """
+
+    name: str
+    residual: float | None
+    cone: float
+    product: float | None
+    penetration: float | None
+    goal_distance: float
+    goal_angle: float
+    gap_at_force: float | None
+    simulated_penetration: float | None
+    distance: float
+
+
+STRICT = ScoreLimits("strict", 0.05, 0.05, 0.02, 0.002, 0.02, 2.0, None, None, 0.2)
+PRACTICAL = ScoreLimits("practical", None, 0.05, 0.02, None, 0.05, 5.0, 0.01, 0.01, 0.2)
+
+# field of the score -> (label, unit, whose trajectory of the object, field of the limits)
+_ROWS = {
+    "object_force": ("force missing to the object's path", "N", "plan", "residual"),
+    "object_moment": ("moment missing to the object's path", "N m", "plan", "residual"),
+    "robot_force": ("force missing to the robots' paths", "N", "plan", "residual"),
+    "cone_excess": ("force outside the friction cone", "N", "-", "cone"),
+    "gap_product": ("force times gap", "N m", "plan", "product"),
+    "friction_product": ("friction that does not oppose slip", "N m/s", "plan", "product"),
+    "separation_product": ("force times separating speed", "N m/s", "plan", "product"),
+    "penetration": ("penetration", "m", "plan", "penetration"),
+    "goal_distance": ("distance from the goal", "m", "simulated", "goal_distance"),
+    "goal_angle": ("angle from the goal", "deg", "simulated", "goal_angle"),
+    "gap_at_force": ("gap where a robot pushes", "m", "simulated", "gap_at_force"),
+    "simulated_penetration": ("penetration", "m", "simulated", "simulated_penetration"),
+    "distance": ("distance of robots", "m", "-", "distance"),
+}
+
+
+@dataclass(frozen=True)
+class PhysicalScore:
+    """How far a combined plan is from physics.
+
+    A combined plan is one trajectory of the object, each robot's own motion, and each robot's own contact forces. The
+    object's trajectory *of the plan* is the one that was planned. The *simulated* one starts where that starts and
+    moves under the sum of the wrenches that the robots' own forces make; nothing else of the plan is in it.
+
+    Attributes
+    ----------
+    object_force, object_moment : float
+        Largest force and moment that the object would need beside the robots' own wrenches and what resists it, to
+        follow the plan: newtons, newton metres.
+    robot_force : float
+        Largest force that a robot would need beside its driving force and its contact force, newtons.
+    cone_excess : float
+        Largest force outside the friction cone: negative normal or tangential unknowns included, newtons.
+    gap_product : float
+        Largest normal force times gap, newton metres.
+    friction_product : float
+        Largest product of the friction pairs, their slip speed recomputed, newton metres per second.
+    separation_product : float
+        Largest normal force times separating speed, newton metres per second.
+    penetration : float
+        Of a robot into the object of the plan, metres.
+    goal_distance, goal_angle : float
+        Of the simulated object at the end from its goal: metres, degrees.
+    gap_at_force : float
+        Largest gap to the simulated object where a normal force exceeds 0.1 N, metres.
+    simulated_penetration : float
+        Of a robot into the simulated object, metres.
+    distance : float
+        Smallest distance between the centres of two robots, metres; infinite for one robot.
+    """
+
+    object_force: float
+    object_moment: float
+    robot_force: float
+    cone_excess: float
+    gap_product: float
+    friction_product: float
+    separation_product: float
+    penetration: float
+    goal_distance: float
+    goal_angle: float
+    gap_at_force: float
+    simulated_penetration: float
+    distance: float
+
+    @property
+    def strict(self) -> bool:
+        """Whether residuals are under 0.05 N, products under 0.02, penetration under 2 mm; the simulated object ends
+        within 2 cm and 2 deg of its goal.
+        """
+        return not self.misses(STRICT)
+
+    @property
+    def practical(self) -> bool:
+        """Whether the simulated object ends within 5 cm and 5 deg of its goal, is pushed where it is touched (gap and
+        penetration under 1 cm), and products are under 0.02.
+        """
+        return not self.misses(PRACTICAL)
+
+    @property
+    def product(self) -> float:
+        """The largest of the three products."""
+        return max(self.gap_product, self.friction_product, self.separation_product)
+
+    def misses(self, limits: ScoreLimits) -> list[str]:
+        """The numbers that do not keep the limits; each as ``'label: value unit (limit)'``."""
+        found = []
+        for name, (label, unit, whose, limit_name) in _ROWS.items():
+            value, limit = getattr(self, name), getattr(limits, limit_name)
+            # A number that is not a number keeps no limit.
+            if limit is not None and not (value > limit if name == "distance" else value < limit):
+                found.append(f"{label} ({whose}): {value:.3g} {unit} (limit {limit:g})")
+        return found
+
+    def __str__(self) -> str:
+        word = "strict" if self.strict else "practical" if self.practical else "not physically valid"
+        lines = [f"physical score: {word}", f"{'':36}{'object':>10}{'value':>12}       strict  practical"]
+        for name, (label, unit, whose, limit_name) in _ROWS.items():
+            limits = [getattr(level, limit_name) for level in (STRICT, PRACTICAL)]
+            shown = "".join(f"{'-' if limit is None else format(limit, 'g'):>10} " for limit in limits)
+            lines.append(f"{label:36}{whose:>10}{getattr(self, name):>12.3g} {unit:6}{shown}".rstrip())
+        return "\n".join(lines)
+
+
+def plan_component(agent: str, plan: Mapping[str, Array], name: str) -> Array:
+    """Values over time of one component in the plan of an agent.
+
+    Raises
+    ------
+    TrajectoryError
+        When the plan has no such component.
+    """
+    if name not in plan:
+        raise TrajectoryError(
+            f"physical score: the plan of '{agent}' has no '{name}'; it has {', '.join(sorted(plan)) or 'nothing'}."
+        )
+    return np.asarray(plan[name], dtype=float)
+
+
+def distance_outside(at: float, wanted: float | tuple[float, float] | None) -> float:
+    """How far a coordinate is from where it is wanted: a number, between two numbers, or anywhere."""
+    if wanted is None:
+        return 0.0
+    lower, upper = wanted if isinstance(wanted, tuple) else (wanted, wanted)
+    return at - min(max(at, lower), upper)
+
+
+def smallest_distance(positions: list[Array]) -> float:
+    """Between the centres of two robots at any time, metres; infinite for one robot."""
+    apart = [float(np.linalg.norm(a - b, axis=1).min()) for a, b in combinations(positions, 2)]
+    return min(apart, default=float("inf"))

@@ -1,0 +1,333 @@
+"""Bodies and disc robots that move in the plane: what a phase states of their motion.
+
+On the implicit Euler scheme the equations are the impulse form of mechanics: momentum at the end of an element is
+momentum at its start plus the impulse of the mean forces, and positions move with the velocities at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Union
+
+import numpy as np
+from pyomo.core.base.expression import Expression
+
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.phases import Control, State
+
+from .planar_shapes import Disc, PlanarShape, root
+
+Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
+Place = Sequence[Any]
+
+POSE = ("qx", "qy", "qth")
+TWIST = ("ux", "uy", "uth")
+WRENCH = ("fx", "fy", "mz")
+
+
+@dataclass(frozen=True)
+class GroundFriction:
+    """Coulomb friction of a body that slides on the ground, smoothed near rest.
+
+    The force is ``-mu m g v / sqrt(|v|^2 + s^2)``, the moment ``-mu m g l^2 w / sqrt((l w)^2 + s^2)``.
+
+    Attributes
+    ----------
+    coefficient : float
+        ``mu``.
+    lever : float
+        ``l``, mean distance of what touches the ground from the centre, metres.
+    slip_speed : float
+        ``s``, speed below which friction grows with speed, metres per second.
+    gravity : float
+        Metres per second squared.
+    """
+
+    coefficient: float
+    lever: float
+    slip_speed: float = 0.05
+    gravity: float = 9.81
+
+    def wrench(self, mass: float, u_x: Any, u_y: Any, u_theta: Any) -> tuple[Any, Any, Any]:
+        """Force and moment on a body with this mass and velocity; numbers, arrays or expressions."""
+        weight = self.coefficient * mass * self.gravity
+        sliding = weight / root(u_x**2 + u_y**2 + self.slip_speed**2)
+        turning = weight * self.lever**2 / root((self.lever * u_theta) ** 2 + self.slip_speed**2)
+        return -sliding * u_x, -sliding * u_y, -turning * u_theta
+
+
+@dataclass(frozen=True)
+class ViscousDrag:
+    """Resistance that grows with speed: ``-linear v`` and ``-angular w``.
+
+    Attributes
+    ----------
+    linear : float
+        Newton seconds per metre.
+    angular : float
+        Newton metre seconds.
+    """
+
+    linear: float
+    angular: float = 0.0
+
+    def wrench(self, mass: float, u_x: Any, u_y: Any, u_theta: Any) -> tuple[Any, Any, Any]:
+        """Force and moment on a body with this velocity; numbers, arrays or expressions."""
+        return -self.linear * u_x, -self.linear * u_y, -self.angular * u_theta
+
+
+@dataclass(frozen=True)
+class PlanarBody:
+    """A rigid body in the plane.
+
+    On a phase, its pose is ``qx``, ``qy``, ``qth`` (metres, radians) and its velocity ``ux``, ``uy``, ``uth``; a
+    wrench on it is ``fx``, ``fy``, ``mz``, force and moment about the origin of its frame, its centre of mass, as means
+    over each element (newtons, newton metres), in the directions of the world.
+
+    Attributes
+    ----------
+    shape : Disc, Capsule or RoundedBox
+        Around the centre of mass.
+    mass : float
+        Kilograms.
+    inertia : float
+        About the centre of mass, kilogram square metres.
+    resistance : GroundFriction, ViscousDrag or None
+        What slows it down; any object with a method ``wrench(mass, u_x, u_y, u_theta)``.
+
+    Examples
+    --------
+    >>> import pyrobocop_pyomo as rcp
+    >>> planar = rcp.mechanics.planar
+    >>> rod = planar.RigidBody(planar.Capsule(radius=0.05, half_length=0.45), mass=2.0, inertia=2 / 12)
+    >>> round(rod.shape.gap_to_disc(0.1, 0.0, 0.35).gap, 3)
+    0.2
+    """
+
+    shape: PlanarShape
+    mass: float
+    inertia: float
+    resistance: GroundFriction | ViscousDrag | None = None
+
+    def __post_init__(self) -> None:
+        check_positive(self, "mass", "inertia")
+
+    def state_wrench(self, phase: Any, *index: Any, as_expressions: bool = False) -> None:
+        """Declare a wrench on this body: what one robot does to it. Serves as the rule of an indexed phase.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+        *index
+            Not read; it is there for ``PhaseBlock(names, rule=body.state_wrench)``.
+        as_expressions : bool
+            Expressions that a contact fills in, in place of variables with a row each.
+        """
+        for name in WRENCH:
+            if as_expressions:
+                phase.add_component(name, Expression(phase.points, initialize=0.0))
+            else:
+                phase.declare(name, Control())
+
+    def state_motion(self, phase: Any, wrenches: Iterable[Any], *, start: Place, goal: Place | None = None) -> None:
+        """State that the body moves under wrenches, from rest and, where it has a goal, to rest.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+            Gets the states of pose and velocity and their equations.
+        wrenches : iterable of PhaseBlock
+            Each with ``fx``, ``fy``, ``mz`` on the same grid.
+        start : (x, y, theta)
+            Metres, radians.
+        goal : (x, y, theta), optional
+            Where it comes to rest. An entry is a number, a pair (lower, upper), or None where any value will do. The
+            initial guess is a straight line to it.
+
+        Raises
+        ------
+        DeclarationError
+            When a name is taken, a wrench lacks a component, or the grids differ.
+        """
+        wrenches = list(wrenches)
+        check_free(phase, *POSE, *TWIST, "newton_euler")
+        for wrench in wrenches:
+            check_has(wrench, phase, *WRENCH)
+        for name, first, last, guess in zip(POSE, *_ends(start, goal), _lines(phase, start, goal), strict=True):
+            phase.declare(name, State(initial=first, final=last, initial_guess=guess))
+        for name, speed in zip(TWIST, _mean_velocity(phase, start, goal), strict=True):
+            phase.declare(name, State(initial=0.0, final=None if goal is None else 0.0, initial_guess=speed))
+
+        @phase.ode
+        def newton_euler(b: Any, t: float) -> dict[Any, Any]:
+            u = b.ux[t], b.uy[t], b.uth[t]
+            forces = [sum(getattr(wrench, name)[t] for wrench in wrenches) for name in WRENCH]
+            if self.resistance is not None:
+                forces = [a + r for a, r in zip(forces, self.resistance.wrench(self.mass, *u), strict=True)]
+            return {
+                b.qx: u[0],
+                b.qy: u[1],
+                b.qth: u[2],
+                b.ux: forces[0] / self.mass,
+                b.uy: forces[1] / self.mass,
+                b.uth: forces[2] / self.inertia,
+            }
+
+    def state_copy(self, phase: Any, *, start: Place, goal: Place | None = None) -> None:
+        """State a kinematic copy: the pose follows a velocity that is chosen freely. Where it goes, others decide.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+            Gets the states of the pose, and the velocity as controls.
+        start : (x, y, theta)
+            Metres, radians.
+        goal : (x, y, theta), optional
+            Where the straight line of the initial guess ends; nothing is asked of the end.
+
+        Raises
+        ------
+        DeclarationError
+            When a name is taken.
+        """
+        check_free(phase, *POSE, *TWIST, "kinematic_copy")
+        for name, first, guess in zip(POSE, start, _lines(phase, start, goal), strict=True):
+            phase.declare(name, State(initial=first, initial_guess=guess))
+        for name, speed in zip(TWIST, _mean_velocity(phase, start, goal), strict=True):
+            phase.declare(name, Control(initial_guess=speed))
+
+        @phase.ode
+        def kinematic_copy(b: Any, t: float) -> dict[Any, Any]:
+            return {b.qx: b.ux[t], b.qy: b.uy[t], b.qth: b.uth[t]}
+
+
+@dataclass(frozen=True)
+class DiscRobot:
+    """A robot that is a disc and is driven by a force: a double integrator in the plane.
+
+    On a phase, its position is ``x``, ``y``, its velocity ``vx``, ``vy``, its driving force ``tau_x``, ``tau_y``.
+
+    Attributes
+    ----------
+    shape : Disc
+    mass : float
+        Kilograms.
+    force_limit : float
+        Largest driving force along each axis, newtons.
+    speed_limit : float
+        Largest velocity along each axis, metres per second.
+    """
+
+    shape: Disc
+    mass: float
+    force_limit: float
+    speed_limit: float
+
+    def __post_init__(self) -> None:
+        check_positive(self, "mass", "force_limit", "speed_limit")
+
+    def state_motion(
+        self,
+        phase: Any,
+        push: Any,
+        *,
+        start: Sequence[float],
+        within: Sequence[tuple[float, float]] | None = None,
+        rest_at_end: bool = True,
+    ) -> None:
+        """State that the robot moves from rest under its driving force and the reaction to its push.
+
+        Parameters
+        ----------
+        phase : PhaseBlock
+            Gets states, controls and equations.
+        push : PhaseBlock
+            The wrench of this robot on the body, with ``fx`` and ``fy`` on the same grid.
+        start : (x, y)
+            Metres.
+        within : ((lowest x, highest x), (lowest y, highest y)), optional
+            Where its centre has to stay, metres.
+        rest_at_end : bool
+            Whether it ends at rest.
+
+        Raises
+        ------
+        DeclarationError
+            When a name is taken, the push lacks a component, the grids differ, or it starts outside of where it has
+            to stay.
+        """
+        check_free(phase, "x", "y", "vx", "vy", "tau_x", "tau_y", "double_integrator")
+        check_has(push, phase, *WRENCH)
+        boxes: Sequence[Bounds] = [(None, None)] * 2 if within is None else within
+        for name, value, box in zip("xy", start, boxes, strict=True):
+            phase.declare(name, State(initial=value, bounds=box, initial_guess=value))
+        for name in ("vx", "vy"):
+            limits = (-self.speed_limit, self.speed_limit)
+            phase.declare(name, State(initial=0.0, final=0.0 if rest_at_end else None, bounds=limits))
+        for name in ("tau_x", "tau_y"):
+            phase.declare(name, Control(bounds=(-self.force_limit, self.force_limit)))
+
+        @phase.ode
+        def double_integrator(b: Any, t: float) -> dict[Any, Any]:
+            return {
+                b.x: b.vx[t],
+                b.y: b.vy[t],
+                b.vx: (b.tau_x[t] - push.fx[t]) / self.mass,
+                b.vy: (b.tau_y[t] - push.fy[t]) / self.mass,
+            }
+
+
+def check_positive(thing: Any, *names: str) -> None:
+    """Refuse quantities that are not positive and finite numbers."""
+    for name in names:
+        value = getattr(thing, name)
+        if not (np.isfinite(value) and value > 0):
+            raise DeclarationError(f"{type(thing).__name__}: {name} = {value!r}; expected a positive number.")
+
+
+def check_free(phase: Any, *names: str) -> None:
+    """Refuse a phase on which a name that is about to be stated is taken, before anything is added to it."""
+    taken = [name for name in names if hasattr(phase, name)]
+    if taken:
+        raise DeclarationError(
+            f"phase '{phase.name}': '{taken[0]}' is there already. State a motion, a copy or a contact once, each on a "
+            "phase that has not its names."
+        )
+
+
+def check_has(phase: Any, beside: Any, *names: str) -> None:
+    """Refuse a phase that lacks a component, or whose grid is not that of the phase beside it."""
+    missing = [name for name in names if phase.component(name) is None]
+    if missing:
+        raise DeclarationError(
+            f"phase '{beside.name}' is to read '{missing[0]}' of phase '{phase.name}', which does not have it. State "
+            "the wrench, the motion or the copy there first."
+        )
+    if tuple(phase.points) != tuple(beside.points):
+        raise DeclarationError(
+            f"phases '{beside.name}' and '{phase.name}' have different grids, {len(beside.points)} and "
+            f"{len(phase.points)} collocation points or other times. Give both the same duration, elements and scheme."
+        )
+
+
+def _ends(start: Place, goal: Place | None) -> tuple[list[Any], list[Any]]:
+    return list(start), [None] * len(start) if goal is None else list(goal)
+
+
+def _middle(first: float, last: Any) -> float:
+    """Where the initial guess ends."""
+    if last is None:
+        return first
+    return float(np.mean(last)) if isinstance(last, tuple) else float(last)
+
+
+def _lines(phase: Any, start: Place, goal: Place | None) -> list[np.ndarray]:
+    times = np.array(list(phase.time))
+    share = (times - times[0]) / (times[-1] - times[0])
+    return [first + share * (_middle(first, last) - first) for first, last in zip(*_ends(start, goal), strict=True)]
+
+
+def _mean_velocity(phase: Any, start: Place, goal: Place | None) -> list[float]:
+    seconds = phase.final_time - phase.initial_time
+    return [(_middle(first, last) - first) / seconds for first, last in zip(*_ends(start, goal), strict=True)]

@@ -1,0 +1,298 @@
+"""The physical score passes a plan that was made by hand from the laws of motion, and finds every fault put into it."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+import pickle
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.mechanics.physical_score import PRACTICAL, STRICT
+
+planar = rcp.mechanics.planar
+GROUND = planar.GroundFriction(coefficient=0.2, lever=0.25)
+ROD = planar.RigidBody(planar.Capsule(radius=0.05, half_length=0.45), mass=2.0, inertia=2 / 12, resistance=GROUND)
+DISC = planar.DiscRobot(planar.Disc(0.1), mass=1.0, force_limit=10.0, speed_limit=3.0)
+STEP, STEPS, SQUEEZE = 0.07, 20, 6.0
+SCORE = planar.Score(ROD, DISC, friction=0.5, step=STEP, goal=(0.35, 0.0, 0.0))
+
+Plans = dict[str, dict[str, np.ndarray]]
+
+
+def carrying() -> Plans:
+    """Two robots press a rod from both sides and carry it along its axis, by friction alone.
+
+    The speed rises and falls like a sine; forces follow from it by Newton's law on implicit Euler steps.
+    """
+    speed = np.sin(np.linspace(0, math.pi, STEPS + 1))
+    speed *= 0.35 / (STEP * speed[1:].sum())
+    path = STEP * np.concatenate([[0.0], np.cumsum(speed[1:])])
+    acceleration = np.diff(speed) / STEP
+    still = np.zeros(STEPS + 1)
+    friction = 0.2 * 2.0 * 9.81 * speed[1:] / np.sqrt(speed[1:] ** 2 + 0.05**2)
+    share = (2.0 * acceleration + friction) / 2
+    rod = {"qx": path, "qy": still, "qth": still, "ux": speed, "uy": still, "uth": still}
+    plans: Plans = {"rod": {f"body.{name}": values for name, values in rod.items()}}
+    beside = math.sqrt(0.15**2 - 1e-6)
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        # The tangent is the normal turned left: on the left side it points backwards.
+        along = side * share
+        robot = {
+            "x": path,
+            "y": still + side * beside,
+            "vx": speed,
+            "vy": still,
+            "tau_x": acceleration + share,
+            "tau_y": np.full(STEPS, -side * SQUEEZE),
+            "c": np.full(STEPS, SQUEEZE),
+            "alpha_plus": np.maximum(along, 0.0),
+            "alpha_minus": np.maximum(-along, 0.0),
+        }
+        plans[name] = {f"me.{component}": values for component, values in robot.items()}
+    return plans
+
+
+def test_a_plan_made_by_hand_passes() -> None:
+    score = SCORE(carrying())
+    assert score.strict
+    assert score.practical
+    assert score.misses(STRICT) == []
+    # The smoothed normal is shorter than 1 by 2e-5.
+    assert score.object_force < 5e-4
+    assert score.object_moment < 1e-10
+    assert score.robot_force < 5e-4
+    assert score.product < 1e-9
+    assert score.goal_distance < 1e-4
+    assert score.goal_angle < 1e-9
+    assert score.distance == pytest.approx(0.3, abs=1e-4)
+    assert "physical score: strict" in str(score)
+
+
+def without_a_force(plans: Plans) -> None:
+    for unknown in ("c", "alpha_plus", "alpha_minus"):
+        plans["left"][f"me.{unknown}"] = np.zeros(STEPS)
+
+
+def moved_away(plans: Plans) -> None:
+    plans["left"]["me.y"] = plans["left"]["me.y"] + 0.01
+
+
+def moved_in(plans: Plans) -> None:
+    plans["left"]["me.y"] = plans["left"]["me.y"] - 0.01
+
+
+def displaced_once(plans: Plans) -> None:
+    plans["left"]["me.x"] = plans["left"]["me.x"] + 0.01 * (np.arange(STEPS + 1) == 7)
+
+
+def friction_flipped(plans: Plans) -> None:
+    left = plans["left"]
+    left["me.alpha_plus"], left["me.alpha_minus"] = left["me.alpha_minus"], left["me.alpha_plus"]
+
+
+def friction_beyond_the_cone(plans: Plans) -> None:
+    """Both unknowns grow: their difference, and so the motion, stays."""
+    for unknown in ("alpha_plus", "alpha_minus"):
+        plans["left"][f"me.{unknown}"] = plans["left"][f"me.{unknown}"] + 2.0
+
+
+def pulling(plans: Plans) -> None:
+    for name in ("left", "right"):
+        plans[name]["me.c"] = -plans[name]["me.c"]
+        plans[name]["me.tau_y"] = -plans[name]["me.tau_y"]
+
+
+def object_elsewhere(plans: Plans) -> None:
+    """The rod is planned to go faster than its pushers drive it: its robots slip."""
+    plans["rod"]["body.qx"] = 1.2 * plans["rod"]["body.qx"]
+
+
+def driven_less(plans: Plans) -> None:
+    plans["left"]["me.tau_x"] = plans["left"]["me.tau_x"] - 0.1
+
+
+FAULTS = {
+    "without a force": (without_a_force, "force missing to the object"),
+    "moved away": (moved_away, "force times gap"),
+    "moved in": (moved_in, "penetration"),
+    "displaced once": (displaced_once, "force missing to the robots"),
+    "friction flipped": (friction_flipped, "force missing to the object"),
+    "beyond the cone": (friction_beyond_the_cone, "outside the friction cone"),
+    "pulling": (pulling, "outside the friction cone"),
+    "object elsewhere": (object_elsewhere, "force missing to the object"),
+    "driven less": (driven_less, "force missing to the robots"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_is_found(name: str) -> None:
+    fault, found = FAULTS[name]
+    plans = copy.deepcopy(carrying())
+    fault(plans)
+    score = SCORE(plans)
+    assert not score.strict
+    assert any(found in miss for miss in score.misses(STRICT)), str(score)
+
+
+@pytest.mark.parametrize("fault", [without_a_force, moved_away, friction_flipped, pulling], ids=lambda f: f.__name__)
+def test_plans_that_do_not_work_are_not_practical(fault: Callable[[Plans], None]) -> None:
+    plans = copy.deepcopy(carrying())
+    fault(plans)
+    assert not SCORE(plans).practical
+
+
+def test_a_number_that_is_none_keeps_no_limit() -> None:
+    plans = carrying()
+    plans["left"]["me.tau_x"] = plans["left"]["me.tau_x"] * math.nan
+    score = SCORE(plans)
+    assert not score.strict
+    assert any("nan" in miss for miss in score.misses(STRICT))
+
+
+@settings(max_examples=15)
+@given(turn=st.floats(-3, 3), x=st.floats(-2, 2), y=st.floats(-2, 2))
+def test_the_score_does_not_depend_on_where_the_scene_is(turn: float, x: float, y: float) -> None:
+    c, s = math.cos(turn), math.sin(turn)
+    plans = carrying()
+    driven_less(plans)
+    for plan in plans.values():
+        for first, second, shift in (("body.qx", "body.qy", (x, y)), ("body.ux", "body.uy", (0, 0)),
+                                     ("me.x", "me.y", (x, y)), ("me.vx", "me.vy", (0, 0)),
+                                     ("me.tau_x", "me.tau_y", (0, 0))):  # fmt: skip
+            if first in plan:
+                a, b = plan[first], plan[second]
+                plan[first], plan[second] = c * a - s * b + shift[0], s * a + c * b + shift[1]
+        if "body.qth" in plan:
+            plan["body.qth"] = plan["body.qth"] + turn
+    moved = planar.Score(ROD, DISC, friction=0.5, step=STEP, goal=(x + c * 0.35, y + s * 0.35, turn))(plans)
+    straight = carrying()
+    driven_less(straight)
+    expected = SCORE(straight)
+    for name in ("object_force", "robot_force", "goal_distance", "distance", "penetration", "product"):
+        assert getattr(moved, name) == pytest.approx(getattr(expected, name), abs=1e-7)
+
+
+def test_of_copies_only_their_mean_is_the_object() -> None:
+    """Without an agent that owns the object, it is where its copies are on average."""
+    plans = carrying()
+    rod = plans.pop("rod")
+    for name, off in (("left", 0.02), ("right", -0.02)):
+        plans[name] |= {key: values + off * (key == "body.qy") for key, values in rod.items() if "u" not in key[5:6]}
+        plans[name] |= {key: values[1:] for key, values in rod.items() if "u" in key[5:6]}
+    assert SCORE(plans).strict
+
+
+def test_the_goal_may_be_a_region_or_left_out() -> None:
+    plans = carrying()
+    for goal, distance in (((0.5, 0.0, 0.0), 0.15), (((0.3, 0.4), None, None), 0.0), (((0.4, 0.5), None, 0.0), 0.05)):
+        score = planar.Score(ROD, DISC, friction=0.5, step=STEP, goal=goal)(plans)
+        assert score.goal_distance == pytest.approx(distance, abs=1e-4)
+    full_turn = planar.Score(ROD, DISC, friction=0.5, step=STEP, goal=(0.35, 0.0, 2 * math.pi))(plans)
+    assert full_turn.goal_angle == pytest.approx(0.0, abs=1e-9)
+
+
+@given(mass=st.floats(0.2, 5), drag=st.floats(0, 3), force=st.floats(-5, 5), speed=st.floats(-3, 3))
+def test_the_simulation_with_drag_is_the_geometric_sequence(
+    mass: float, drag: float, force: float, speed: float
+) -> None:
+    body = planar.RigidBody(planar.Disc(0.1), mass, inertia=0.01, resistance=planar.ViscousDrag(linear=drag))
+    score = planar.Score(body, DISC, friction=0.3, step=0.1, goal=(0, 0, 0))
+    poses = score.simulate(np.zeros(3), np.array([speed, 0.0, 1.0]), np.tile([force, 0.0, 0.0], (5, 1)))
+    u, x = speed, 0.0
+    for pose in poses[1:]:
+        u = (u + 0.1 * force / mass) / (1 + 0.1 * drag / mass)
+        x += 0.1 * u
+        assert pose[0] == pytest.approx(x, abs=1e-9)
+    assert poses[-1][2] == pytest.approx(0.5)
+
+
+@given(twist=st.tuples(*3 * [st.floats(-4, 4)]), wrench=st.tuples(*3 * [st.floats(-30, 30)]))
+def test_every_step_of_the_simulation_meets_newtons_law(twist: tuple, wrench: tuple) -> None:
+    """However stiff friction is near rest."""
+    poses = SCORE.simulate(np.zeros(3), np.array(twist), np.tile(wrench, (3, 1)))
+    speeds = np.vstack([twist, np.diff(poses, axis=0) / STEP])
+    for before, after in itertools.pairwise(speeds):
+        needed = np.array([2.0, 2.0, 2 / 12]) * (after - before) / STEP
+        assert needed == pytest.approx(np.array(wrench) + GROUND.wrench(2.0, *after), abs=1e-8)
+
+
+def test_the_simulation_meets_the_rows_that_a_phase_states() -> None:
+    """Two implementations of one step: the rows of the model, and Newton's iteration of the score."""
+    random = np.random.default_rng(3)
+    wrench = random.normal(size=(6, 3)) * (8.0, 8.0, 2.0)
+    poses = SCORE.simulate(np.zeros(3), np.zeros(3), wrench)
+    m = pyo.ConcreteModel()
+    grid: Any = {"duration": 6 * STEP, "elements": 6, "scheme": "implicit_euler"}
+    m.push = rcp.PhaseBlock(rule=ROD.state_wrench, **grid)
+    m.body = rcp.PhaseBlock(**grid)
+    ROD.state_motion(m.body, [m.push], start=(0.0, 0.0, 0.0))
+    twist = np.vstack([np.zeros(3), np.diff(poses, axis=0) / STEP])
+    for phase, names, values in ((m.body, ("qx", "qy", "qth"), poses), (m.body, ("ux", "uy", "uth"), twist),
+                                 (m.push, ("fx", "fy", "mz"), wrench)):  # fmt: skip
+        for name, column in zip(names, values.T, strict=True):
+            for variable, value in zip(phase.component(name).values(), column, strict=True):
+                variable.set_value(value, skip_validation=True)
+    rows = list(m.body.component_data_objects(pyo.Constraint))
+    assert len(rows) == 36
+    assert max(abs(pyo.value(row.body) - row.ub) for row in rows) < 1e-9
+
+
+def test_a_score_takes_less_than_fifty_milliseconds_and_travels() -> None:
+    plans = carrying()
+    assert pickle.loads(pickle.dumps(SCORE)) == SCORE
+    assert pickle.loads(pickle.dumps(SCORE(plans))) == SCORE(plans)
+    seconds = []
+    for _ in range(5):
+        start = time.process_time()
+        SCORE(plans)
+        seconds.append(time.process_time() - start)
+    assert min(seconds) < 0.05
+
+
+def test_a_plan_becomes_a_film(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    plans = carrying()
+    film = SCORE.animate(plans, tmp_path / "carry", frames=3)
+    assert film.name == "carry.gif"
+    assert film.stat().st_size > 1000
+    planned, simulated = (SCORE.paths(plans, simulated=way)[1][0].translation for way in (False, True))
+    assert planned == pytest.approx(simulated, abs=1e-4)
+    without_a_force(plans)
+    assert abs(SCORE.paths(plans, simulated=True)[1][0].translation - planned).max() > 0.01
+
+
+def test_plans_have_what_the_score_says_it_reads() -> None:
+    plans = carrying()
+    assert set(SCORE.hub_components) == set(plans["rod"])
+    assert set(SCORE.robot_components) == set(plans["left"])
+
+
+def test_plans_that_cannot_be_read_are_refused() -> None:
+    plans: Any = carrying()
+    with pytest.raises(TrajectoryError, match=r"none of the plans of 'rod' has 'me\.x'"):
+        SCORE({"rod": plans["rod"]})
+    del plans["left"]["me.c"]
+    with pytest.raises(TrajectoryError, match=r"the plan of 'left' has no 'me\.c'; it has me\.alpha_minus"):
+        SCORE(plans)
+    plans = carrying()
+    plans["left"]["me.x"] = plans["left"]["me.x"][:-1]
+    plans["left"]["me.y"] = plans["left"]["me.y"][:-1]
+    with pytest.raises(TrajectoryError, match="has 21 poses, 'left' has 20 positions and 20 forces"):
+        SCORE(plans)
+
+
+def test_practical_asks_less_than_strict_where_both_ask() -> None:
+    for name in ("goal_distance", "goal_angle", "product"):
+        assert getattr(STRICT, name) <= getattr(PRACTICAL, name)

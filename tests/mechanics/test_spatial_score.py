@@ -1,0 +1,210 @@
+"""The physical score in space passes a plan that was made by hand from the laws of motion, and finds faults in it."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.mechanics.physical_score import STRICT
+from pyrobocop_pyomo.mechanics.rotations import rotation_matrix, tangents_across
+from pyrobocop_pyomo.mechanics.spatial_bodies import ROTATION
+from pyrobocop_pyomo.mechanics.spatial_score import PlannedBody
+
+spatial = rcp.mechanics.spatial
+BALL = spatial.RigidBody(spatial.Sphere(0.2), mass=0.6, inertia=0.4 * 0.6 * 0.2**2)
+QUAD = spatial.SphereRobot(
+    spatial.Sphere(0.12), mass=0.8, force_limits=((-10, 10), (-10, 10), (0, 20)), speed_limit=4.0
+)
+STEP, STEPS, SQUEEZE, START = 0.07, 20, 9.0, (0.1, -0.2, 0.3)
+SCORE = spatial.Score(BALL, QUAD, friction=0.7, step=STEP, goal=(0.0, 0.0, 0.35, *START))
+
+Plans = dict[str, dict[str, np.ndarray]]
+
+
+def lifting() -> Plans:
+    """Two robots press a ball from both sides and lift it by friction; forces follow from Newton's law."""
+    speed = np.sin(np.linspace(0, math.pi, STEPS + 1))
+    speed *= 0.35 / (STEP * speed[1:].sum())
+    path = STEP * np.concatenate([[0.0], np.cumsum(speed[1:])])
+    acceleration = np.diff(speed) / STEP
+    still = np.zeros(STEPS + 1)
+    share = 0.6 * (acceleration + 9.81) / 2
+    ball = dict.fromkeys(("qx", "qy", "ux", "uy", "wx", "wy", "wz"), still) | {"qz": path, "uz": speed}
+    ball |= {n: np.full(STEPS + 1, e) for n, e in zip(ROTATION, rotation_matrix(START).ravel(), strict=True)}
+    plans: Plans = {"ball": {f"body.{name}": values for name, values in ball.items()}}
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        on_robot = [along[2] * -share for along in tangents_across((side, 0.0, 0.0), SCORE.never_normal)]
+        robot = {
+            "x": still + side * 0.32,
+            "y": still,
+            "z": path,
+            "vx": still,
+            "vy": still,
+            "vz": speed,
+            "tau_x": np.full(STEPS, -side * SQUEEZE),
+            "tau_y": still[1:],
+            "tau_z": 0.8 * (acceleration + 9.81) + share,
+            "c": np.full(STEPS, SQUEEZE),
+        }
+        for j, force in enumerate(on_robot, start=1):
+            robot |= {f"alpha_{j}": np.maximum(force, 0.0), f"alpha_{j + 2}": np.maximum(-force, 0.0)}
+        plans[name] = {f"me.{component}": values for component, values in robot.items()}
+    return plans
+
+
+def test_a_plan_made_by_hand_passes() -> None:
+    score = SCORE(lifting())
+    assert score.misses(STRICT) == []
+    assert score.practical
+    assert max(score.object_force, score.object_moment, score.robot_force, score.product) < 1e-9
+    assert max(score.goal_distance, score.goal_angle, score.gap_at_force, score.simulated_penetration) < 1e-6
+    assert score.distance == pytest.approx(0.64)
+
+
+def without_a_force(plans: Plans) -> None:
+    for unknown in ("c", "alpha_1", "alpha_2", "alpha_3", "alpha_4"):
+        plans["left"][f"me.{unknown}"] = np.zeros(STEPS)
+
+
+def moved_away(plans: Plans) -> None:
+    plans["left"]["me.x"] = plans["left"]["me.x"] - 0.01
+
+
+def moved_in(plans: Plans) -> None:
+    plans["left"]["me.x"] = plans["left"]["me.x"] + 0.01
+
+
+def friction_flipped(plans: Plans) -> None:
+    left = plans["left"]
+    for j in (1, 2):
+        first, second = f"me.alpha_{j}", f"me.alpha_{j + 2}"
+        left[first], left[second] = left[second], left[first]
+
+
+def friction_beyond_the_cone(plans: Plans) -> None:
+    for j in (1, 3):
+        plans["left"][f"me.alpha_{j}"] = plans["left"][f"me.alpha_{j}"] + 4.0
+
+
+def ball_turns_by_itself(plans: Plans) -> None:
+    for name, entry in zip(ROTATION, rotation_matrix((0.1, -0.2, 0.31)).ravel(), strict=True):
+        plans["ball"][f"body.{name}"][5:] = entry
+
+
+def driven_less(plans: Plans) -> None:
+    plans["left"]["me.tau_z"] = plans["left"]["me.tau_z"] - 0.1
+
+
+def lighter_than_it_is(plans: Plans) -> None:
+    """The ball is planned to rise faster than it is lifted."""
+    plans["ball"]["body.qz"] = 1.2 * plans["ball"]["body.qz"]
+
+
+FAULTS = {
+    "without a force": (without_a_force, "force missing to the object", False),
+    "moved away": (moved_away, "force times gap", False),
+    "moved in": (moved_in, "penetration", False),
+    "friction flipped": (friction_flipped, "force missing to the object", False),
+    "beyond the cone": (friction_beyond_the_cone, "outside the friction cone", False),
+    "turns by itself": (ball_turns_by_itself, "friction that does not oppose slip", False),
+    "driven less": (driven_less, "force missing to the robots", True),
+    "lighter": (lighter_than_it_is, "force missing to the object", False),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_is_found(name: str) -> None:
+    fault, found, practical = FAULTS[name]
+    plans = copy.deepcopy(lifting())
+    fault(plans)
+    score = SCORE(plans)
+    assert not score.strict
+    assert score.practical is practical
+    assert any(found in miss for miss in score.misses(STRICT)), str(score)
+
+
+def test_of_copies_only_their_mean_is_the_object() -> None:
+    plans = lifting()
+    ball = plans.pop("ball")
+    for name, off in (("left", 0.02), ("right", -0.02)):
+        plans[name] |= {key: values + off * (key == "body.qy") for key, values in ball.items()}
+        turned = rotation_matrix((0, 0, off)) @ rotation_matrix(START)
+        plans[name] |= {f"body.{n}": np.full(STEPS + 1, e) for n, e in zip(ROTATION, turned.ravel(), strict=True)}
+    assert SCORE(plans).strict
+
+
+def test_the_goal_may_be_a_region_or_leave_the_rotation_out() -> None:
+    plans = lifting()
+    score = spatial.Score(BALL, QUAD, 0.7, STEP, goal=(None, (-1, 1), 0.5, None, None, None))(plans)
+    assert score.goal_distance == pytest.approx(0.15)
+    assert score.goal_angle == 0.0
+    turned = spatial.Score(BALL, QUAD, 0.7, STEP, goal=(0, 0, 0.35, 0.1, -0.2, 0.3 + math.radians(3)))(plans)
+    assert turned.goal_angle == pytest.approx(3.0, abs=0.1)
+
+
+vectors = st.tuples(*3 * [st.floats(-2, 2)])
+
+
+@settings(max_examples=25)
+@given(turn=vectors, spin=vectors, moment=vectors, velocity=vectors)
+def test_every_step_of_the_simulation_meets_the_laws_of_motion(
+    turn: Any, spin: Any, moment: Any, velocity: Any
+) -> None:
+    """Of a body with three different moments: nothing is missing to the path that it takes under a wrench."""
+    box = spatial.RigidBody(spatial.RoundedBox(0.05, 0.3, 0.2, 0.1), mass=2.0, inertia=(0.05, 0.1, 0.12))
+    score = spatial.Score(box, QUAD, friction=0.7, step=STEP, goal=(None,) * 6)
+    wrench = np.tile([1.0, -2.0, 19.0, *(0.05 * m for m in moment)], (5, 1))
+    start = PlannedBody(np.zeros((1, 3)), rotation_matrix(turn)[None], np.array(velocity), np.array(spin))
+    moved = score.simulate(start, wrench)
+    identity = moved.rotation.transpose(0, 2, 1) @ moved.rotation
+    assert np.abs(identity - np.eye(3)).max() < 1e-12
+    missing = score._missing_wrench(moved.twist(STEP), moved.rotation, wrench)
+    assert np.abs(missing).max() < 1e-8
+
+
+def test_a_score_takes_less_than_fifty_milliseconds_and_travels() -> None:
+    plans = lifting()
+    assert pickle.loads(pickle.dumps(SCORE)) == SCORE
+    seconds = []
+    for _ in range(5):
+        start = time.process_time()
+        SCORE(plans)
+        seconds.append(time.process_time() - start)
+    assert min(seconds) < 0.05
+
+
+def test_plans_that_cannot_be_read_are_refused() -> None:
+    plans = lifting()
+    with pytest.raises(TrajectoryError, match=r"none of the plans of 'ball' has 'me\.x'"):
+        SCORE({"ball": plans["ball"]})
+    del plans["left"]["me.alpha_4"]
+    with pytest.raises(TrajectoryError, match=r"the plan of 'left' has no 'me\.alpha_4'; it has me\.alpha_1"):
+        SCORE(plans)
+    plans = lifting()
+    for name in ("x", "y", "z"):
+        plans["left"][f"me.{name}"] = plans["left"][f"me.{name}"][:-1]
+    with pytest.raises(TrajectoryError, match="has 21 poses, 'left' has 20 positions and 20 forces"):
+        SCORE(plans)
+
+
+def test_what_is_read_is_said_and_drawn() -> None:
+    plans = lifting()
+    assert set(SCORE.robot_components) == set(plans["left"])
+    assert set(SCORE.hub_components) == set(plans["ball"])
+    _, planned = SCORE.paths(plans)
+    time, simulated = SCORE.paths(plans, simulated=True)
+    assert time[-1] == pytest.approx(STEP * STEPS)
+    assert [body.name for body in planned] == ["", "left", "right"]
+    np.testing.assert_allclose(planned[0].translation[:, 2], plans["ball"]["body.qz"])
+    np.testing.assert_allclose(simulated[0].translation, planned[0].translation, atol=1e-9)
+    np.testing.assert_allclose(simulated[0].rotation, planned[0].rotation, atol=1e-9)
