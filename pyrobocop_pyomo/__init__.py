@@ -1,11 +1,13 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
-What nearly every script uses is here. The rest is in namespaces: `drawing`, `errors`, `formulations`, `geometry`,
-`groupings`, `initial_guesses`, `ipopt`, `mechanics`, `relaxations`, `results`, `schedules`, `schemes` and `studies`.
+What nearly every script uses is here. The rest is in namespaces: `drawing`, `engines`, `errors`, `formulations`,
+`geometry`, `groupings`, `initial_guesses`, `ipopt`, `mechanics`, `relaxations`, `results`, `schedules`, `schemes` and
+`studies`.
 """
 
 from pyrobocop_pyomo import (
     drawing,
+    engines,
     errors,
     formulations,
     geometry,
@@ -18,11 +20,14 @@ from pyrobocop_pyomo import (
     schedules,
     schemes,
     studies,
+    teams,
 )
 from pyrobocop_pyomo._version import __version__
-from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
+from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements, either_zero
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import diagnose
+from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
+from pyrobocop_pyomo.distributed.team import Team
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
 from pyrobocop_pyomo.motion import Body
 from pyrobocop_pyomo.obstacles import Containment, ObstacleAvoidanceBlock
@@ -43,23 +48,27 @@ from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
 from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
 
 __all__ = [
+    "Agent",
     "Algebraic",
     "Body",
     "Complementarity",
     "Containment",
     "Control",
     "Duration",
+    "KeepApart",
     "Link",
     "ObstacleAvoidanceBlock",
     "Parameter",
     "PhaseBlock",
     "Polytope",
     "Quality",
+    "Shared",
     "SolveResult",
     "Start",
     "State",
     "StopReason",
     "Strategy",
+    "Team",
     "Trajectory",
     "__version__",
     "active_pairs",
@@ -67,6 +76,8 @@ __all__ = [
     "dae_trajectory",
     "diagnose",
     "drawing",
+    "either_zero",
+    "engines",
     "errors",
     "formulations",
     "geometry",
@@ -85,6 +96,7 @@ __all__ = [
     "solve",
     "spatial_pose",
     "studies",
+    "teams",
 ]
 
 

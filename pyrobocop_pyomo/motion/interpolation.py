@@ -152,7 +152,7 @@ class PhaseStates:
     def rates(self, signal: Signal) -> Any:
         """Derivative of a state, where it has an equation."""
         name = self._name_of(signal)
-        known = name in self.phase.record.equation_of or self.phase.component(f"{name}_derivative") is not None
+        known = name in self.phase.record.rates or self.phase.component(f"{name}_derivative") is not None
         return self.phase.derivative(name) if known else None
 
     def width(self, interval: int) -> Any:

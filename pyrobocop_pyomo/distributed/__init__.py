@@ -1,0 +1,1 @@
+"""Teams: agents with models of their own that agree on shared quantities, by consensus ADMM."""

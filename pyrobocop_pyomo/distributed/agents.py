@@ -1,0 +1,172 @@
+"""What a team is made of: agents, the quantities that they share, and what keeps them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Union
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pyomo.core.base.constraint import Constraint
+
+from pyrobocop_pyomo.errors import TeamError
+
+Penalty = Union[float, tuple[float, ...], tuple[tuple[float, ...], ...]]  # noqa: UP007
+
+
+@dataclass(frozen=True, init=False)
+class Agent:
+    """One member of a team: how its model is built.
+
+    The model is built where it is solved, and stays there. So the builder has to be a function of a module, and the
+    data have to be such as can be pickled.
+
+    Parameters
+    ----------
+    name : str
+    builder : callable
+        ``builder(*data)`` returns a ConcreteModel.
+    *data
+        What the builder is called with.
+
+    Raises
+    ------
+    TeamError
+        When the name is empty or the builder is not callable.
+    """
+
+    name: str
+    builder: Callable[..., Any]
+    data: tuple[Any, ...]
+
+    def __init__(self, name: str, builder: Callable[..., Any], *data: Any) -> None:
+        if not isinstance(name, str) or not name:
+            raise TeamError(f"an agent needs a name; {name!r} is none.")
+        if not callable(builder):
+            raise TeamError(
+                f"agent '{name}': its builder {builder!r} cannot be called. Give a function that builds its model."
+            )
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "builder", builder)
+        object.__setattr__(self, "data", data)
+
+
+@dataclass(frozen=True, init=False)
+class Shared:
+    """Quantities that several agents have in their models under the same names, and have to agree on.
+
+    Parameters
+    ----------
+    *components : str
+        Names of components, such as ``"body.qx"``. A block stands for all its variables. ``{robot}`` stands for the
+        name of one robot: ``"push[{robot}]"`` is shared by that robot and the hub only.
+    penalty : float, sequence of floats, or symmetric matrix
+        Weight of a disagreement, in units of the objective over the square of the quantity's unit; for a sequence or a
+        matrix, by the variables that the components stand for, in their order. A matrix weighs their values at the same
+        index together, or all their values where it has that size.
+
+    Raises
+    ------
+    TeamError
+        When nothing is named, or the penalty is not positive definite.
+    """
+
+    components: tuple[str, ...]
+    penalty: Penalty
+
+    def __init__(self, *components: str, penalty: float | ArrayLike = 1.0) -> None:
+        if not components or not all(isinstance(name, str) and name for name in components):
+            raise TeamError(f"Shared{components!r}: name one component or several, such as 'body.qx'.")
+        what = f"Shared({', '.join(map(repr, components))})"
+        try:
+            weights = np.asarray(penalty, dtype=float)
+        except (TypeError, ValueError):
+            raise TeamError(f"{what}: penalty = {penalty!r}; expected numbers.") from None
+        if weights.ndim > 2 or not np.isfinite(weights).all() or weights.size == 0:
+            raise TeamError(f"{what}: penalty = {penalty!r}; expected a finite number, a sequence or a square matrix.")
+        if weights.ndim == 2:
+            if weights.shape[0] != weights.shape[1] or not np.allclose(weights, weights.T):
+                raise TeamError(f"{what}: the penalty of shape {weights.shape} is not a symmetric matrix.")
+            least = float(np.linalg.eigvalsh(weights).min())
+        else:
+            least = float(weights.min())
+        if least <= 0:
+            raise TeamError(
+                f"{what}: the penalty is not positive definite: its least "
+                f"{'eigenvalue' if weights.ndim == 2 else 'weight'} "
+                f"is {least:g}. Every disagreement has to cost something."
+            )
+        object.__setattr__(self, "components", components)
+        frozen: Any = weights.tolist()
+        if weights.ndim:
+            frozen = tuple(map(tuple, frozen)) if weights.ndim == 2 else tuple(frozen)
+        object.__setattr__(self, "penalty", frozen)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The penalty as an array of no, one or two dimensions."""
+        return np.asarray(self.penalty, dtype=float)
+
+    def names_for(self, robot: str) -> tuple[str, ...]:
+        """The names of the components with the name of a robot put in."""
+        # Quoted within brackets: '1' would be taken for the number 1.
+        return tuple(name.replace("[{robot}]", f"[{robot!r}]").replace("{robot}", robot) for name in self.components)
+
+    @property
+    def of_one_robot(self) -> bool:
+        """Whether one robot and the hub share it, and not everybody."""
+        return any("{robot}" in name for name in self.components)
+
+
+@dataclass(frozen=True)
+class KeepApart:
+    """Robots that keep a distance from each other, each from where the others were in the round before.
+
+    Robots do not see each other's unknowns, so their distance is bounded with the positions of the last round. Where
+    the rounds converge, the distance holds in the end; the physical score measures it.
+
+    Attributes
+    ----------
+    components : tuple of str
+        Names of the coordinates of a robot's position in its model, each indexed by time, such as ``("me.x", "me.y")``.
+    distance : float
+        Least distance of two positions, metres.
+    neighbours : int
+        How many others a robot heeds at each time, the nearest first. It bounds the size of a robot's problem.
+    """
+
+    components: tuple[str, ...]
+    distance: float
+    neighbours: int = 3
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distance."""
+        object.__setattr__(self, "components", tuple(self.components))
+        if not self.components:
+            raise TeamError("KeepApart: name the coordinates of a robot's position, such as ('me.x', 'me.y').")
+        if not (np.isfinite(self.distance) and self.distance > 0):
+            raise TeamError(f"KeepApart: distance = {self.distance!r}; expected a positive number.")
+        if self.neighbours < 1:
+            raise TeamError(f"KeepApart: neighbours = {self.neighbours!r}; expected at least 1.")
+
+    def constrain(self, model: Any, parts: Sequence[Any]) -> None:
+        """Add rows that keep the robots of one model apart.
+
+        Parameters
+        ----------
+        model : ConcreteModel
+        parts : sequence of blocks
+            One for each robot, in which the coordinates have their names.
+        """
+        positions = [[part.find_component(name) for name in self.components] for part in parts]
+        couples = list(combinations(range(len(parts)), 2))
+        keys = [key for key in positions[0][0] if any(not p[0][key].fixed for p in positions)]
+        model.keep_apart = Constraint(
+            couples,
+            keys,
+            rule=lambda _, i, j, key: (
+                sum((a[key] - b[key]) ** 2 for a, b in zip(positions[i], positions[j], strict=True)) >= self.distance**2
+            ),
+        )

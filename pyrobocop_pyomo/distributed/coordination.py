@@ -1,0 +1,247 @@
+"""What all methods do in a round: orders out, reports in, failures kept apart, numbers recorded."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
+
+from .agents import KeepApart, Shared
+from .consensus import Consensus
+from .engine import AgentFailure, Engine
+from .messages import Order, ProblemFacts, Report
+from .rounds import PlanScore, Round
+from .spread import Spread
+
+logger = logging.getLogger(__name__)
+
+Plans = Mapping[str, Mapping[str, Array]]
+
+
+class Physics(Protocol):
+    """Scores the combined plan of a team."""
+
+    @property
+    def robot_components(self) -> Sequence[str]:
+        """Names of what it reads of each robot's plan."""
+        ...
+
+    @property
+    def hub_components(self) -> Sequence[str]:
+        """Names of what it reads of the hub's plan."""
+        ...
+
+    def __call__(self, plans: Plans) -> PlanScore:
+        """PlanScore the plans of all agents."""
+        ...
+
+
+@dataclass
+class TeamState:
+    """What a method knows between two rounds, beside the states of the agents: arrays, so that it can be saved.
+
+    Attributes
+    ----------
+    round : int
+        Number of the next round.
+    mu : float or None
+    factors : float array
+    target : float array
+        What the hub proposes; the mean of all copies where there is no hub.
+    values, multipliers : dict of agent to float array
+    positions : dict of agent to float array
+    slowness : float
+        How much slower than at first mu falls.
+    """
+
+    round: int
+    mu: float | None
+    factors: Array
+    target: Array
+    values: dict[str, Array]
+    multipliers: dict[str, Array]
+    positions: dict[str, Array]
+    slowness: float = 1.0
+
+    def arrays(self) -> dict[str, Array]:
+        """Everything as arrays by name."""
+        arrays = {
+            "round": np.array(self.round),
+            "mu": np.array(np.nan if self.mu is None else self.mu),
+            "factors": self.factors,
+            "target": self.target,
+            "slowness": np.array(self.slowness),
+        }
+        for what in ("values", "multipliers", "positions"):
+            arrays.update({f"{what}/{name}": array for name, array in getattr(self, what).items()})
+        return {name: np.array(array) for name, array in arrays.items()}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Array]) -> TeamState:
+        """The state that `arrays` gave."""
+        parts: dict[str, dict[str, Array]] = {"values": {}, "multipliers": {}, "positions": {}}
+        for name, array in arrays.items():
+            what, _, agent = name.partition("/")
+            if agent:
+                parts[what][agent] = np.array(array)
+        mu = float(arrays["mu"])
+        return cls(
+            int(arrays["round"]),
+            None if np.isnan(mu) else mu,
+            np.array(arrays["factors"]),
+            np.array(arrays["target"]),
+            **parts,
+            slowness=float(arrays["slowness"]),
+        )
+
+
+@dataclass
+class Coordination:
+    """A team at work: its engine, what its agents said, and the records of the rounds.
+
+    Attributes
+    ----------
+    engine : Engine
+        Started.
+    facts : dict of agent to ProblemFacts
+    shared : sequence of Shared
+    robots : sequence of str
+        Names of the agents that plan a motion of their own.
+    hub : str or None
+    keep_apart : KeepApart or None
+    physics : Physics or None
+    graph : networkx graph or None
+        Who talks to whom, where there is no hub in the middle.
+    """
+
+    engine: Engine
+    facts: dict[str, ProblemFacts]
+    shared: Sequence[Shared]
+    robots: Sequence[str]
+    hub: str | None
+    keep_apart: KeepApart | None
+    physics: Physics | None
+    graph: Any = None
+    on_round: Callable[[Round], None] | None = None
+    rounds: list[Round] = field(default_factory=list)
+    plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
+    frozen: dict[str, str] = field(default_factory=dict)
+    _asked: dict[str, Report] = field(default_factory=dict)
+    _failed: dict[str, str] = field(default_factory=dict)
+    _objectives: dict[str, float] = field(default_factory=dict)
+    _started: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Line the shared values up."""
+        self.consensus = Consensus(self.facts, self.shared)
+        # In the order of the robots, so that sums are the same everywhere.
+        self.neighbours: dict[str, list[str]] = {}
+        if self.graph is not None:
+            self.neighbours = {name: [n for n in self.robots if self.graph.has_edge(name, n)] for name in self.robots}
+
+    def begin_round(self) -> None:
+        """Forget the reports of the round before."""
+        self._asked, self._failed, self._started = {}, {}, time.perf_counter()
+        self._first_exchange = len(self.engine.bytes_down)
+
+    def ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
+        """Have orders carried out; only the reports that can be used come back."""
+        wanted = {name: order for name, order in orders.items() if name not in self.frozen}
+        usable: dict[str, Report] = {}
+        for name, reply in self.engine.solve(wanted).items():
+            if isinstance(reply, AgentFailure):
+                self._failed[name] = reply.reason
+                if reply.final:
+                    logger.error("agent '%s' is frozen at its last plan: %s", name, reply.reason)
+                    self.frozen[name] = reply.reason
+                continue
+            self._asked[name] = reply
+            if reply.usable and np.isfinite(reply.values).all():
+                usable[name] = reply
+                self._objectives[name] = reply.objective
+                if reply.plan:
+                    self.plans[name] = reply.plan
+            else:
+                self._failed[name] = f"Ipopt: {reply.status}"
+        return usable
+
+    def refuse_missing(self, values: Mapping[str, Any], names: Sequence[str]) -> None:
+        """Without a first point of an agent there is nothing to go on from."""
+        for name in names:
+            if name not in values:
+                raise TeamError(
+                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
+                    f"its "
+                    "model alone: build it and call rcp.solve, or rcp.diagnose."
+                )
+
+    def end_round(self, state: TeamState, spread: Spread, *, scored: bool) -> Round:
+        """Record the round, with its score where it is wanted."""
+        score = None
+        if scored and self.physics is not None and set(self.plans) >= set(self.robots):
+            score = self.physics(self.plans)
+        down, up = (
+            max((sum(part.get(name, 0) for part in counts[self._first_exchange :]) for name in self.robots), default=0)
+            for counts in (self.engine.bytes_down, self.engine.bytes_up)
+        )
+        record = Round(
+            state.round,
+            state.mu,
+            spread.disagreement,
+            spread.change,
+            spread.scaled,
+            state.factors.copy(),
+            float(sum(self._objectives.values())),
+            {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
+            dict(self._failed),
+            score,
+            down,
+            up,
+            time.perf_counter() - self._started,
+            self.hub,
+        )
+        self.rounds.append(record)
+        if self.on_round is not None:
+            self.on_round(record)
+        return record
+
+    def as_seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
+        """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
+        team = np.full(len(self.consensus.keys), np.nan)
+        places = self.consensus.values_of[other]
+        team[places.places[places.agreed]] = values[other][places.agreed]
+        seen = values[name].copy()
+        mine = self.consensus.values_of[name]
+        found = team[mine.places[mine.agreed]]
+        known = np.isfinite(found)
+        seen[mine.agreed[known]] = found[known]
+        return seen
+
+    @staticmethod
+    def tolerance(mu: float | None) -> float:
+        """Tolerance of a solve: on the way, no more exact than the next barrier problem differs from this one."""
+        if mu is None:
+            return 1e-8
+        return max(1e-6, mu if mu > 1.5e-3 else 0.1 * mu)
+
+    def others(self, positions: Mapping[str, Array]) -> dict[str, Array]:
+        """For each robot the positions of the nearest others, at each time of their own."""
+        if self.keep_apart is None or len(positions) < 2:
+            return {}
+        names, points = list(positions), np.array(list(positions.values()))
+        count = min(self.keep_apart.neighbours, len(names) - 1)
+        distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+        nearest: dict[str, Array] = {}
+        for i, name in enumerate(names):
+            distances[i, i] = np.inf
+            # Stable, so that equal distances are taken in the same order everywhere.
+            order = np.argsort(distances[i], axis=0, kind="stable")[:count]
+            nearest[name] = np.swapaxes(points[order, :, np.arange(points.shape[2])], 1, 2)
+        return nearest

@@ -1,0 +1,394 @@
+"""`Engine`: where the agents of a team live and solve, and how they come back when a worker dies."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import EngineError, PyRobocopError
+
+from .worker_host import PROTOCOL, Answer, HostedSpec, Lost, Raised, Request
+
+_LOGGER = logging.getLogger(__name__)
+
+Exchange = tuple[dict[str, Answer], dict[str, Lost]]
+State = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class AgentFailure:
+    """In place of a report: why an agent has none.
+
+    Attributes
+    ----------
+    agent : str
+    reason : str
+        Type and text of its exception, or how its worker ended.
+    final : bool
+        Whether the engine has given it up, because its workers died too often. Otherwise it may be asked again.
+    traceback : str
+        Of the exception, where there was one.
+    """
+
+    agent: str
+    reason: str
+    final: bool = False
+    traceback: str = ""
+
+
+class Engine(ABC):
+    """Where the agents of a team live: the same orders give the same reports on every engine.
+
+    An agent is built where it is solved, and stays there; only orders, reports and states travel. Use an engine as a
+    context, or call `stop`: no process outlives it.
+
+    **Death of a worker.** Every `snapshot_every` rounds the state of an agent comes along with its report, and what it
+    was asked since is remembered. When its worker dies, it is built again elsewhere, put into the last state, and asked
+    the same again. Its solves are deterministic, so it goes on as if nothing had happened, bit by bit. Agents whose
+    workers die more than `deaths_allowed` times are given up: each later report of theirs is an `AgentFailure`.
+
+    Parameters
+    ----------
+    snapshot_every : int
+        Rounds between two states of an agent: more is less traffic, and longer to come back.
+    deaths_allowed : int
+        How often the worker of an agent may die.
+
+    Attributes
+    ----------
+    name : str
+    deaths : Counter
+        How often the worker of each agent died, while the agent was at work.
+    bytes_down, bytes_up : list of dict
+        Bytes to and from each agent: entry 0 is the start, entry k the k-th round with all that was asked after it.
+        States and recoveries are counted as well.
+    writes_files : bool
+        Whether this process is the one of its team that writes files. It is, except on all but one rank of MPI.
+
+    Raises
+    ------
+    EngineError
+        When `snapshot_every` or `deaths_allowed` is no such number.
+    """
+
+    name: str
+    writes_files = True
+
+    def __init__(self, *, snapshot_every: int = 16, deaths_allowed: int = 2) -> None:
+        if snapshot_every < 1:
+            raise EngineError(f"engine '{self.name}': snapshot_every = {snapshot_every!r}; expected at least 1.")
+        if deaths_allowed < 0:
+            raise EngineError(f"engine '{self.name}': deaths_allowed = {deaths_allowed!r}; expected 0 or more.")
+        self.snapshot_every = snapshot_every
+        self.deaths_allowed = deaths_allowed
+        self._forget()
+
+    def _forget(self) -> None:
+        self.deaths: Counter[str] = Counter()
+        self.bytes_down: list[dict[str, int]] = []
+        self.bytes_up: list[dict[str, int]] = []
+        self._specs: dict[str, bytes] = {}
+        self._snapshots: dict[str, bytes] = {}
+        self._asked_since: dict[str, list[Request]] = {}
+        self._due: dict[str, int] = {}
+        self._given_up: dict[str, AgentFailure] = {}
+
+    # ---------------------------------------------------------------- what an engine is made of
+
+    @abstractmethod
+    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
+        """Make homes for these agents."""
+
+    @abstractmethod
+    def _exchange(self, requests: Sequence[Request]) -> Exchange:
+        """Have requests answered, at most one per agent, side by side.
+
+        Gives the answers, and all agents whose homes have ended: those that were asked and did not answer, those that
+        had answered before, and those that were not asked. One of each home was at work.
+        """
+
+    def _rehouse(self, agents: Sequence[str]) -> None:  # noqa: B027  # an engine that loses nobody needs none
+        """Make new homes for agents that were lost."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """End everything that was opened; also after half an opening, and twice."""
+
+    # ---------------------------------------------------------------- what a coordinator asks
+
+    def start(self, specs: Iterable[HostedSpec]) -> dict[str, Any]:
+        """Build all agents.
+
+        Parameters
+        ----------
+        specs : iterable of HostedSpec
+            Each with a ``name`` and a method ``build()``.
+
+        Returns
+        -------
+        dict of agent's name to what its ``facts()`` gave
+
+        Raises
+        ------
+        EngineError
+            When two agents have one name, one cannot be sent to a worker, or building it raises an exception.
+            Exceptions of this package keep their class.
+        """
+        specs = list(specs)
+        for name, count in Counter(spec.name for spec in specs).items():
+            if count > 1:
+                raise EngineError(f"{count} agents have the name '{name}'. Give each agent a name of its own.")
+        if self._specs:
+            self.stop()
+        self._forget()
+        if not specs:
+            raise EngineError(f"engine '{self.name}': there are no agents to start.")
+        requests = {spec.name: self._build_request(spec) for spec in specs}
+        self._specs = {name: request.payload for name, request in requests.items()}
+        # The agents' states come in different rounds, so that traffic is even.
+        first = {name: self.snapshot_every - i % self.snapshot_every for i, name in enumerate(requests)}
+        self._due, self._asked_since = first, {name: [] for name in requests}
+        self._new_round()
+        facts: dict[str, Any] = {}
+        with _stopped_on_error(self):
+            self._open({spec.name: spec for spec in specs})
+            answers, lost = self._send(requests.values())
+            for name, loss in lost.items():
+                if loss.at_work:
+                    raise EngineError(f"agent '{name}': its worker ended while it was built: {loss.reason}")
+            for name, answer in answers.items():
+                facts[name] = self._value(name, answer, "could not be built")
+        return {name: facts[name] for name in requests}
+
+    def solve(self, orders: Mapping[str, Any]) -> dict[str, Any]:
+        """One round: have each of these agents solve its order, side by side.
+
+        Parameters
+        ----------
+        orders : mapping of agent's name to its order
+
+        Returns
+        -------
+        dict of agent's name to its report, or to an `AgentFailure`
+        """
+        self._check(orders)
+        self._new_round()
+        requests = {
+            name: Request.of(name, "solve", order, with_state=self._keeps_snapshots and self._is_due(name))
+            for name, order in orders.items()
+        }
+        return {
+            name: self._failure(name, reply.value) if isinstance(reply, Answer) and reply.raised else _opened(reply)
+            for name, reply in self._ask(requests).items()
+        }
+
+    def states(self) -> dict[str, dict[str, np.ndarray]]:
+        """The states of all agents that are not given up."""
+        requests = {name: Request.of(name, "state") for name in self._living()}
+        states = {}
+        for name, reply in self._ask(requests).items():
+            if isinstance(reply, Answer):
+                states[name] = self._value(name, reply, "has no state")
+        return states
+
+    def restore(self, states: Mapping[str, State]) -> None:
+        """Put agents into states; agents without one stay as they are.
+
+        Raises
+        ------
+        EngineError
+            When an agent is unknown or given up, or refuses its state.
+        """
+        self._check(states)
+        requests = {name: Request.of(name, "restore", dict(state)) for name, state in states.items()}
+        for name, reply in self._ask(requests).items():
+            if isinstance(reply, AgentFailure):
+                raise EngineError(f"agent '{name}' is given up ({reply.reason}) and cannot be restored. Start anew.")
+            self._value(name, reply, "refused its state")
+
+    def call(self, agent: str, method: str, *arguments: Any) -> Any:
+        """Call a method of an agent's problem, for what is neither an order nor a state.
+
+        Returns
+        -------
+        object
+            What the method gave; an `AgentFailure` of an agent that is given up.
+
+        Raises
+        ------
+        EngineError
+            When the method raises an exception. Exceptions of this package keep their class.
+        """
+        return self.call_all(method, {agent: arguments})[agent]
+
+    def call_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+        """Call a method of several agents' problems, side by side.
+
+        Parameters
+        ----------
+        method : str
+        arguments : mapping of agent's name to tuple
+
+        Returns
+        -------
+        dict of agent's name to what the method gave, or to the `AgentFailure` of an agent that is given up
+        """
+        self._check(arguments)
+        requests = {name: Request.of(name, "call", method, *given) for name, given in arguments.items()}
+        return {
+            name: reply if isinstance(reply, AgentFailure) else self._value(name, reply, f"{method}() failed")
+            for name, reply in self._ask(requests).items()
+        }
+
+    def stop(self) -> None:
+        """End all workers. What was counted can still be read."""
+        self._specs = {}
+        self._close()
+
+    def __enter__(self) -> Engine:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    # ---------------------------------------------------------------- death and recovery
+
+    _keeps_snapshots = True
+
+    def _ask(self, requests: Mapping[str, Request]) -> dict[str, Answer | AgentFailure]:
+        """Have requests answered, whatever workers die meanwhile."""
+        replies: dict[str, Answer | AgentFailure] = {
+            name: self._given_up[name] for name in requests if name in self._given_up
+        }
+        waiting = {name: request for name, request in requests.items() if name not in replies}
+        with _stopped_on_error(self):
+            while waiting:
+                answers, lost = self._send(waiting.values())
+                replies.update(answers)
+                if self._keeps_snapshots:
+                    for name, answer in answers.items():
+                        self._remember(waiting[name], answer)
+                waiting = {name: request for name, request in waiting.items() if name not in replies}
+                given_up = self._recover(lost)
+                replies.update({name: failure for name, failure in given_up.items() if name in waiting})
+                waiting = {name: request for name, request in waiting.items() if name not in replies}
+        return {name: replies[name] for name in requests}
+
+    def _recover(self, lost: Mapping[str, Lost]) -> dict[str, AgentFailure]:
+        """Bring lost agents back to where they were; gives those that are given up."""
+        given_up: dict[str, AgentFailure] = {}
+        lost = {name: loss for name, loss in lost.items() if name not in self._given_up}
+        while lost:
+            for name, loss in lost.items():
+                self.deaths.update([name] * loss.at_work)
+                if self.deaths[name] > self.deaths_allowed:
+                    reason = f"its worker died {self.deaths[name]} times; {loss.reason}"
+                    given_up[name] = self._given_up[name] = AgentFailure(name, reason, final=True)
+                    _LOGGER.error("agent '%s' is given up: %s", name, reason)
+                else:
+                    _LOGGER.warning("agent '%s' is built again: %s", name, loss.reason)
+            names = [name for name in lost if name not in given_up]
+            self._rehouse(names)
+            requests = [
+                Request.of(name, "rebuild", self._specs[name], self._snapshots.get(name), self._asked_since[name])
+                for name in names
+            ]
+            answers, again = self._send(requests)
+            lost = {name: loss for name, loss in again.items() if name not in self._given_up}
+            for name, answer in answers.items():
+                if answer.raised and name not in lost:
+                    lost[name] = Lost(f"it could not be built again: {answer.value.reason}", at_work=True)
+        return given_up
+
+    def _is_due(self, name: str) -> bool:
+        return len(self._asked_since[name]) + 1 >= self._due[name]
+
+    def _remember(self, request: Request, answer: Answer) -> None:
+        """Remember what has to be asked again; a state makes all that was asked before superfluous."""
+        name, state = request.agent, answer.state
+        if not answer.raised and request.task == "state":
+            state = answer.payload
+        elif not answer.raised and request.task == "restore":
+            (restored,) = pickle.loads(request.payload)
+            state = pickle.dumps(restored, PROTOCOL)
+        if state is not None:
+            self._snapshots[name] = state
+            self._asked_since[name] = []
+            self._due[name] = self.snapshot_every
+        elif request.task != "state":
+            self._asked_since[name].append(request)
+
+    # ---------------------------------------------------------------- small things
+
+    def _build_request(self, spec: HostedSpec) -> Request:
+        """What has an agent built, with its spec where workers have memory of their own."""
+        return Request.of(spec.name, "build")
+
+    def _send(self, requests: Iterable[Request]) -> Exchange:
+        requests = list(requests)
+        if not requests:
+            return {}, {}
+        for request in requests:
+            self._count(self.bytes_down, request.agent, len(request.payload))
+        answers, lost = self._exchange(requests)
+        for name, answer in answers.items():
+            self._count(self.bytes_up, name, answer.size)
+        return answers, lost
+
+    def _new_round(self) -> None:
+        self.bytes_down.append({})
+        self.bytes_up.append({})
+
+    @staticmethod
+    def _count(rounds: list[dict[str, int]], name: str, size: int) -> None:
+        rounds[-1][name] = rounds[-1].get(name, 0) + size
+
+    def _living(self) -> list[str]:
+        self._check(())
+        return [name for name in self._specs if name not in self._given_up]
+
+    def _check(self, names: Iterable[str]) -> None:
+        if not self._specs:
+            raise EngineError(f"engine '{self.name}' has no agents: it was not started, or it was stopped. Start it.")
+        unknown = [name for name in names if name not in self._specs]
+        if unknown:
+            raise EngineError(f"no agent '{unknown[0]}'; the agents are {', '.join(self._specs)}.")
+
+    def _value(self, name: str, reply: Answer | AgentFailure, what: str) -> Any:
+        value = _opened(reply)
+        if not isinstance(value, Raised):
+            return value
+        if value.error is not None:
+            error: PyRobocopError = pickle.loads(value.error)
+        else:
+            error = EngineError(f"agent '{name}' {what}: {value.reason}")
+        raise error from RuntimeError(f"in agent '{name}'\n{value.traceback}")
+
+    @staticmethod
+    def _failure(name: str, raised: Raised) -> AgentFailure:
+        return AgentFailure(name, raised.reason, traceback=raised.traceback)
+
+
+def _opened(reply: Answer | AgentFailure) -> Any:
+    return reply.value if isinstance(reply, Answer) else reply
+
+
+@contextmanager
+def _stopped_on_error(engine: Engine) -> Iterator[None]:
+    """Stop an engine where anything is raised, Ctrl-C included: what its workers do then is not known any more."""
+    try:
+        yield
+    except BaseException:
+        engine.stop()
+        raise

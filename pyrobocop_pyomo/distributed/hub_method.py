@@ -1,0 +1,190 @@
+"""The hub method: the object is an agent with its dynamics and all wrenches, each robot holds a kinematic copy of
+it."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pyrobocop_pyomo.numerics import Array
+
+from .coordination import Coordination, TeamState
+from .messages import Order, ProblemFacts
+from .rounds import Round
+from .spread import Spread
+from .team_schedules import BarrierPath, BarrierRounds, PenaltyRounds, Reopening, TargetedPenalties
+
+logger = logging.getLogger(__name__)
+
+_FIRST_ITERATIONS = 300
+_HUB_ITERATIONS = 300
+
+
+@dataclass(frozen=True)
+class Hub:
+    r"""Rounds between the hub and the robots.
+
+    In each round every robot i minimises its own objective plus
+    :math:`\lambda_i^T s_i + \tfrac12 \|s_i - z_i\|_R^2` over its plan, with s_i its shared values and z_i what the hub
+    proposes. The hub then minimises its own objective plus :math:`\sum_i -\lambda_i^T z_i + \tfrac12 \|s_i -
+    z_i\|_R^2`, and :math:`\lambda_i \leftarrow \lambda_i + R (s_i - z_i)`. The rounds follow the barrier path: pairs
+    are relaxed with delta = 2 mu, and each round solves the barrier problem of its mu, warm in primal and dual. A
+    robot's problem does not grow with the team.
+
+    Attributes
+    ----------
+    barrier : BarrierRounds
+    penalties : PenaltyRounds
+    rounds : int
+        At most.
+    until : {"strict", "practical"}
+        Which physical score ends the rounds, for teams with physics.
+    tolerance : float
+        Without physics: largest disagreement, and largest change of what is agreed on in a round, relative to
+        1 + its size.
+    object_first : float
+        Factor on the penalties of what a single robot shares with the hub in the hub's first problem, before any round:
+        the wrenches that alone would move the object to its goal are kept small.
+    early : float
+        How much more than a late one an early value costs in that first problem: robots have to arrive before they
+        push, while the object alone may move at any time.
+    iterations : int
+        Limit of Ipopt's iterations per solve after the first round.
+    score_below : float
+        The plan is scored from this mu on.
+    reopening : Reopening
+        What happens where a contact mode froze too early.
+
+    Notes
+    -----
+    A heuristic for problems with contact: no theorem covers consensus among local solutions of relaxed problems. What
+    holds is what the physical score recomputes.
+
+    References
+    ----------
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
+    Multi-Robot Collaboration, 2024, doi:10.48550/arXiv.2410.23283; Boyd et al., Distributed optimization and
+    statistical learning via the alternating direction method of multipliers, sec. 7.2, doi:10.1561/2200000016
+    """
+
+    barrier: BarrierRounds = field(default_factory=BarrierPath)
+    penalties: PenaltyRounds = field(default_factory=TargetedPenalties)
+    rounds: int = 80
+    until: str = "strict"
+    tolerance: float = 1e-6
+    object_first: float = 0.28
+    early: float = 4.0
+    iterations: int = 150
+    score_below: float = 2e-3
+    reopening: Reopening = field(default_factory=Reopening)
+
+    def begin(self, work: Coordination) -> TeamState:
+        """Ask the hub for a first motion of the object, and start there."""
+        hub, factors = _name_of(work), np.ones(len(work.shared))
+        single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.shared])
+        work.begin_round()
+        mu = self.barrier.first() if any(fact.pairs for fact in work.facts.values()) else None
+        zero = np.zeros(work.facts[hub].values.size)
+        order = Order(
+            zero,
+            single,
+            mu if work.facts[hub].pairs else None,
+            iterations=_FIRST_ITERATIONS,
+            warm=False,
+            weights=self._weights_in_time(work.facts[hub]),
+        )
+        found = work.ask({hub: order})
+        work.refuse_missing(found, [hub])
+        multipliers = {name: np.zeros(work.facts[name].values.size) for name in work.robots}
+        positions = {name: fact.positions for name, fact in work.facts.items() if fact.positions is not None}
+        return TeamState(0, mu, factors, found[hub].values, {}, multipliers, positions)
+
+    def _weights_in_time(self, facts: ProblemFacts) -> Array:
+        """Factors that fall along the index of each quantity to 1 at its end."""
+        falling = [1.0 + self.early * np.linspace(1.0, 0.0, len(q.keys)) ** 2 for q in facts.quantities]
+        return np.concatenate(falling)
+
+    def round(self, work: Coordination, state: TeamState) -> Round:
+        """All robots, then the hub, then the multipliers."""
+        work.begin_round()
+        scored = work.physics is not None and (state.mu is None or state.mu <= self.score_below)
+        reports = work.ask(self._robots_orders(work, state, with_plan=scored))
+        state.values.update({name: report.values for name, report in reports.items()})
+        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
+        work.refuse_missing(state.values, work.robots)
+        before = state.target
+        state.target = self._hub_values(work, state, with_plan=scored)
+        hub = _name_of(work)
+        spread = Spread(len(work.shared))
+        proposal = _of_team(work, hub, state.target)
+        earlier = _of_team(work, hub, before)
+        for name in work.robots:
+            penalty = work.facts[name].penalty
+            own = work.consensus.of_agent(name, proposal)
+            gap = work.consensus.masked(name, state.values[name]) - own
+            spread.add(penalty, gap, own - work.consensus.of_agent(name, earlier))
+            if name in reports:  # the multipliers of a robot without a new plan stay
+                state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, gap)
+        record = work.end_round(state, spread, scored=scored)
+        state.factors = self.penalties.after(state.factors, state.mu, spread)
+        if state.mu is not None:
+            state.mu = self.barrier.after(state.mu, record.disagreement, state.slowness)
+        state.round += 1
+        return record
+
+    def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
+        others = work.others(state.positions)
+        proposal = _of_team(work, _name_of(work), state.target)
+        first = not state.values
+        orders = {}
+        for name in work.robots:
+            own = work.consensus.of_agent(name, proposal)
+            fact = work.facts[name]
+            mu = state.mu if fact.pairs else None
+            orders[name] = Order(
+                state.multipliers[name] - fact.penalty.times(state.factors, own),
+                state.factors,
+                mu,
+                tolerance=work.tolerance(mu),
+                iterations=_FIRST_ITERATIONS if first else self.iterations,
+                warm=not first,
+                values=np.where(work.consensus.values_of[name].places >= 0, own, fact.values) if first else None,
+                others=others.get(name),
+                with_plan=with_plan,
+            )
+        return orders
+
+    def _hub_values(self, work: Coordination, state: TeamState, *, with_plan: bool) -> Array:
+        hub = _name_of(work)
+        linear_of_team, count = np.zeros(len(work.consensus.keys)), np.zeros(len(work.consensus.keys))
+        for name in work.robots:
+            pull = work.facts[name].penalty.times(state.factors, state.values[name])
+            work.consensus.add_to_team(name, linear_of_team, -state.multipliers[name] - pull)
+            work.consensus.add_to_team(name, count, np.ones(pull.size))
+        holders = np.array(
+            [count[work.consensus.groups == group].max(initial=0.0) for group in range(len(work.shared))]
+        )
+        mu = state.mu if work.facts[hub].pairs else None
+        order = Order(
+            work.consensus.of_agent(hub, linear_of_team),
+            state.factors * holders,
+            mu,
+            tolerance=work.tolerance(mu),
+            iterations=_HUB_ITERATIONS,
+            with_plan=with_plan,
+        )
+        reports = work.ask({hub: order})
+        return reports[hub].values if hub in reports else state.target
+
+
+def _name_of(work: Coordination) -> str:
+    assert work.hub is not None, "teams without a hub do not get here"
+    return work.hub
+
+
+def _of_team(work: Coordination, agent: str, values: Array) -> Array:
+    total = np.zeros(len(work.consensus.keys))
+    work.consensus.add_to_team(agent, total, values)
+    return total

@@ -1,0 +1,378 @@
+"""The problem of one agent, where it is solved: built once, solved every round, never sent anywhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.param import Param
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.complementarity import active_sources, pairs_of, relax
+from pyrobocop_pyomo.errors import EvaluationError, TeamError
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
+from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
+
+from .agents import Agent, KeepApart, Shared
+from .merging import merge_agents
+from .messages import Order, PenaltyMatrix, ProblemFacts, QuantityFacts, Report
+from .shifting import TimeShift
+
+FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
+DELTA_PER_MU = 2.0
+SMALLEST_DELTA = 1e-9
+# No loosened bounds: the two sides of a pair could both become slightly negative. The first point is feasible with
+# respect to bounds, and small multipliers suit pairs better than ones.
+# Damping keeps what only its barrier bounds from wandering off: the slip speed of a robot without contact.
+OPTIONS = {"bound_relax_factor": 0.0, "kappa_d": 1e-5, "print_level": 0}
+
+
+@dataclass(frozen=True)
+class ProblemSpec:
+    """How a problem is built, in a form that can be sent to where it is solved.
+
+    Attributes
+    ----------
+    name : str
+    agents : tuple of Agent
+        Whose models are merged into one; one agent in the simplest case.
+    shared : tuple of (number, Shared, names)
+        What it shares: the number of each `Shared` in the team, and the names of the components in this model.
+    keep_apart : KeepApart or None
+    neighbours : int
+        How many others it keeps away from.
+    plan : tuple of str
+        Names of the components that its plan has.
+    options : mapping
+        Ipopt's options.
+    """
+
+    name: str
+    agents: tuple[Agent, ...]
+    shared: tuple[tuple[int, Shared, tuple[str, ...]], ...]
+    keep_apart: KeepApart | None = None
+    neighbours: int = 0
+    plan: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def build(self) -> LocalProblem:
+        """Build the model, here."""
+        return LocalProblem(self)
+
+
+class LocalProblem:
+    """A model with a quadratic cost in its shared variables, solved warm in every round.
+
+    Parameters
+    ----------
+    spec : ProblemSpec
+
+    Attributes
+    ----------
+    model : ConcreteModel
+
+    Raises
+    ------
+    TeamError
+        When the model lacks a named variable.
+    """
+
+    def __init__(self, spec: ProblemSpec) -> None:
+        self.spec = spec
+        self._merged = merge_agents(spec.agents, [name for _, _, names in spec.shared for name in names])
+        self.model = self._merged.model
+        self._all_variables = sum(1 for _ in self.model.component_data_objects(Var))
+        self._quantities: list[QuantityFacts] = []
+        self._variables: list[Any] = []
+        weights: list[Array] = [np.zeros(0)]
+        groups: list[int] = []
+        blocks: list[tuple[int, np.ndarray, Array]] = []
+        for group, shared, names in spec.shared:
+            found = [variable for name in names for variable in self._variables_of(name)]
+            first = len(self._variables)
+            for name, component in found:
+                self._add_quantity(name, component)
+            lengths = [len(component) for _, component in found]
+            groups += [group] * sum(lengths)
+            weights.append(self._weights_of(shared, lengths, first, group, blocks))
+        self.penalty = PenaltyMatrix(np.array(groups, dtype=np.intp), np.concatenate(weights), tuple(blocks))
+        self.cost = QuadraticCost(self._variables, [positions for _, positions, _ in blocks])
+        self._positions = self._read_positions()
+        if spec.keep_apart is not None and spec.neighbours:
+            self._keep_apart(spec.keep_apart, spec.neighbours)
+        self._plan = {name: self._component(name) for name in spec.plan}
+        self._barrier = None
+        self._pairs = 0
+        self._shift: TimeShift | None = None
+        self._was_moved = False
+        if active_sources(self.model):
+            relax(self.model, delta=1.0)
+            self._pairs = len(pairs_of(self.model))
+            self._barrier = _OrderedDelta()
+        self.nlp = PersistentNLP(self.model, {**OPTIONS, **spec.options}, barrier=self._barrier, quadratic=self.cost)
+
+    # ---------------------------------------------------------------- building
+
+    def _component(self, name: str) -> Any:
+        component = self._merged.find(name)
+        if component is None:
+            known = ", ".join(c.name for c in self.model.component_objects(Var, descend_into=True)) or "none"
+            raise TeamError(
+                f"agent '{self.spec.name}': its model has no component '{name}'. Its variables are {known}."
+            )
+        return component
+
+    def _variables_of(self, name: str) -> list[tuple[str, Any]]:
+        component = self._component(name)
+        if isinstance(component, BlockData) or component.ctype is Block:
+            found = [(self._own_name(v), v) for v in component.component_objects(Var, descend_into=True)]
+        elif component.ctype is Var:
+            found = [(self._own_name(component), component)]
+        else:
+            found = []
+        if not found:
+            raise TeamError(
+                f"agent '{self.spec.name}': '{name}' is no variable and no block with variables, but "
+                f"{type(component).__name__}. Share variables."
+            )
+        return found
+
+    def _own_name(self, component: Any) -> str:
+        """The name of a component in the model of its agent, as all agents have it."""
+        name: str = component.name
+        for part in self._merged.parts.values():
+            if part is not self.model and name.startswith(part.name + "."):
+                return name[len(part.name) + 1 :]
+        return name
+
+    def _add_quantity(self, name: str, component: Any) -> None:
+        if any(known.name == name for known in self._quantities):
+            raise TeamError(f"agent '{self.spec.name}': '{name}' is shared twice. Name it once.")
+        data = list(component.values())
+        units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
+        self._quantities.append(QuantityFacts(name, tuple(component.keys()), units))
+        self._variables += data
+
+    def _weights_of(
+        self, shared: Shared, lengths: list[int], first: int, group: int, blocks: list[tuple[int, np.ndarray, Array]]
+    ) -> Array:
+        weights, what = shared.weights, f"agent '{self.spec.name}': Shared({', '.join(map(repr, shared.components))})"
+        total = sum(lengths)
+        if weights.ndim == 2 and weights.shape[0] == total and total != len(lengths):
+            blocks.append((group, first + np.arange(total), weights - np.diag(np.diag(weights))))
+            return np.diag(weights)
+        if weights.ndim and weights.shape[0] != len(lengths):
+            raise TeamError(
+                f"{what} stands for {len(lengths)} variables with {total} values, its penalty is for "
+                f"{weights.shape[0]}. Give one number, one for each variable, or a matrix for the variables or the "
+                f"values."
+            )
+        if weights.ndim < 2:
+            return np.repeat(np.broadcast_to(weights, len(lengths)), lengths).astype(float)
+        if len(set(lengths)) > 1:
+            raise TeamError(f"{what}: a matrix as penalty needs variables of the same length; they have {lengths}.")
+        for k in range(lengths[0]):
+            positions = first + k + lengths[0] * np.arange(len(lengths))
+            blocks.append((group, positions, weights - np.diag(np.diag(weights))))
+        return np.repeat(np.diag(weights), lengths)
+
+    def _keep_apart(self, rule: KeepApart, neighbours: int) -> None:
+        """Rows that keep the robot away from points that are numbers."""
+        coordinates = [self._component(name) for name in rule.components]
+        keys = [key for key in coordinates[0] if any(not c[key].fixed for c in coordinates)]
+        block = self.model.keep_apart = Block(concrete=True)
+        block.others = Param(range(neighbours), range(len(coordinates)), keys, initialize=FAR_AWAY, mutable=True)
+        self._others = [
+            [(block.others[i, k, key], j) for j, key in enumerate(coordinates[0]) if key in set(keys)]
+            for i in range(neighbours)
+            for k in range(len(coordinates))
+        ]
+        block.rows = Constraint(
+            range(neighbours),
+            keys,
+            rule=lambda b, i, key: (
+                sum((c[key] - b.others[i, k, key]) ** 2 for k, c in enumerate(coordinates)) >= rule.distance**2
+            ),
+        )
+
+    def _read_positions(self) -> Array | None:
+        rule = self.spec.keep_apart
+        if rule is None:
+            return None
+        return np.array([_numbers(self._component(name).values()) for name in rule.components])
+
+    # ---------------------------------------------------------------- what an engine asks for
+
+    def facts(self) -> ProblemFacts:
+        """What the coordinator has to know of this problem."""
+        variables, rows = self.nlp.size
+        return ProblemFacts(
+            tuple(self._quantities),
+            self.penalty,
+            self._pairs,
+            _numbers(self._variables),
+            np.array([variable.fixed for variable in self._variables], dtype=bool),
+            variables,
+            rows,
+            self._all_variables,
+            self._read_positions(),
+        )
+
+    def solve(self, order: Order) -> Report:
+        """Solve as ordered, from the last point.
+
+        A deterministic function of the state and the order.
+        """
+        if order.values is not None:
+            for variable, number in zip(self._variables, order.values.tolist(), strict=True):
+                if not variable.fixed:
+                    variable.set_value(number, skip_validation=True)
+        if order.others is not None:
+            for numbers, row in zip(order.others.reshape(-1, order.others.shape[-1]), self._others, strict=True):
+                for parameter, column in row:
+                    parameter.set_value(float(numbers[column]))
+        self.cost.linear[:] = order.linear
+        self.cost.diagonal[:] = order.factors[self.penalty.groups] * self.penalty.diagonal
+        if order.weights is not None:
+            self.cost.diagonal *= order.weights
+        for dense, (group, _, matrix) in zip(self.cost.dense, self.penalty.blocks, strict=True):
+            dense[:] = order.factors[group] * matrix
+        if self._barrier is not None:
+            self._barrier.fixed = None if order.mu is not None else order.delta
+        options: dict[str, Any] = {"tol": order.tolerance, "max_iter": order.iterations}
+        started = time.process_time()
+        outcome = self.nlp.solve(options, warm=order.warm, mu=order.mu or 1e-4, mu_target=order.mu)
+        usable = self.nlp.goes_on_from_last_point
+        return Report(
+            _numbers(self._variables),
+            outcome.status.name,
+            outcome.status.solved,
+            usable,
+            outcome.iterations,
+            time.process_time() - started,
+            self._own_objective(),
+            self._read_positions(),
+            {name: _numbers(component.values()) for name, component in self._plan.items()} if order.with_plan else {},
+        )
+
+    def state(self) -> dict[str, Array]:
+        """Everything that a later solve depends on, as arrays."""
+        state = self.nlp.state
+        # Where it starts is what its builder says, unless the plan was moved ahead.
+        start = {} if not self._was_moved else {"start": np.array(list(self.start_states().values()))}
+        if state is None:
+            return {"x": self.nlp.point(), **start}
+        rows, lower, upper = state.complete(self.nlp.program)
+        return {"x": state.x, "rows": rows, "lower": lower, "upper": upper, **start}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from a state of this problem, or of one built alike elsewhere."""
+        if "start" in state:
+            self._start_at(dict(zip(self.start_states(), state["start"].tolist(), strict=True)))
+        if "rows" in state:
+            self.nlp.restore(PrimalDualPoint(state["x"], state["rows"], state["lower"], state["upper"]))
+        else:
+            self.nlp.restore(PrimalDualPoint(state["x"]), cold=True)
+
+    # ---------------------------------------------------------------- for receding horizons
+
+    def start_states(self, element: int = 0) -> dict[str, float]:
+        """Values of the states whose initial values are fixed, by name of component.
+
+        Parameters
+        ----------
+        element : int
+            How many elements after the start: 0 gives where it starts, 1 where the plan is an element later.
+        """
+        return {name: float(paths[0][element].value) for name, paths in self._paths_of_states().items()}
+
+    def read(self, names: Iterable[str]) -> dict[str, Array]:
+        """Values of components over their index, by name."""
+        return {name: _numbers(self._component(name).values()) for name in names}
+
+    def advance(self, start: Mapping[str, float], elements: int = 1) -> tuple[Array, Array | None]:
+        """Move the plan and its multipliers ahead in time; what comes after its end stays as the last element.
+
+        Parameters
+        ----------
+        start : mapping of component name to float
+            Where the states are now, as `start_states` names them; those of other agents are left out.
+        elements : int
+
+        Returns
+        -------
+        tuple of float arrays
+            Shared values and positions, as in `Report`.
+
+        Raises
+        ------
+        TeamError
+            When the phases have no fixed, equal elements.
+        """
+        if self._shift is None:
+            self._shift = TimeShift(self.model, self.nlp.variables, self.nlp.rows)
+        shift, state = self._shift, self.nlp.state
+        if state is not None:
+            rows, lower, upper = state.complete(self.nlp.program)
+            self.nlp.restore(state)  # what a solve that failed has left on the model is of no use
+        for _ in range(elements):
+            x = shift.values()
+            if state is not None:
+                rows, lower, upper = rows[shift.rows_from], lower[shift.variables_from], upper[shift.variables_from]
+                self.nlp.restore(PrimalDualPoint(x, rows, lower, upper))
+            else:
+                self.nlp.restore(PrimalDualPoint(x), cold=True)
+        if start:
+            self._start_at(start)
+        return _numbers(self._variables), self._read_positions()
+
+    def _paths_of_states(self) -> dict[str, list[list[Any]]]:
+        """Variables over time of the states that start where they are told, by name: one list in each agent's model."""
+        paths: dict[str, list[list[Any]]] = {}
+        for phase in phases_of(self.model):
+            for state in phase.record.names_of_states:
+                component = phase.component(state)
+                path = [component[t] for t in phase.time]
+                if path[0].fixed:
+                    paths.setdefault(self._own_name(component), []).append(path)
+        return paths
+
+    def _start_at(self, start: Mapping[str, float]) -> None:
+        self._was_moved = True
+        for name, paths in self._paths_of_states().items():
+            if name in start:
+                for path in paths:
+                    path[0].set_value(float(start[name]), skip_validation=True)
+
+    def _own_objective(self) -> float:
+        objective = self.nlp.objective
+        try:
+            return 0.0 if objective is None else float(value(objective))
+        except (ArithmeticError, EvaluationError, ValueError):
+            return float("nan")
+
+
+class _OrderedDelta:
+    """delta as the order says: twice the barrier parameter, or fixed."""
+
+    def __init__(self) -> None:
+        self.fixed: float | None = None
+
+    def delta_for(self, mu: float) -> float:
+        return max(SMALLEST_DELTA, DELTA_PER_MU * mu) if self.fixed is None else self.fixed
+
+    def steps(self) -> Iterator[float]:
+        yield SMALLEST_DELTA
+
+
+def _numbers(variables: Iterable[Any]) -> Array:
+    return np.array([0.0 if variable.value is None else variable.value for variable in variables], dtype=float)

@@ -1,0 +1,271 @@
+"""One model out of the models of several agents: what they share becomes one set of variables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pyomo.common.collections import ComponentMap
+from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.objective import Objective, minimize
+from pyomo.core.base.PyomoModel import ConcreteModel
+from pyomo.core.base.reference import Reference
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.visitor import ExpressionReplacementVisitor, identify_variables
+from pyomo.repn.standard_repn import generate_standard_repn
+
+from pyrobocop_pyomo.complementarity import Complementarity, complements
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases import PhaseBlockData
+
+from .agents import Agent
+
+
+@dataclass(frozen=True, eq=False)
+class MergedModel:
+    """Models of several agents in one.
+
+    Attributes
+    ----------
+    model : ConcreteModel
+        With a block for each agent, named as the agent, where there are several; else the agent's own model.
+    parts : dict of agent to block
+    """
+
+    model: Any
+    parts: dict[str, Any]
+
+    def find(self, name: str, agent: str | None = None) -> Any:
+        """A component by its name in an agent's own model; in the first that has it, where no agent is named."""
+        for part in self.parts.values() if agent is None else (self.parts[agent],):
+            component = part.find_component(name)
+            if component is not None:
+                return component
+        return None
+
+    def values_of(self, names: Iterable[str], agent: str) -> dict[str, Array]:
+        """Values over the index of an agent's components, by name."""
+        found = {name: self.find(name, agent) for name in names}
+        return {name: np.array([value(data) for data in component.values()]) for name, component in found.items()}
+
+
+def build_model(agent: Agent) -> Any:
+    """What the builder of an agent gives.
+
+    Raises
+    ------
+    TeamError
+        When it gives no model.
+    """
+    model = agent.builder(*agent.data)
+    if not isinstance(model, BlockData) or not model.is_constructed():
+        raise TeamError(
+            f"agent '{agent.name}': its builder '{getattr(agent.builder, '__name__', agent.builder)}' returned "
+            f"{type(model).__name__}; expected a ConcreteModel."
+        )
+    return model
+
+
+def merge_agents(agents: Sequence[Agent], shared: Iterable[str], *, eliminate: Iterable[str] = ()) -> MergedModel:
+    """Build the models of agents and make one of them.
+
+    Parameters
+    ----------
+    agents : sequence of Agent
+        The first one's variables stand for those that are shared.
+    shared : iterable of str
+        Names of the components that are one and the same wherever they appear.
+    eliminate : iterable of str
+        Names of shared components whose variables are replaced by what an equation of an agent says that they are, as
+        the wrench of a robot by its formula.
+
+    Raises
+    ------
+    TeamError
+        When a builder gives no model, or a shared variable has an index in one model only.
+    """
+    models = {agent.name: build_model(agent) for agent in agents}
+    if len(models) == 1:
+        ((name, model),) = models.items()
+        return MergedModel(model, {name: model})
+    with PauseGC():
+        merged = ConcreteModel(name="team")
+        for name, model in models.items():
+            merged.add_component(name, model)  # as it is: rules hold on to the model that they were written for
+        parts = {name: merged.component(name) for name in models}
+        names = list(dict.fromkeys(shared))
+        first, *others = parts.values()
+        rows = _fingerprints(first)
+        for other in others:
+            _unify(first, other, names)
+            for row in _active(other, Constraint):
+                if row.equality and _fingerprint(row) in rows:
+                    row.deactivate()
+            rows |= _fingerprints(other)
+        wanted = set(eliminate)
+        if wanted:
+            _eliminate(merged, first, wanted)
+        _add_up_objectives(merged)
+    return MergedModel(merged, parts)
+
+
+def _active(block: Any, ctype: Any) -> Iterator[Any]:
+    return block.component_data_objects(ctype, active=True, descend_into=True)
+
+
+def _variable_components(block: Any, name: str) -> dict[str, Any]:
+    """Components of variables behind a shared name, by their names within the block."""
+    component = block.find_component(name)
+    if component is None:
+        return {}
+    cut = len(block.name) + 1 if block.parent_block() is not None else 0
+    if isinstance(component, BlockData) or component.ctype is Block:
+        found = component.component_objects(Var, descend_into=True)
+    else:
+        found = iter([component])
+    return {found_one.name[cut:]: found_one for found_one in found if found_one.ctype is Var}
+
+
+def _unify(first: Any, other: Any, names: Sequence[str]) -> None:
+    """Put the first block's variables in the place of the other's, wherever both have them."""
+    substitution: dict[int, Any] = {}
+    replaced: list[tuple[Any, Any]] = []
+    for name in names:
+        masters, copies = _variable_components(first, name), _variable_components(other, name)
+        for label in copies.keys() & masters.keys():
+            master, copied = masters[label], copies[label]
+            for key, variable in copied.items():
+                if key not in master:
+                    raise TeamError(
+                        f"'{label}' has index {key} in the model of '{other.local_name}', but not in that of "
+                        f"'{first.local_name}'. Give both models the same horizon and mesh."
+                    )
+                _tighten(master[key], variable)
+                substitution[id(variable)] = master[key]
+            replaced.append((copied, master))
+    _substitute(other, substitution)
+    for copied, master in replaced:
+        block, label = copied.parent_block(), copied.local_name
+        keys = list(copied.keys())
+        BlockData.del_component(block, copied)
+        # The copy's own rules go on to find it under its name.
+        reference = Reference({key: master[key] for key in keys}, ctype=Var)
+        BlockData.add_component(block, label, reference)
+
+
+def _tighten(master: Any, copied: Any) -> None:
+    if copied.fixed and not master.fixed:
+        master.fix(copied.value)
+    for bound, better, set_bound in (("lb", max, master.setlb), ("ub", min, master.setub)):
+        own, its = getattr(master, bound), getattr(copied, bound)
+        if its is not None:
+            set_bound(its if own is None else better(own, its))
+    if master.value is None:
+        master.set_value(copied.value, skip_validation=True)
+
+
+def _substitute(block: Any, substitution: Mapping[int, Any]) -> None:
+    visitor = ExpressionReplacementVisitor(
+        substitute=dict(substitution), descend_into_named_expressions=True, remove_named_expressions=True
+    )
+
+    def replaced(expression: Any) -> Any:
+        return visitor.walk_expression(expression)
+
+    for row in block.component_data_objects(Constraint, descend_into=True):
+        if any(id(v) in substitution for v in identify_variables(row.body, include_fixed=True)):
+            row.set_value(replaced(row.expr))
+    for objective in block.component_data_objects(Objective, descend_into=True):
+        objective.set_value(replaced(objective.expr))
+    for expression in block.component_data_objects(Expression, descend_into=True):
+        if expression.expr is not None:
+            expression.set_value(replaced(expression.expr))
+    for pair in block.component_data_objects(Complementarity, descend_into=True):
+        first, second = map(replaced, pair.args)
+        pair.set_value(complements(first, second, first_bound=pair.bounds[0], second_bound=pair.bounds[1]))
+
+
+def _fingerprint(row: Any) -> Any:
+    """What two linear equations have in common when they say the same; None for others."""
+    if not row.equality or row.body.polynomial_degree() != 1:
+        return None
+    representation = generate_standard_repn(row.body - row.upper, compute_values=True)
+    terms = sorted(zip(map(id, representation.linear_vars), representation.linear_coefs, strict=True))
+    if not terms:
+        return None
+    scale = terms[0][1]
+    constant = round(representation.constant / scale, 12)
+    return (*((number, round(coefficient / scale, 12)) for number, coefficient in terms), constant)
+
+
+def _fingerprints(block: Any) -> set[Any]:
+    return {_fingerprint(row) for row in _active(block, Constraint)} - {None}
+
+
+def _eliminate(merged: Any, first: Any, names: set[str]) -> None:
+    """Replace shared variables by what an agent's equation says that they are, and drop both."""
+    components = [c for name in sorted(names) for c in _variable_components(first, name).values()]
+    wanted = ComponentMap((v, None) for c in components for v in c.values() if not v.fixed)
+    definitions: dict[int, Any] = {}
+    for row in _active(merged, Constraint):
+        found = _definition(row, wanted, definitions) if row.equality else None
+        if found is not None:
+            definitions[id(found[0])] = found[1]
+            row.deactivate()
+    # A formula may hold variables that other formulas stand for: the moment arm holds the force.
+    visitor = ExpressionReplacementVisitor(substitute=dict(definitions), remove_named_expressions=True)
+    definitions = {key: visitor.walk_expression(expression) for key, expression in definitions.items()}
+    _substitute(merged, definitions)
+    for component in components:
+        if all(id(v) in definitions for v in component.values()):
+            block, label = component.parent_block(), component.local_name
+            expressions = {key: definitions[id(v)] for key, v in component.items()}
+            for reference in list(merged.component_objects(Var, descend_into=True)):
+                if reference.is_reference() and any(v.parent_component() is component for v in reference.values()):
+                    _forget_declaration(reference.parent_block(), label)
+                    BlockData.del_component(reference.parent_block(), reference)
+            _forget_declaration(block, label)
+            BlockData.del_component(block, component)
+            BlockData.add_component(block, label, Expression(list(expressions), initialize=expressions))
+
+
+def _forget_declaration(block: Any, name: str) -> None:
+    """A phase no longer has the variable that it declared."""
+    if isinstance(block, PhaseBlockData):
+        block.record.declarations.pop(name, None)
+
+
+def _definition(row: Any, wanted: ComponentMap, known: Mapping[int, Any]) -> tuple[Any, Any] | None:
+    """Variable and expression, where a row says ``coefficient * variable == expression``."""
+    inside = [v for v in identify_variables(row.body, include_fixed=False) if v in wanted and id(v) not in known]
+    if not inside:
+        return None
+    representation = generate_standard_repn(row.body, compute_values=True, quadratic=False)
+    nonlinear = {id(v) for v in representation.nonlinear_vars}
+    for variable, coefficient in zip(representation.linear_vars, representation.linear_coefs, strict=True):
+        if coefficient and variable in wanted and id(variable) not in known and id(variable) not in nonlinear:
+            others: Any = representation.constant - row.upper
+            others += sum(
+                c * v
+                for c, v in zip(representation.linear_coefs, representation.linear_vars, strict=True)
+                if v is not variable
+            )
+            if representation.nonlinear_expr is not None:
+                others += representation.nonlinear_expr
+            return variable, others / -coefficient
+    return None
+
+
+def _add_up_objectives(merged: Any) -> None:
+    total: Any = 0.0
+    for objective in list(_active(merged, Objective)):
+        total += objective.expr if objective.sense == minimize else -objective.expr
+        objective.deactivate()
+    merged.objective = Objective(expr=total)

@@ -1,0 +1,162 @@
+"""What travels between the coordinator of a team and its agents: plain numbers and arrays, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pyrobocop_pyomo.numerics import Array
+
+
+@dataclass(frozen=True)
+class QuantityFacts:
+    """One shared variable over its index, as an agent's model has it.
+
+    Attributes
+    ----------
+    name : str
+        Of the variable in the model, such as ``"push[a].fx"``.
+    keys : tuple
+        Its indices, in order.
+    units : str
+        As the model declares them, empty where it does not.
+    """
+
+    name: str
+    keys: tuple[object, ...]
+    units: str
+
+
+@dataclass(frozen=True)
+class PenaltyMatrix:
+    """The penalties of an agent's shared values: a diagonal, and couplings of a few values each.
+
+    Attributes
+    ----------
+    groups : int array, shape (n,)
+        The number of the `Shared` that each value belongs to.
+    diagonal : float array, shape (n,)
+    blocks : tuple of (group, positions, matrix)
+        What dense penalties add beside the diagonal.
+    """
+
+    groups: np.ndarray
+    diagonal: Array
+    blocks: tuple[tuple[int, np.ndarray, Array], ...] = ()
+
+    def times(self, factors: Array, values: Array) -> Array:
+        """The matrix, each group times its factor, applied to values."""
+        product: Array = factors[self.groups] * self.diagonal * values
+        for group, positions, matrix in self.blocks:
+            product[positions] += factors[group] * (matrix @ values[positions])
+        return product
+
+
+@dataclass(frozen=True)
+class ProblemFacts:
+    """What the coordinator learns about an agent's problem when it is built.
+
+    Attributes
+    ----------
+    quantities : tuple of QuantityFacts
+        In the order of the agent's shared values.
+    penalty : PenaltyMatrix
+    pairs : int
+        Complementarity pairs.
+    values, fixed : float and bool arrays, shape (n,)
+        First values of the shared variables, and which are fixed.
+    variables, rows : int
+        Size of the problem that Ipopt sees.
+    all_variables : int
+        Variables of the model, fixed ones included.
+    positions : float array, shape (coordinates, times), or None
+        First positions, where robots are kept apart.
+    """
+
+    quantities: tuple[QuantityFacts, ...]
+    penalty: PenaltyMatrix
+    pairs: int
+    values: Array
+    fixed: np.ndarray
+    variables: int
+    rows: int
+    all_variables: int
+    positions: Array | None
+
+
+@dataclass(frozen=True)
+class Order:
+    """What an agent is asked to solve in a round.
+
+    The agent minimises its own objective plus ``linear @ v`` plus ``v @ W @ v / 2`` in its shared values v, with W the
+    penalties times their factors.
+
+    Attributes
+    ----------
+    linear : float array, shape (n,)
+    factors : float array
+        One for each `Shared`, on its penalty.
+    mu : float or None
+        The barrier problem to solve; None for the problem itself, with the delta of `delta`.
+    delta : float or None
+        Of relaxed pairs, where mu is None.
+    tolerance : float
+    iterations : int
+        Limit of Ipopt's iterations. Time limits inside a round would make iterates depend on the machine.
+    warm : bool
+        Go on with the multipliers of the last solve.
+    values : float array, shape (n,), or None
+        Where the shared variables start, if not where they are.
+    weights : float array, shape (n,), or None
+        Further factors on the diagonal of W.
+    others : float array, shape (neighbours, coordinates, times), or None
+        Positions to keep away from.
+    with_plan : bool
+        Whether the report has the plan, which the physical score needs.
+    """
+
+    linear: Array
+    factors: Array
+    mu: float | None
+    delta: float | None = None
+    tolerance: float = 1e-6
+    iterations: int = 150
+    warm: bool = True
+    values: Array | None = None
+    weights: Array | None = None
+    others: Array | None = None
+    with_plan: bool = False
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an agent answers to an order.
+
+    Attributes
+    ----------
+    values : float array, shape (n,)
+        Its shared values.
+    status : str
+        Name of the `IpoptStatus`.
+    solved, usable : bool
+        Whether Ipopt met its tolerances; whether the point can be used at all, which it can at an iteration limit too.
+    iterations : int
+    cpu_seconds : float
+    objective : float
+        The agent's own, without the terms of the team.
+    positions : float array, shape (coordinates, times), or None
+    plan : mapping of component name to float array
+        Empty unless the order asked for it.
+    """
+
+    values: Array
+    status: str
+    solved: bool
+    usable: bool
+    iterations: int
+    cpu_seconds: float
+    objective: float
+    positions: Array | None = None
+    plan: Mapping[str, Array] = field(default_factory=dict)

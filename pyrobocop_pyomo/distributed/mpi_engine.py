@@ -1,0 +1,76 @@
+"""`MpiEngine`: every rank runs the same script and solves its own agents; no rank is master."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pyrobocop_pyomo.errors import EngineError
+from pyrobocop_pyomo.optional_imports import mpi, mpi_available
+
+from .engine import Engine, Exchange
+from .worker_host import Answer, HostedSpec, Request, WorkerHost
+
+
+class MpiEngine(Engine):
+    """Every rank of an MPI job runs the same script, solves its own agents, and hears the reports of all others.
+
+    Start the script with ``mpiexec -n 4 python -m mpi4py script.py``: then an exception on one rank ends the job, and
+    does not leave the others waiting. Each rank has the same coordinator, and reports travel from peer to peer, so none
+    is master and orders are not sent at all: `bytes_down` counts what a rank forms itself. The death of a rank ends the
+    whole job; it goes on from its last checkpoint. Take no more ranks than processors: a rank that waits uses one.
+
+    Parameters
+    ----------
+    communicator : mpi4py.MPI.Comm, optional
+        By default all ranks of the job; agents are dealt out to them in turn.
+
+    Raises
+    ------
+    EngineError
+        When mpi4py or an MPI library is not installed.
+    """
+
+    name = "mpi"
+    _keeps_snapshots = False  # a death ends the job
+
+    def __init__(self, communicator: Any = None) -> None:
+        super().__init__()
+        if not mpi_available:
+            raise EngineError(
+                "engine 'mpi': mpi4py or the MPI library that it needs is not installed. Run: "
+                "pip install 'pyrobocop_pyomo[mpi]' and an MPI, for example pip install mpich."
+            )
+        self.communicator = mpi.COMM_WORLD if communicator is None else communicator
+        self._owners: dict[str, int] = {}
+        self._host = WorkerHost()
+
+    @property
+    def writes_files(self) -> bool:  # type: ignore[override]
+        """Whether this rank is the one that writes files and tells the user."""
+        return bool(self.communicator.rank == 0)
+
+    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
+        self._owners = {name: i % self.communicator.size for i, name in enumerate(specs)}
+        self._host = WorkerHost(specs)
+
+    def _exchange(self, requests: Sequence[Request]) -> Exchange:
+        asked = [(request.agent, request.task) for request in requests]
+        answers = {
+            request.agent: self._host.answer(request)
+            for request in requests
+            if self._owners[request.agent] == self.communicator.rank
+        }
+        gathered: list[tuple[list[tuple[str, str]], dict[str, Answer]]]
+        gathered = self.communicator.allgather((asked, answers))
+        for rank, (theirs, _) in enumerate(gathered):
+            if theirs != gathered[0][0]:
+                raise EngineError(
+                    f"engine 'mpi': rank 0 asks for {gathered[0][0]}, rank {rank} for {theirs}. All ranks have to "
+                    "run the same script with the same data, and nothing in it may depend on time or chance."
+                )
+        found = {name: answer for _, answers in gathered for name, answer in answers.items()}
+        return {request.agent: found[request.agent] for request in requests}, {}
+
+    def _close(self) -> None:
+        self._host = WorkerHost()

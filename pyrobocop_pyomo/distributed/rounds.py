@@ -1,0 +1,78 @@
+"""`Round`: one round of a team, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from pyrobocop_pyomo.numerics import Array
+
+
+class PlanScore(Protocol):
+    """What a combined plan is worth physically."""
+
+    @property
+    def strict(self) -> bool:
+        """Whether the plan holds to small tolerances."""
+        ...
+
+    @property
+    def practical(self) -> bool:
+        """Whether the plan would do its work."""
+        ...
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round, in numbers.
+
+    Attributes
+    ----------
+    number : int
+        From 0.
+    mu : float or None
+    disagreement : float array
+        Largest distance of an agent's value from what is agreed on, for each `Shared`, in its unit.
+    change : float array
+        Largest change of what is agreed on since the round before.
+    scaled : float array
+        Disagreement times the square root of the penalty as given.
+    factors : float array
+        On the penalties.
+    objective : float
+        Sum over the agents.
+    reports : mapping of agent to (status, iterations, CPU seconds)
+        Of those that were asked.
+    failures : mapping of agent to text
+        Of those without a usable point in this round.
+    score : PlanScore or None
+        Of the combined plan, where it was asked for.
+    bytes_down, bytes_up : int
+        Most that one robot received, and sent.
+    seconds : float
+        Elapsed.
+    hub : str or None
+    """
+
+    number: int
+    mu: float | None
+    disagreement: Array
+    change: Array
+    scaled: Array
+    factors: Array
+    objective: float
+    reports: Mapping[str, tuple[str, int, float]]
+    failures: Mapping[str, str]
+    score: PlanScore | None
+    bytes_down: int
+    bytes_up: int
+    seconds: float
+    hub: str | None = None
+
+    @property
+    def parallel_cpu_seconds(self) -> float:
+        """Of the slowest robot, and of the hub that follows."""
+        of_robots = [seconds for name, (_, _, seconds) in self.reports.items() if name != self.hub]
+        of_hub = self.reports[self.hub][2] if self.hub is not None and self.hub in self.reports else 0.0
+        return max(of_robots, default=0.0) + of_hub

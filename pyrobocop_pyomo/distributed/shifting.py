@@ -1,0 +1,123 @@
+"""`TimeShift`: values and multipliers of a model in time, moved ahead by one element; the last ones stand."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.var import VarData
+from pyomo.core.expr.visitor import identify_variables
+
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases import phases_of
+
+_RELATIVE = 1e-9  # of the duration: how equal the elements have to be
+
+
+def later_times(model: Any) -> dict[float, float]:
+    """Each time of a model's phases, and the one that takes its place an element later.
+
+    Parameters
+    ----------
+    model : Block
+        All of its phases have the same times, with fixed start, fixed duration, equal elements and one point in each.
+
+    Returns
+    -------
+    dict of float to float
+        Without the last time.
+
+    Raises
+    ------
+    TeamError
+        When there are no phases, or not such ones.
+    """
+    grids = {phase.name: list(phase.time) for phase in phases_of(model) if not phase.has_normalised_time}
+    if len(grids) < len(phases_of(model)) or not grids:
+        raise TeamError(f"'{model.name}': to move a plan ahead its phases need a fixed start and a fixed duration.")
+    (first, times), *others = grids.items()
+    for name, grid in others:
+        if grid != times:
+            raise TeamError(f"'{model.name}': phases '{first}' and '{name}' have different times. Give them one mesh.")
+    steps = np.diff(times)
+    if np.ptp(steps) > _RELATIVE * (times[-1] - times[0]):
+        raise TeamError(
+            f"'{model.name}': the times of phase '{first}' are {steps.min():g} to {steps.max():g} apart. A plan is "
+            "moved ahead by elements of equal length with one point each, such as those of 'implicit_euler'."
+        )
+    return dict(pairwise(times))
+
+
+def later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | None:
+    """The index an element later; None where it holds no time, or the last one."""
+    entries = index if isinstance(index, tuple) else (index,)
+    moved = tuple(later.get(entry, entry) if isinstance(entry, float) else entry for entry in entries)
+    if moved == entries:
+        return None
+    return moved if isinstance(index, tuple) else moved[0]
+
+
+class TimeShift:
+    """What takes the place of each variable and each row of a program when time moves on by one element.
+
+    A variable takes the value that its component has an element later. A row takes the multiplier of the row of the
+    same component whose variables are its own an element later: so no matter how rows are indexed.
+
+    Parameters
+    ----------
+    model : Block
+    variables : sequence of VarData
+        Of the program, in its order.
+    rows : sequence of ConstraintData
+
+    Attributes
+    ----------
+    variables_from, rows_from : int arrays
+        Positions of what takes the place; their own where nothing does.
+    """
+
+    def __init__(self, model: Any, variables: Sequence[VarData], rows: Sequence[ConstraintData]) -> None:
+        self._later = later_times(model)
+        self._variables = list(variables)
+        self._sources = [self._later_variable(variable) for variable in variables]
+        position = {id(variable): i for i, variable in enumerate(variables)}
+        self.variables_from = np.array(
+            [position.get(id(source), i) for i, source in enumerate(self._sources)], dtype=np.intp
+        )
+        self.rows_from = self._rows_from(rows)
+
+    def values(self) -> Array:
+        """What the variables' values are an element later, read from the model."""
+        return np.array([source.value for source in self._sources], dtype=float)
+
+    def _later_variable(self, variable: VarData) -> VarData:
+        component = variable.parent_component()
+        index = later_index(variable.index(), self._later)
+        return component[index] if index is not None and index in component else variable
+
+    def _rows_from(self, rows: Sequence[ConstraintData]) -> np.ndarray:
+        found: dict[tuple[int, frozenset[int]], list[int]] = {}
+        wanted: list[tuple[int, frozenset[int]]] = []
+        moved: dict[int, int] = {}
+        for i, row in enumerate(rows):
+            mine: Iterable[VarData] = list(identify_variables(row.body, include_fixed=True))
+            for variable in mine:
+                if id(variable) not in moved:
+                    moved[id(variable)] = id(self._later_variable(variable))
+            where = id(row.parent_component())
+            found.setdefault((where, frozenset(map(id, mine))), []).append(i)
+            wanted.append((where, frozenset(moved[id(variable)] for variable in mine)))
+        # Several rows of one component may have the same variables: they follow each other in their order.
+        taken: dict[tuple[int, frozenset[int]], int] = {}
+        source = np.arange(len(rows))
+        for i, key in enumerate(wanted):
+            others = found.get(key, [])
+            number = taken.get(key, 0)
+            if number < len(others):
+                source[i] = others[number]
+                taken[key] = number + 1
+        return source

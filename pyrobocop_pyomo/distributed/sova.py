@@ -1,0 +1,170 @@
+"""SOVA, the method of the DisCo paper: every robot holds all shared quantities, and talks to its neighbours only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pyrobocop_pyomo.numerics import Array
+
+from .coordination import Coordination, TeamState
+from .messages import Order
+from .rounds import Round
+from .spread import Spread
+from .team_schedules import (
+    BarrierPath,
+    BarrierRounds,
+    ConstantBarrier,
+    ConstantPenalties,
+    PenaltyRounds,
+    Reopening,
+    TargetedPenalties,
+)
+
+
+@dataclass(frozen=True)
+class Sova:
+    r"""Rounds among robots that each plan with a copy of everything that is shared.
+
+    In each round robot i minimises its own objective plus
+    :math:`p_i^T v_i + \sum_{j \in N_i} \| v_i - \tfrac12 (v_i^k + v_j^k) \|_W^2`, sends its values to its neighbours,
+    and :math:`p_i \leftarrow p_i + W \sum_{j \in N_i} (v_i - v_j)`. The multipliers of all robots sum to zero in every
+    round. A robot's problem holds the object's dynamics and the wrenches of all robots, so it grows with the team.
+
+    Attributes
+    ----------
+    barrier : BarrierRounds
+    penalties : PenaltyRounds
+    rounds : int
+        At most.
+    until : {"strict", "practical", "rounds"}
+        Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last.
+    tolerance : float
+        Without physics: largest disagreement, and largest change in a round.
+    regularisation : float
+        Factor on the penalties in the first round, which has no consensus terms: the copies of the others' wrenches
+        would be free otherwise.
+    iterations : int
+        Limit of Ipopt's iterations per solve.
+    score_below : float
+        The plan is scored from this mu on.
+    reopening : Reopening
+        What happens where a contact mode froze too early.
+    follow_barrier : bool
+        Whether a round solves the barrier problem of its mu, warm in primal and dual. Otherwise each round solves the
+        problem with delta = 2 mu, from the primal point of the round before, as the paper does.
+
+    References
+    ----------
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo, 2024, eq. 18-20 and algorithm 2, doi:10.48550/arXiv.2410.23283
+    """
+
+    barrier: BarrierRounds = field(default_factory=BarrierPath)
+    penalties: PenaltyRounds = field(default_factory=TargetedPenalties)
+    rounds: int = 80
+    until: str = "strict"
+    tolerance: float = 1e-6
+    regularisation: float = 0.1
+    iterations: int = 300
+    score_below: float = 2e-3
+    reopening: Reopening = field(default_factory=Reopening)
+    follow_barrier: bool = True
+
+    @classmethod
+    def paper(cls) -> Sova:
+        """The preset of the paper: 12 rounds, constant penalties and delta = 1e-3, whatever the outcome."""
+        return cls(
+            ConstantBarrier(5e-4), ConstantPenalties(), rounds=12, until="rounds", iterations=5000, follow_barrier=False
+        )
+
+    def begin(self, work: Coordination) -> TeamState:
+        """A first plan of each robot alone, as if the others did whatever helps it."""
+        mu = self.barrier.first() if any(fact.pairs for fact in work.facts.values()) else None
+        positions = {name: fact.positions for name, fact in work.facts.items() if fact.positions is not None}
+        multipliers = {name: np.zeros(work.facts[name].values.size) for name in work.robots}
+        state = TeamState(0, mu, np.ones(len(work.shared)), np.zeros(0), {}, multipliers, positions)
+        work.begin_round()
+        others = work.others(positions)
+        orders = {}
+        for name in work.robots:
+            factors = state.factors * self.regularisation
+            zero = np.zeros(work.facts[name].values.size)
+            orders[name] = self._order(work, name, state, zero, factors, others.get(name), first=True, with_plan=False)
+        reports = work.ask(orders)
+        work.refuse_missing(reports, work.robots)
+        self._take(work, state, reports)
+        return state
+
+    def round(self, work: Coordination, state: TeamState) -> Round:
+        """All robots, then the multipliers of all edges."""
+        work.begin_round()
+        scored = work.physics is not None and (
+            self.until == "rounds" or state.mu is None or state.mu <= self.score_below
+        )
+        others = work.others(state.positions)
+        orders = {}
+        for name in work.robots:
+            neighbours = list(work.neighbours[name])
+            penalty = work.facts[name].penalty
+            middles = sum(
+                (state.values[name] + work.as_seen_by(name, other, state.values) for other in neighbours), 0.0
+            )
+            linear = state.multipliers[name] - penalty.times(
+                state.factors, work.consensus.masked(name, middles + np.zeros(penalty.diagonal.size))
+            )
+            factors = 2.0 * len(neighbours) * state.factors
+            orders[name] = self._order(
+                work, name, state, linear, factors, others.get(name), first=False, with_plan=scored
+            )
+        before = state.target
+        self._take(work, state, work.ask(orders))
+        for name in work.robots:
+            penalty = work.facts[name].penalty
+            apart = np.zeros(penalty.diagonal.size)
+            for other in work.neighbours[name]:
+                apart += state.values[name] - work.as_seen_by(name, other, state.values)
+            apart = work.consensus.masked(name, apart)
+            state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, apart)
+        spread = Spread(len(work.shared))
+        for name in work.robots:
+            mean = work.consensus.of_agent(name, state.target)
+            gap = work.consensus.masked(name, state.values[name]) - mean
+            spread.add(work.facts[name].penalty, gap, mean - work.consensus.of_agent(name, before))
+        record = work.end_round(state, spread, scored=scored)
+        state.factors = self.penalties.after(state.factors, state.mu, spread)
+        if state.mu is not None:
+            state.mu = self.barrier.after(state.mu, record.disagreement, state.slowness)
+        state.round += 1
+        return record
+
+    def _take(self, work: Coordination, state: TeamState, reports: dict) -> None:
+        state.values.update({name: report.values for name, report in reports.items()})
+        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
+        state.target = work.consensus.mean(state.values)
+
+    def _order(
+        self,
+        work: Coordination,
+        name: str,
+        state: TeamState,
+        linear: Array,
+        factors: Array,
+        others: Array | None,
+        *,
+        first: bool,
+        with_plan: bool,
+    ) -> Order:
+        pairs = work.facts[name].pairs > 0
+        follow = pairs and self.follow_barrier and state.mu is not None
+        return Order(
+            linear,
+            factors,
+            state.mu if follow else None,
+            delta=2.0 * state.mu if pairs and state.mu is not None and not follow else None,
+            tolerance=work.tolerance(state.mu) if follow else 1e-6 if pairs else 1e-9,
+            iterations=max(300, self.iterations) if first else self.iterations,
+            warm=not first and (follow or not pairs),
+            others=others,
+            with_plan=with_plan,
+        )

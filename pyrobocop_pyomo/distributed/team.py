@@ -1,0 +1,423 @@
+"""`Team`: agents that plan together, and the ways to solve for their plan."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import networkx
+from pyrobocop_pyomo.solving.progress import Progress
+
+from .agents import Agent, KeepApart, Shared
+from .checkpoint import Checkpoint, fingerprint
+from .coordination import Coordination, Physics, TeamState
+from .engine import Engine
+from .engines import find_engine
+from .hub_method import Hub
+from .local_problem import ProblemSpec
+from .merging import MergedModel, merge_agents
+from .rounds import PlanScore, Round
+from .sova import Sova
+from .team_result import TeamResult
+from .team_schedules import Reopening
+
+logger = logging.getLogger(__name__)
+
+
+class Method(Protocol):
+    """How the agents of a team come to agree."""
+
+    @property
+    def rounds(self) -> int:
+        """At most."""
+        ...
+
+    @property
+    def until(self) -> str:
+        """Which physical score ends the rounds."""
+        ...
+
+    @property
+    def tolerance(self) -> float:
+        """Without physics: of disagreement and change."""
+        ...
+
+    @property
+    def reopening(self) -> Reopening:
+        """What happens where a contact mode froze too early."""
+        ...
+
+    def begin(self, work: Coordination) -> TeamState:
+        """Make the first state."""
+        ...
+
+    def round(self, work: Coordination, state: TeamState) -> Round:
+        """Carry out a round."""
+        ...
+
+
+@dataclass(frozen=True)
+class Team:
+    """Agents with models of their own, and what they share.
+
+    Parameters
+    ----------
+    robots : sequence of Agent
+    shared : sequence of Shared
+    hub : Agent, optional
+        The agent in the middle: the object that the robots move, with its dynamics and the wrenches of all.
+    keep_apart : KeepApart, optional
+    physics : callable, optional
+        Scores a combined plan by physics, such as ``rcp.mechanics.planar.PlanScore``.
+    graph : networkx.Graph, optional
+        Which robots talk to each other, for the method `Sova`: connected, its nodes the names of the robots. By default
+        all to all.
+
+    Raises
+    ------
+    TeamError
+        When names are double, nothing is shared, or the graph is not connected or has other nodes.
+
+    Notes
+    -----
+    The names of components in a `Shared` are those of the agents' own models. What one robot shares with the hub alone
+    is named with ``{robot}``.
+
+    References
+    ----------
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
+    Multi-Robot Collaboration, 2024, doi:10.48550/arXiv.2410.23283
+    """
+
+    robots: Sequence[Agent]
+    shared: Sequence[Shared]
+    hub: Agent | None = None
+    keep_apart: KeepApart | None = None
+    physics: Physics | None = None
+    graph: Any = None
+
+    def __init__(
+        self,
+        *,
+        robots: Sequence[Agent],
+        shared: Sequence[Shared],
+        hub: Agent | None = None,
+        keep_apart: KeepApart | None = None,
+        physics: Physics | None = None,
+        graph: Any = None,
+    ) -> None:
+        for name, given in {
+            "robots": tuple(robots), "shared": tuple(shared), "hub": hub, "keep_apart": keep_apart, "physics": physics,
+            "graph": graph,
+        }.items():  # fmt: skip
+            object.__setattr__(self, name, given)
+        self._check()
+
+    @property
+    def names(self) -> list[str]:
+        """Of the robots."""
+        return [robot.name for robot in self.robots]
+
+    def _check(self) -> None:
+        if not self.robots:
+            raise TeamError("a team needs robots; none were given.")
+        agents = [*self.robots, *([self.hub] if self.hub is not None else [])]
+        for agent in agents:
+            if not isinstance(agent, Agent):
+                raise TeamError(f"{agent!r} is no Agent. Write Agent(name, builder, *data).")
+        names = [agent.name for agent in agents]
+        for name in names:
+            if names.count(name) > 1:
+                raise TeamError(f"{names.count(name)} agents have the name '{name}'. Give each a name of its own.")
+        if not self.shared:
+            raise TeamError("the agents of a team share something: give shared=[Shared(...)].")
+        if self.hub is None and any(shared.of_one_robot for shared in self.shared):
+            raise TeamError("what is named with {robot} is shared with a hub; this team has none. Give hub=Agent(...).")
+        if self.graph is not None:
+            nodes, robots = set(self.graph.nodes), set(self.names)
+            if nodes != robots:
+                odd = sorted(map(str, nodes ^ robots))
+                raise TeamError(
+                    f"the nodes of the graph are not the robots: {', '.join(odd)} {'is' if len(odd) == 1 else 'are'} "
+                    f"in one and "
+                    "not in the other. Use the names of the robots as nodes."
+                )
+            if not networkx.is_connected(self.graph):
+                parts = [sorted(part) for part in networkx.connected_components(self.graph)]
+                raise TeamError(
+                    f"the graph is not connected: {' and '.join(map(str, parts))} have no edge between them, so they "
+                    f"could "
+                    "never agree. Add an edge."
+                )
+
+    # ---------------------------------------------------------------- problems
+
+    def problem_specs(self, method: Method | str = "hub") -> list[ProblemSpec]:
+        """How each agent's problem is built for a method.
+
+        Parameters
+        ----------
+        method : "hub", "sova" or a method
+        """
+        method = find_method(method, self)
+        neighbours = 0 if self.keep_apart is None else min(self.keep_apart.neighbours, len(self.robots) - 1)
+        physics = self.physics
+        of_robots = () if physics is None else tuple(physics.robot_components)
+        of_hub = () if physics is None else tuple(physics.hub_components)
+        specs = []
+        if isinstance(method, Sova):
+            everything = self._shared_by(self.names)
+            for robot in self.robots:
+                agents = (robot,) if self.hub is None else (self.hub, robot)
+                specs.append(
+                    ProblemSpec(robot.name, agents, everything, self.keep_apart, neighbours, (*of_robots, *of_hub))
+                )
+            return specs
+        assert self.hub is not None
+        specs.append(ProblemSpec(self.hub.name, (self.hub,), self._shared_by(self.names), plan=of_hub))
+        for robot in self.robots:
+            specs.append(
+                ProblemSpec(robot.name, (robot,), self._shared_by([robot.name]), self.keep_apart, neighbours, of_robots)
+            )
+        return specs
+
+    def _shared_by(self, robots: Sequence[str]) -> tuple[tuple[int, Shared, tuple[str, ...]], ...]:
+        entries = []
+        for number, shared in enumerate(self.shared):
+            for robot in robots if shared.of_one_robot else robots[:1]:
+                entries.append((number, shared, shared.names_for(robot)))
+        return tuple(entries)
+
+    def central(self, *, eliminate: bool = True) -> MergedModel:
+        """One model of the whole team, from the same builders: what a single planner that knows everything solves.
+
+        Parameters
+        ----------
+        eliminate : bool
+            Whether what one robot shares with the hub, such as its wrench, is replaced by the formula that the robot's
+            model has for it.
+
+        Returns
+        -------
+        MergedModel
+            ``merged.model`` can be given to `solve`; ``merged.parts[agent]`` is an agent's part of it. The distances of
+            `keep_apart` are constraints between the robots' unknowns.
+        """
+        agents = [*([self.hub] if self.hub is not None else []), *self.robots]
+        single = [
+            name for shared in self.shared if shared.of_one_robot for n in self.names for name in shared.names_for(n)
+        ]
+        names = [name for _, _, entry in self._shared_by(self.names) for name in entry]
+        merged = merge_agents(agents, names, eliminate=single if eliminate and self.hub is not None else ())
+        if self.keep_apart is not None and len(self.robots) > 1:
+            self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
+        return merged
+
+    def score_of(self, merged: MergedModel) -> Any:
+        """Physical score of the values that stand on a model of `central`.
+
+        Raises
+        ------
+        TeamError
+            When the team has no physics.
+        """
+        if self.physics is None:
+            raise TeamError("this team has no physics to score a plan by: give physics=... to Team.")
+        return self.physics(self.plans_of(merged))
+
+    def plans_of(self, merged: MergedModel) -> dict[str, dict[str, Array]]:
+        """Read the plans of all agents from a model of `central`."""
+        physics = self.physics
+        assert physics is not None
+        plans = {name: merged.values_of(physics.robot_components, name) for name in self.names}
+        if self.hub is not None:
+            plans[self.hub.name] = merged.values_of(physics.hub_components, self.hub.name)
+        return plans
+
+    # ---------------------------------------------------------------- solving
+
+    def solve(
+        self,
+        method: Method | str = "hub",
+        *,
+        engine: str | Engine = "serial",
+        checkpoint: str | Path | None = None,
+        progress: bool | None = None,
+        on_round: Any = None,
+    ) -> TeamResult:
+        """Plan together.
+
+        Parameters
+        ----------
+        method : "hub", "sova", "paper", or a method such as ``Hub(rounds=40)``
+            "hub" is the default where the team has one, otherwise "sova". "paper" is `Sova.paper`.
+        engine : str or Engine
+            Where the agents live: ``"serial"``, ``"process"``, ``"dask"``, ``"mpi"``. The iterates are the same on all.
+        checkpoint : path, optional
+            A file that is written after every round, and that a later call of the same team goes on from.
+        progress : bool, optional
+            Show a line for each round; by default on a terminal.
+        on_round : callable, optional
+            Called with the `Round` after each; ends the rounds by returning False.
+
+        Returns
+        -------
+        TeamResult
+            Also where the rounds ran out, with the best plan.
+
+        Raises
+        ------
+        TeamError
+            When the models do not fit together; before any solve.
+        EngineError
+            When the engine is not installed, or a builder cannot be sent to it.
+        """
+        method = find_method(method, self)
+        specs = self.problem_specs(method)
+        running = find_engine(engine)
+        with running:
+            facts = running.start(specs)
+            hub = self.hub.name if self.hub is not None and not isinstance(method, Sova) else None
+            graph = networkx.complete_graph(self.names) if self.graph is None else self.graph
+            work = Coordination(running, facts, self.shared, self.names, hub, self.keep_apart, self.physics, graph)
+            rounds = _Rounds(method, work, Progress(progress), on_round)
+            mark = fingerprint([*specs, method]) if checkpoint is not None else ""
+            return rounds.run(self, None if checkpoint is None else Path(checkpoint), mark)
+
+
+def find_method(method: Method | str, team: Team) -> Method:
+    """Look a method up, and refuse one that does not suit a team.
+
+    Raises
+    ------
+    TeamError
+        For an unknown name, or the hub method without a hub.
+    """
+    if method == "hub" and team.hub is None:
+        method = "sova"
+    if isinstance(method, str):
+        known: dict[str, Callable[[], Method]] = {"hub": Hub, "sova": Sova, "paper": Sova.paper}
+        if method not in known:
+            raise TeamError(f"method = {method!r}; expected {', '.join(map(repr, known))}, or a method.")
+        return find_method(known[method](), team)
+    if isinstance(method, Hub) and team.hub is None:
+        raise TeamError("the hub method needs a hub: give hub=Agent(...) to Team, or use Sova.")
+    return method
+
+
+class _Rounds:
+    """The rounds of one call of `Team.solve`."""
+
+    def __init__(self, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
+        self._method, self._work, self._progress, self._on_round = method, work, progress, on_round
+        self._kept: tuple[dict[str, Any], dict[str, Array]] | None = None
+        self._reopenings = 0
+        self._since = 0  # number of rounds before the last reopening
+        self._best: tuple[tuple[float, ...], int, PlanScore | None, dict[str, Any]] | None = None
+
+    def run(self, team: Team, path: Path | None, mark: str) -> TeamResult:
+        work, method = self._work, self._method
+        if path is not None and path.exists():
+            state = self._resume(path, mark)
+        else:
+            state = method.begin(work)
+        done = False
+        while not done and state.round < method.rounds:
+            record = method.round(work, state)
+            self._keep_best(record)
+            done = self._is_done(record)
+            self._progress.live(self._line(record))
+            state = self._reopened(state)
+            if path is not None:
+                self._save(path, mark, state)
+            if self._on_round is not None and self._on_round(record) is False:
+                done = True
+        if work.rounds:
+            self._progress.line(self._line(work.rounds[-1]))
+        return self._result(team, state)
+
+    def _reopened(self, state: TeamState) -> TeamState:
+        """The state, or an earlier one with everything that belongs to it, where the rounds came to a stop too
+        early."""
+        rule, engine = self._method.reopening, self._work.engine
+        if state.mu is None or self._work.physics is None or self._reopenings >= rule.times:
+            return state
+        if self._kept is None and state.mu <= rule.at:
+            self._kept = engine.states(), state.arrays()
+        if self._kept is None or not rule.is_frozen(self._work.rounds[self._since :]):
+            return state
+        logger.info("round %d: modes froze before the agents agreed; back to larger mu", state.round)
+        states, arrays = self._kept
+        engine.restore({name: kept for name, kept in states.items() if name not in self._work.frozen})
+        earlier = TeamState.of_arrays(arrays)
+        earlier.round, earlier.slowness = state.round, 2.0 * state.slowness
+        self._reopenings += 1
+        self._since = len(self._work.rounds)
+        return earlier
+
+    def _is_done(self, record: Round) -> bool:
+        method = self._method
+        if self._work.physics is None:
+            within = record.disagreement.max(initial=0.0), record.change.max(initial=0.0)
+            return max(within) <= method.tolerance
+        score = record.score
+        return score is not None and (
+            (method.until == "strict" and score.strict) or (method.until == "practical" and score.practical)
+        )
+
+    def _keep_best(self, record: Round) -> None:
+        if record.score is None:
+            return
+        # Later rounds agree better and are cheaper as a rule.
+        rank = (float(record.score.strict), float(record.score.practical), float(record.number))
+        if self._best is None or rank > self._best[0]:
+            self._best = rank, len(self._work.rounds) - 1, record.score, dict(self._work.plans)
+
+    def _line(self, record: Round) -> str:
+        apart = " ".join(f"{gap:.1e}" for gap in record.disagreement)
+        counts = " ".join(str(count) for _, count, _ in record.reports.values())
+        mu = "" if record.mu is None else f"  mu {record.mu:.0e}"
+        failed = f"  {len(record.failures)} failed" if record.failures else ""
+        word = ""
+        if record.score is not None:
+            word = "strict" if record.score.strict else "practical" if record.score.practical else "not physical yet"
+        return f"round {record.number + 1}{mu}  apart {apart}  iterations {counts}{failed}  {word}"
+
+    def _result(self, team: Team, state: TeamState) -> TeamResult:
+        work = self._work
+        names = tuple(work.consensus.group_names)
+        _, number, score, plans = self._best or ((), len(work.rounds) - 1, None, dict(work.plans))
+        agreement = (
+            bool(work.rounds)
+            and max(work.rounds[-1].disagreement.max(initial=0.0), work.rounds[-1].change.max(initial=0.0))
+            <= self._method.tolerance
+        )
+        source = work.hub or work.robots[0]
+        target = state.target if work.hub is not None else work.consensus.of_agent(source, state.target)
+        agreed: dict[str, Array] = {}
+        first = 0
+        for quantity in work.facts[source].quantities:
+            agreed[quantity.name] = target[first : first + len(quantity.keys)]
+            first += len(quantity.keys)
+        return TeamResult(
+            plans, dict(state.values), agreed, work.rounds, number, score, agreement, names, dict(work.frozen),
+            dict(work.engine.deaths), self._reopenings, team.physics,
+        )  # fmt: skip
+
+    # ---------------------------------------------------------------- checkpoints
+
+    def _save(self, path: Path, mark: str, state: TeamState) -> None:
+        engine = self._work.engine
+        states = engine.states()
+        if engine.writes_files:
+            Checkpoint(state.round, mark, states, state.arrays()).save(path)
+
+    def _resume(self, path: Path, mark: str) -> TeamState:
+        saved = Checkpoint.load(path, mark)
+        self._work.engine.restore(saved.states)
+        return TeamState.of_arrays(saved.coordinator)

@@ -1,0 +1,277 @@
+"""`TeamHorizon`: a team that plans, moves a little, and plans again from where it is, in a few rounds each time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import networkx
+
+from .agents import Shared
+from .coordination import Coordination, Round, TeamState
+from .engine import AgentFailure, Engine
+from .engines import find_engine
+from .hub_method import Hub
+from .messages import ProblemFacts
+from .shifting import later_index
+from .sova import Sova
+from .team import Method, Team, find_method
+from .team_schedules import ConstantBarrier, ConstantPenalties
+
+Measured = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class TeamTick:
+    """What one step of a team's receding horizon gave.
+
+    Attributes
+    ----------
+    number : int
+        From 0, which is the first plan.
+    rounds : sequence of Round
+    seconds : float
+        Elapsed.
+    """
+
+    number: int
+    rounds: Sequence[Round]
+    seconds: float
+
+    @property
+    def disagreement(self) -> Array:
+        """Largest distance of an agent's value from what is agreed on, for each `Shared`, after the last round."""
+        return self.rounds[-1].disagreement
+
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Agents without a usable point in the last round, and why; they go on with their last plan."""
+        return self.rounds[-1].failures
+
+
+class TeamHorizon:
+    """A team whose agents plan again and again while they move: receding horizon, a few rounds for each step.
+
+    In each step the first element of the plan has been carried out. Every agent moves its plan and its multipliers
+    ahead by an element, starts where it is measured to be, and goes on warm; so do the multipliers of the agreement.
+    Use it as a context, or call `stop`.
+
+    Parameters
+    ----------
+    team : Team
+        Its models have phases with a fixed duration and equal elements with one point each; what is measured are the
+        states with a fixed initial value.
+    method : "hub", "sova" or a method
+        Of the first plan.
+    engine : str or Engine
+    rounds : int
+        In each step after the first plan.
+    mu : float
+        Barrier parameter of these rounds, with delta = 2 mu: small enough that contacts are meant, large enough that
+        they may still change.
+
+    Raises
+    ------
+    TeamError
+        When the models do not fit together, or cannot be moved ahead.
+    EngineError
+        When the engine is not installed, or a builder cannot be sent to it.
+
+    References
+    ----------
+    Shorinwa, Devlin, Hawkes & Schwager, DisCo: Distributed Contact-Rich Trajectory Optimization for Forceful
+    Multi-Robot Collaboration, 2024, Algorithm 1, doi:10.48550/arXiv.2410.23283
+    """
+
+    def __init__(
+        self,
+        team: Team,
+        method: Method | str = "hub",
+        *,
+        engine: str | Engine = "serial",
+        rounds: int = 4,
+        mu: float = 1e-2,
+    ) -> None:
+        if rounds < 1 or not mu > 0:
+            raise TeamError(
+                f"TeamHorizon: rounds = {rounds!r}, mu = {mu!r}; expected at least 1, and a positive number."
+            )
+        self.team = team
+        self._method = find_method(method, team)
+        if not isinstance(self._method, (Hub, Sova)):
+            raise TeamError(f"TeamHorizon: the method {self._method!r} is neither Hub nor Sova.")
+        self._in_steps: Method = replace(
+            self._method, barrier=ConstantBarrier(mu), penalties=ConstantPenalties(), rounds=rounds
+        )
+        self._mu = mu
+        self._number = 0
+        self.engine = find_engine(engine)
+        specs = team.problem_specs(self._method)
+        facts: dict[str, ProblemFacts] = self.engine.start(specs)
+        try:
+            hub = team.hub.name if team.hub is not None and isinstance(self._method, Hub) else None
+            graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
+            self._work = Coordination(
+                self.engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph
+            )
+            self._needed = {name: set(states) for name, states in self._of_all("start_states").items()}
+            self._of_all("advance", {name: ({}, 0) for name in facts})  # refuses what cannot be moved ahead
+        except BaseException:
+            self.stop()
+            raise
+        self._state: TeamState | None = None
+
+    def plan(self) -> TeamTick:
+        """Make the first plan, with all rounds of the method.
+
+        Returns
+        -------
+        TeamTick
+
+        Raises
+        ------
+        TeamError
+            When an agent finds no point in its first round.
+        """
+        started, method = time.perf_counter(), self._method
+        self._state = method.begin(self._work)
+        records: list[Round] = []
+        while len(records) < method.rounds and not (records and self._is_good(records[-1])):
+            records.append(method.round(self._work, self._state))
+        if self._state.mu is not None:
+            self._state.mu = self._mu
+        return TeamTick(0, records, time.perf_counter() - started)
+
+    def step(self, measured: Measured, elements: int = 1) -> TeamTick:
+        """Plan from where the team is after so many elements of its plan.
+
+        Parameters
+        ----------
+        measured : mapping of agent to (mapping of component name to float)
+            Values of all states with a fixed initial value, such as ``{"a": {"me.x": 0.1, ...}, "rod": {"body.qx":
+            ...}}``. What agents share needs to be given for one of them.
+        elements : int
+            How many elements of the plan have been carried out.
+
+        Returns
+        -------
+        TeamTick
+
+        Raises
+        ------
+        TeamError
+            When states are missing, unknown or not finite, or there is no plan yet.
+        """
+        started, work, state = time.perf_counter(), self._work, self._state
+        if state is None:
+            raise TeamError("TeamHorizon: there is no plan to go on from. Call plan() first.")
+        starts = self._starts(measured)
+        moved = self._of_all("advance", {name: (start, elements) for name, start in starts.items()})
+        for name, (values, positions) in moved.items():
+            fact = work.facts[name]
+            if positions is not None:
+                state.positions[name] = positions
+            if name == work.hub:
+                state.target = values
+                continue
+            state.values[name] = values
+            source = _later_values(fact, elements)
+            state.multipliers[name] = state.multipliers[name][source]
+        if work.hub is None:
+            state.target = work.consensus.mean(state.values)
+        records = [self._in_steps.round(work, state) for _ in range(self._in_steps.rounds)]
+        self._number += 1
+        return TeamTick(self._number, records, time.perf_counter() - started)
+
+    def predicted(self, elements: int = 1) -> dict[str, dict[str, float]]:
+        """Where the plan says that each agent is after so many elements.
+
+        Returns
+        -------
+        dict of agent to (dict of component name to float)
+            As `step` wants it; a simulation disturbs it.
+        """
+        return self._of_all("start_states", dict.fromkeys(self._work.facts, (elements,)))
+
+    def read(self, *components: str) -> dict[str, dict[str, Array]]:
+        """Values of components in the plan of each robot, such as its actuation ``"me.tau_x"``.
+
+        Parameters
+        ----------
+        *components : str
+            ``{robot}`` stands for the name of the robot, as in `Shared`.
+
+        Returns
+        -------
+        dict of robot to (dict of component name to float array)
+        """
+        names = {robot: Shared(*components).names_for(robot) for robot in self._work.robots}
+        found = self._of_all("read", {robot: (asked,) for robot, asked in names.items()})
+        return {
+            robot: {name: values[asked] for name, asked in zip(components, names[robot], strict=True)}
+            for robot, values in found.items()
+        }
+
+    def stop(self) -> None:
+        """End the engine."""
+        self.engine.stop()
+
+    def __enter__(self) -> TeamHorizon:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _of_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]] | None = None) -> dict[str, Any]:
+        """What a method of the agents' problems gives; agents that are given up are left out."""
+        asked = dict.fromkeys(self._work.facts, ()) if arguments is None else arguments
+        found = self.engine.call_all(method, asked)
+        return {name: value for name, value in found.items() if not isinstance(value, AgentFailure)}
+
+    def _starts(self, measured: Measured) -> dict[str, dict[str, float]]:
+        shared = {quantity.name for fact in self._work.facts.values() for quantity in fact.quantities}
+        for agent, states in measured.items():
+            if agent not in self._needed:
+                raise TeamError(f"no agent '{agent}' was started; there are {', '.join(self._needed)}.")
+            for name, number in states.items():
+                if name not in self._needed[agent]:
+                    raise TeamError(f"agent '{agent}': '{name}' is no state with a fixed initial value.")
+                if not np.isfinite(number):
+                    raise TeamError(f"agent '{agent}': the measured '{name}' is {number}.")
+        common = {name: value for states in measured.values() for name, value in states.items() if name in shared}
+        starts = {}
+        for agent, needed in self._needed.items():
+            starts[agent] = {**{n: v for n, v in common.items() if n in needed}, **measured.get(agent, {})}
+            missing = sorted(needed - set(starts[agent]))
+            if missing:
+                raise TeamError(f"agent '{agent}': no measured value of {', '.join(map(repr, missing))}.")
+        return starts
+
+    def _is_good(self, record: Round) -> bool:
+        if self._work.physics is None:
+            return bool(max(record.disagreement.max(initial=0), record.change.max(initial=0)) <= self._method.tolerance)
+        return record.score is not None and record.score.practical
+
+
+def _later_values(fact: ProblemFacts, elements: int) -> np.ndarray:
+    """Position of what takes the place of each shared value so many elements later; the last ones stand."""
+    keys = [(quantity.name, key) for quantity in fact.quantities for key in quantity.keys]
+    position = {key: i for i, key in enumerate(keys)}
+    entries = {e for _, key in keys for e in (key if isinstance(key, tuple) else (key,)) if isinstance(e, float)}
+    times = sorted(entries)
+    later = dict(pairwise(times))
+    step = np.array([position.get((name, later_index(key, later)), i) for i, (name, key) in enumerate(keys)], np.intp)
+    source = np.arange(len(keys))
+    for _ in range(elements):
+        source = step[source]
+    return source

@@ -1,0 +1,147 @@
+"""What planning as a team gave: the combined plan, its physical score, and the rounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TeamFailed
+from pyrobocop_pyomo.numerics import Array
+
+from .coordination import Plans
+from .rounds import PlanScore, Round
+
+
+@dataclass(frozen=True)
+class TeamResult:
+    """The plan of a team.
+
+    Success is the physical score of the combined plan, and never a status of a solver. Where a team has no physics, it
+    is agreement to the tolerance.
+
+    Attributes
+    ----------
+    plans : mapping of agent to (mapping of component to float array)
+        The best plan: by its score, else the last.
+    values : mapping of agent to float array
+        Shared values of the last round.
+    agreed : mapping of component to float array
+        What the team agreed on in the last round.
+    rounds : sequence of Round
+    best_round : int
+        Number of the round that the plans are from.
+    score : PlanScore or None
+    agreement : bool
+        Whether disagreement and change of the last round were within the tolerance.
+    shared : tuple of str
+        Names of the shared groups, in the order of ``Round.disagreement``.
+    frozen : mapping of agent to text
+        Agents that stood still from some round on, and why.
+    deaths : mapping of agent to int
+        How often a worker was lost.
+    reopened : int
+        How often the rounds were taken up again from an earlier round.
+    physics : object or None
+        What scored the plans.
+    """
+
+    plans: Plans
+    values: Mapping[str, Array]
+    agreed: Mapping[str, Array]
+    rounds: Sequence[Round]
+    best_round: int
+    score: PlanScore | None
+    agreement: bool
+    shared: tuple[str, ...]
+    frozen: Mapping[str, str]
+    deaths: Mapping[str, int]
+    reopened: int
+    physics: Any = None
+
+    @property
+    def success(self) -> bool:
+        """Whether the plan is at least practical by physics; without physics, whether the agents agree."""
+        return self.agreement if self.physics is None else self.score is not None and self.score.practical
+
+    @property
+    def objective(self) -> float:
+        """Sum of the agents' objectives in the round of the plan."""
+        return self.rounds[self.best_round].objective
+
+    @property
+    def iterations(self) -> float:
+        """Mean number of Ipopt's iterations in a local solve."""
+        counts = [count for record in self.rounds for _, count, _ in record.reports.values()]
+        return float(np.mean(counts)) if counts else 0.0
+
+    @property
+    def local_success(self) -> bool:
+        """Whether Ipopt reported success for every local problem of every round. It says little of the combined
+        plan."""
+        solved = {"SOLVED", "ACCEPTABLE", "FEASIBLE_POINT"}
+        return all(status in solved for record in self.rounds for status, _, _ in record.reports.values())
+
+    @property
+    def cpu_seconds(self) -> float:
+        """Of all local solves."""
+        return sum(seconds for record in self.rounds for _, _, seconds in record.reports.values())
+
+    @property
+    def parallel_cpu_seconds(self) -> float:
+        """Sum over the rounds of the slowest robot, and of the hub that follows: with a processor for each agent."""
+        return sum(record.parallel_cpu_seconds for record in self.rounds)
+
+    def raise_for_failure(self) -> None:
+        """Raise unless the plan is a success.
+
+        Raises
+        ------
+        TeamFailed
+            With the score, or the disagreement.
+        """
+        if not self.success:
+            raise TeamFailed(f"the team found no plan that holds.\n{self}", self)
+
+    def animate(self, path: str | Path, **options: Any) -> Path:
+        """Write an animation of the plan, drawn by the team's physics.
+
+        Parameters
+        ----------
+        path : str or Path
+            Such as ``"rod.gif"``.
+        **options
+            Of the ``animate`` of the physics.
+
+        Raises
+        ------
+        TeamFailed
+            When the team has no physics that can draw, or no plan.
+        """
+        animate = getattr(self.physics, "animate", None)
+        if animate is None or not self.plans:
+            raise TeamFailed("there is nothing to animate: the team has no physics that can draw its plan, or no plan.")
+        animate(self.plans, path, **options)
+        return Path(path)
+
+    def __str__(self) -> str:
+        last = self.rounds[-1]
+        apart = ", ".join(f"{name}: {gap:.3g}" for name, gap in zip(self.shared, last.disagreement, strict=True))
+        solves = sum(len(record.reports) for record in self.rounds)
+        failures = sum(len(record.failures) for record in self.rounds)
+        lines = [
+            f"{len(self.rounds)} rounds, objective {self.objective:.6g}, {solves} local solves ({failures} without a "
+            f"usable "
+            f"point), {self.iterations:.1f} iterations each, {self.cpu_seconds:.1f} CPU s "
+            f"({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
+            f"disagreement: {apart}",
+        ]
+        if self.reopened:
+            lines.append(f"taken up again from an earlier round: {self.reopened} times")
+        lines += [f"'{name}' was frozen: {reason}" for name, reason in self.frozen.items()]
+        if self.score is not None:
+            lines.append(str(self.score))
+        return "\n".join(lines)

@@ -1,0 +1,280 @@
+"""How the barrier parameter and the penalties of a team move from round to round: small objects, one's own as well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.numerics import Array
+
+from .rounds import Round
+from .spread import Spread
+
+
+class BarrierRounds(Protocol):
+    """The barrier parameter of each round; the robots' delta is twice as large."""
+
+    def first(self) -> float:
+        """Return mu of the first round."""
+        ...
+
+    def after(self, mu: float, disagreement: Array, slowness: float) -> float:
+        """Return mu of the next round.
+
+        Parameters
+        ----------
+        mu : float
+            Of the last round.
+        disagreement : float array
+            Largest disagreement of the last round, for each `Shared` in its own unit.
+        slowness : float
+            1 at first; doubled each time that the path is taken again from an earlier round.
+        """
+        ...
+
+
+class PenaltyRounds(Protocol):
+    """Factors on the penalties of each round, one for each `Shared`."""
+
+    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+        """Return the factors of the next round.
+
+        Parameters
+        ----------
+        factors : float array
+            Of the last round, first 1.
+        mu : float or None
+            Of the last round.
+        primal, dual : float arrays
+            Disagreement, and change of what is agreed on since the round before, as root mean squares for each
+            `Shared`.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class BarrierPath:
+    """mu falls by a factor in each round; below `turn` only as fast as the agents agree.
+
+    Attributes
+    ----------
+    start : float
+        mu of the first round.
+    factor : float
+        Between 0 and 1, down to `turn`.
+    turn : float
+        From here on mu falls by `fast` where the disagreement of each shared group is below its mark, else by `slow`.
+    fast, slow : float
+    marks : sequence of float or float
+        Of the disagreement, times the square root of mu; one number, or one for each `Shared`.
+    floor : float
+        Least mu.
+    """
+
+    start: float = 0.1
+    factor: float = 0.8
+    turn: float = 1e-3
+    fast: float = 0.5
+    slow: float = 0.9
+    marks: float | Sequence[float] = 1.0
+    floor: float = 1e-5
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no falling path."""
+        if not 0 < self.floor <= self.turn <= self.start:
+            raise TeamError(f"{self!r}: expected 0 < floor <= turn <= start.")
+        if not all(0 < factor < 1 for factor in (self.factor, self.fast, self.slow)):
+            raise TeamError(f"{self!r}: factor, fast and slow must lie between 0 and 1.")
+
+    def first(self) -> float:
+        """Return mu of the first round."""
+        return self.start
+
+    def after(self, mu: float, disagreement: Array, slowness: float) -> float:
+        """Return mu of the next round."""
+        if mu > self.turn:
+            return max(self.turn, mu * self.factor ** (1.0 / slowness))
+        agreed = bool((disagreement < np.asarray(self.marks) * np.sqrt(mu)).all())
+        return max(self.floor, mu * (self.fast if agreed else self.slow))
+
+
+@dataclass(frozen=True)
+class ConstantBarrier:
+    """The same mu in every round, as with a fixed delta = 2 mu.
+
+    Attributes
+    ----------
+    mu : float
+    """
+
+    mu: float = 5e-4
+
+    def first(self) -> float:
+        """Return mu."""
+        return self.mu
+
+    def after(self, mu: float, disagreement: Array, slowness: float) -> float:
+        """Return mu."""
+        return self.mu
+
+
+@dataclass(frozen=True)
+class ConstantPenalties:
+    """Penalties stay as they are given."""
+
+    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+        """Return the factors as they are."""
+        return factors
+
+
+@dataclass(frozen=True)
+class GrowingPenalties:
+    """Penalties grow by a factor in each round, once mu is small.
+
+    Attributes
+    ----------
+    factor : float, or sequence with one for each `Shared`
+        At least 1.
+    largest : float, or sequence with one for each `Shared`
+        Of the factor on the given penalty.
+    below : float
+        Growth begins when mu is at most this.
+    """
+
+    factor: float | Sequence[float] = 1.15
+    largest: float | Sequence[float] = 30.0
+    below: float = 1.5e-3
+
+    def __post_init__(self) -> None:
+        """Refuse penalties that shrink."""
+        if (np.asarray(self.factor) < 1).any() or (np.asarray(self.largest) < 1).any():
+            raise TeamError(f"{self!r}: factor and largest must be at least 1.")
+
+    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+        """Return the factors of the next round."""
+        if mu is not None and mu > self.below:
+            return factors
+        grown: Array = np.minimum(factors * np.asarray(self.factor), np.maximum(self.largest, factors))
+        return grown
+
+
+@dataclass(frozen=True)
+class BalancedPenalties:
+    """A penalty grows where the agents disagree more than what they agree on still moves.
+
+    Attributes
+    ----------
+    factor : float
+        Of growth in a round.
+    ratio : float
+        A penalty grows where the disagreement exceeds this times the motion of what is agreed on.
+    largest : float
+        Of the factor on the given penalty.
+    below : float
+        Growth begins when mu is at most this.
+
+    References
+    ----------
+    He, Yang & Wang, Alternating direction method with self-adaptive penalty parameters, JOTA 106 (2000),
+    doi:10.1023/A:1004603514434, whose rule is applied to each `Shared` here, and in one direction
+    """
+
+    factor: float = 1.25
+    ratio: float = 1.0
+    largest: float = 30.0
+    below: float = 1.5e-3
+
+    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+        """Return the factors of the next round."""
+        if mu is not None and mu > self.below:
+            return factors
+        primal, dual = spread.means()
+        grown: Array = np.where(primal > self.ratio * dual, np.minimum(self.largest, factors * self.factor), factors)
+        return grown
+
+
+@dataclass(frozen=True)
+class TargetedPenalties:
+    """A penalty grows while its group disagrees by more than is wanted, and falls back where it agrees far better.
+
+    A penalty that stays high after its quantity agrees holds what the others would have to move: with the object's path
+    held fast, contacts cannot turn, and forces that are a little wrong stay so.
+
+    Attributes
+    ----------
+    accuracy : float
+        Wanted disagreement, times the square root of the penalty as given: square root of the objective's unit. The
+        penalties say by their ratios how well each quantity has to agree.
+    factor : float
+        Of growth in a round, where the disagreement is larger.
+    fall : float
+        Of the way back, where the disagreement is below `ease` times the accuracy.
+    ease : float
+    largest : float
+        Of the factor on the given penalty; never below 1.
+    below : float
+        Penalties move when mu is at most this.
+    """
+
+    accuracy: float = 3e-3
+    factor: float = 1.25
+    fall: float = 0.9
+    ease: float = 0.3
+    largest: float = 60.0
+    below: float = 4e-3
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that move penalties the wrong way."""
+        if not (self.accuracy > 0 and self.factor >= 1 and 0 < self.fall <= 1 and self.largest >= 1):
+            raise TeamError(f"{self!r}: expected accuracy > 0, factor >= 1, 0 < fall <= 1 and largest >= 1.")
+
+    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+        """Return the factors of the next round."""
+        if mu is not None and mu > self.below:
+            return factors
+        up, down = spread.scaled > self.accuracy, spread.scaled < self.ease * self.accuracy
+        moved: Array = np.where(up, factors * self.factor, np.where(down, factors * self.fall, factors))
+        return np.clip(moved, 1.0, self.largest)
+
+
+@dataclass(frozen=True)
+class Reopening:
+    """When the rounds are taken up again from an earlier one, because a contact mode froze before the agents agreed.
+
+    Small mu freezes who pushes where. Where a robot cannot arrive in time for what the others expect of it, the
+    disagreement stops to fall and the plan is not practical. Everything then goes back to a round with a larger mu: the
+    agents' points and multipliers, the multipliers of the consensus, the penalties; and mu falls half as fast.
+
+    Attributes
+    ----------
+    times : int
+        How often at most.
+    at : float
+        Kept is the first state with mu at most this.
+    patience : int
+        Rounds with small mu (1e-3) over which the disagreement has to fall.
+    improvement : float
+        By this factor at least.
+    """
+
+    times: int = 1
+    at: float = 0.03
+    patience: int = 14
+    improvement: float = 0.8
+
+    def is_frozen(self, rounds: Sequence[Round]) -> bool:
+        """Whether the rounds since the last reopening came to a stop before the plan was practical.
+
+        Parameters
+        ----------
+        rounds : sequence of Round
+        """
+        late = [record for record in rounds if record.mu is not None and record.mu <= 1e-3 and record.score is not None]
+        if len(late) <= self.patience or any(record.score.practical for record in late if record.score is not None):
+            return False
+        before, now = late[-self.patience - 1].scaled, late[-1].scaled
+        return bool(now.max(initial=0.0) > self.improvement * before.max(initial=0.0))

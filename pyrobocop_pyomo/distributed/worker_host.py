@@ -1,0 +1,198 @@
+"""`WorkerHost`: keeps agents where they are solved, and answers what the coordinator asks of them."""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import PyRobocopError
+
+PROTOCOL = 5  # of pickle: the same everywhere, so that counted bytes can be compared
+
+
+class HostedProblem(Protocol):
+    """What an agent is where it is solved: a deterministic function of its state and of what it is asked."""
+
+    def facts(self) -> Any:
+        """What the coordinator has to know once it is built; can be pickled."""
+
+    def solve(self, order: Any) -> Any:
+        """The answer to one order; both are plain data that can be pickled."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that a later solve depends on."""
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go back to a state."""
+
+
+class HostedSpec(Protocol):
+    """How an agent is built, small enough to be sent; an attribute ``builder``, if any, is checked before it is."""
+
+    @property
+    def name(self) -> str:
+        """Of the agent, unique in its team."""
+
+    def build(self) -> HostedProblem:
+        """Build the problem, here."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What one agent is asked to do.
+
+    Attributes
+    ----------
+    agent : str
+    task : str
+        A method of `WorkerHost`.
+    payload : bytes
+        Its arguments after the agent's name, pickled.
+    with_state : bool
+        Whether the state afterwards is wanted as well.
+    """
+
+    agent: str
+    task: str
+    payload: bytes
+    with_state: bool = False
+
+    @classmethod
+    def of(cls, agent: str, task: str, *arguments: Any, with_state: bool = False) -> Request:
+        """The request with these arguments."""
+        return cls(agent, task, pickle.dumps(arguments, PROTOCOL), with_state)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a request.
+
+    Attributes
+    ----------
+    payload : bytes
+        The value, pickled; a `Raised` where the agent raised an exception.
+    raised : bool
+    state : bytes or None
+        The state afterwards, pickled, where it was wanted and nothing was raised.
+    """
+
+    payload: bytes
+    raised: bool = False
+    state: bytes | None = None
+
+    @property
+    def value(self) -> Any:
+        """The value, or what was raised."""
+        return pickle.loads(self.payload)
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return len(self.payload) + len(self.state or b"")
+
+
+@dataclass(frozen=True)
+class Lost:
+    """An agent whose home has ended before it answered.
+
+    Attributes
+    ----------
+    reason : str
+    at_work : bool
+        Whether it was at work at that time, so that it may be the cause.
+    """
+
+    reason: str
+    at_work: bool
+
+
+@dataclass(frozen=True)
+class Raised:
+    """An exception of an agent, in a form that travels.
+
+    Attributes
+    ----------
+    reason : str
+        Its type and its text.
+    traceback : str
+    error : bytes or None
+        The exception itself, pickled, where it is one of this package's and can be.
+    """
+
+    reason: str
+    traceback: str
+    error: bytes | None
+
+    @classmethod
+    def of(cls, error: Exception) -> Raised:
+        """The form of an exception that is being handled."""
+        packed = None
+        if isinstance(error, PyRobocopError):
+            try:
+                packed = pickle.dumps(error, PROTOCOL)
+                pickle.loads(packed)  # an exception whose arguments are not those of its class fails here only
+            except Exception:
+                packed = None
+        return cls(f"{type(error).__name__}: {error}", traceback.format_exc(), packed)
+
+
+class WorkerHost:
+    """Keeps agents and answers requests.
+
+    One lives in every worker, and one in the coordinator's process for the serial engine. An exception of an agent is
+    an answer like any other: nothing that an agent does ends its host, except to end the process.
+
+    Parameters
+    ----------
+    specs : mapping of agent's name to HostedSpec, optional
+        Of agents that are built where they are known, and need not be sent.
+    """
+
+    def __init__(self, specs: Mapping[str, HostedSpec] | None = None) -> None:
+        self._specs = dict(specs or {})
+        self._problems: dict[str, HostedProblem] = {}
+
+    def answer(self, request: Request) -> Answer:
+        """Do what is asked."""
+        try:
+            task: Callable[..., Any] = getattr(self, request.task)
+            value = pickle.dumps(task(request.agent, *pickle.loads(request.payload)), PROTOCOL)
+            state = pickle.dumps(self.state(request.agent), PROTOCOL) if request.with_state else None
+        except Exception as error:
+            return Answer(pickle.dumps(Raised.of(error), PROTOCOL), raised=True)
+        return Answer(value, state=state)
+
+    def build(self, agent: str, spec: HostedSpec | None = None) -> Any:
+        """Build an agent; gives its facts."""
+        self._problems.pop(agent, None)  # the old model's memory is free before the new one is built
+        self._problems[agent] = problem = (spec or self._specs[agent]).build()
+        return problem.facts()
+
+    def rebuild(self, agent: str, spec: bytes, state: bytes | None, requests: Sequence[Request]) -> None:
+        """Build an agent anew, put it into a state, and let it do again what it was asked since."""
+        self.build(agent, *pickle.loads(spec))
+        if state is not None:
+            self.restore(agent, pickle.loads(state))
+        for request in requests:
+            self.answer(request)  # what raised an exception then, does so again
+
+    def solve(self, agent: str, order: Any) -> Any:
+        """The report of one solve."""
+        return self._problems[agent].solve(order)
+
+    def state(self, agent: str) -> dict[str, np.ndarray]:
+        """The state of an agent."""
+        return self._problems[agent].state()
+
+    def restore(self, agent: str, state: Mapping[str, np.ndarray]) -> None:
+        """Put an agent into a state."""
+        self._problems[agent].restore(state)
+
+    def call(self, agent: str, method: str, *arguments: Any) -> Any:
+        """Call a method of an agent's problem."""
+        return getattr(self._problems[agent], method)(*arguments)

@@ -1,0 +1,265 @@
+"""Whatever workers die, and whenever: the agents' reports are those of an undisturbed run, to the last bit."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, play
+
+from pyrobocop_pyomo.distributed.engine import AgentFailure, Engine, Exchange
+from pyrobocop_pyomo.distributed.engines import find_engine
+from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
+from pyrobocop_pyomo.distributed.sending import build_request
+from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
+from pyrobocop_pyomo.distributed.worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
+from pyrobocop_pyomo.errors import EngineError, ModelError
+
+
+class FragileEngine(Engine):
+    """Two homes in this process. Before its n-th request, a home forgets all its agents if n is among its deaths."""
+
+    name = "fragile"
+
+    def __init__(self, deaths: Sequence[Sequence[int]] = ((), ()), **options: int) -> None:
+        super().__init__(**options)
+        self.fatal = [set(times) for times in deaths]
+        self.asked = [0, 0]
+        self.hosts = [WorkerHost(), WorkerHost()]
+
+    def _build_request(self, spec: HostedSpec) -> Request:
+        return build_request(spec, main_is_known=True)
+
+    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
+        self.homes = {name: i % 2 for i, name in enumerate(specs)}
+
+    def _exchange(self, requests: Sequence[Request]) -> Exchange:
+        answers: dict[str, Answer] = {}
+        lost: dict[str, Lost] = {}
+        for request in requests:
+            home = self.homes[request.agent]
+            if request.agent in lost:
+                continue
+            self.asked[home] += 1
+            if self.asked[home] in self.fatal[home]:
+                self.hosts[home] = WorkerHost()
+                of_home = [name for name in self.homes if self.homes[name] == home]
+                lost.update({name: Lost("on request", at_work=name == request.agent) for name in of_home})
+            else:
+                answers[request.agent] = self.hosts[home].answer(request)
+        return answers, lost
+
+    def _close(self) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> list[dict]:
+    with SerialEngine() as engine:
+        engine.start(SPECS)
+        return play(engine, 12)
+
+
+@given(
+    deaths=st.tuples(*[st.sets(st.integers(3, 40), max_size=5)] * 2),
+    snapshot_every=st.integers(1, 9),
+)
+@settings(max_examples=60)
+def test_deaths_change_nothing(undisturbed: list[dict], deaths: tuple[set[int], set[int]], snapshot_every: int) -> None:
+    engine = FragileEngine(deaths, snapshot_every=snapshot_every, deaths_allowed=1000)
+    engine.start(SPECS)
+    assert play(engine, 12) == undisturbed
+
+
+@given(rounds=st.integers(0, 12), snapshot_every=st.integers(1, 5), death=st.integers(3, 40))
+@settings(max_examples=30)
+def test_states_are_all_that_is_needed_to_go_on(
+    undisturbed: list[dict], rounds: int, snapshot_every: int, death: int
+) -> None:
+    first = SerialEngine()
+    first.start(SPECS)
+    play(first, rounds)
+    states = pickle.loads(pickle.dumps(first.states()))
+    second = FragileEngine(({death}, ()), snapshot_every=snapshot_every)
+    second.start(SPECS)
+    second.restore(states)
+    if 0 < rounds < 12:
+        assert play(second, 12, first=rounds) == undisturbed[rounds:]
+
+
+def test_what_was_called_is_done_again() -> None:
+    def end(deaths: Sequence[Sequence[int]]) -> dict:
+        engine = FragileEngine(deaths)
+        engine.start(SPECS)
+        play(engine, 2)
+        engine.call("a", "shift", 2)
+        engine.call_all("shift", {"b": (1,), "c": (3,)})
+        play(engine, 2)
+        return {name: state["x"].tolist() for name, state in engine.states().items()}
+
+    assert end(((), (14,))) == end(((), ()))
+
+
+def test_a_solve_that_raised_is_done_again() -> None:
+    def end(deaths: Sequence[Sequence[int]]) -> tuple[AgentFailure, dict]:
+        engine = FragileEngine(deaths)
+        engine.start(SPECS)
+        failure = engine.solve({"a": TinyOrder(np.ones(5), "raise")})["a"]
+        engine.solve({"a": TinyOrder(np.ones(5))})
+        return failure, engine.states()["a"]
+
+    failure, state = end(((), (5,)))
+    assert (failure.agent, failure.reason, failure.final) == ("a", "ArithmeticError: log(-1)", False)
+    assert "tiny_agents.py" in failure.traceback
+    assert state["x"].tolist() == end(((), ()))[1]["x"].tolist()
+
+
+def test_agents_whose_workers_die_too_often_are_given_up_and_the_others_go_on() -> None:
+    engine = FragileEngine(((), range(5, 1000)), deaths_allowed=2)
+    engine.start(SPECS)
+    for _ in range(4):
+        reports = engine.solve({name: TinyOrder(np.ones(5)) for name in NAMES})
+    assert [isinstance(reports[name], AgentFailure) for name in NAMES] == [False, True, False, True]
+    assert reports["a"].final
+    assert "died 3 times" in reports["a"].reason
+    assert list(engine.states()) == ["hub", "b"]
+    with pytest.raises(EngineError, match="'a' is given up"):
+        engine.restore({"a": {"x": np.zeros(5)}})
+    engine.fatal = [set(), set()]
+    engine.start(SPECS)  # all are well again
+    assert not engine.deaths
+
+
+def test_traffic_is_counted_and_even() -> None:
+    """Where states come every fourth round, one of four agents sends its state in each round."""
+    engine = FragileEngine(snapshot_every=4)
+    engine.start(SPECS)
+    play(engine, 12)
+    assert len(engine.bytes_up) == len(engine.bytes_down) == 13
+    plain = min(min(counts.values()) for counts in engine.bytes_up[1:])
+    with_states = [sum(size > 1.5 * plain for size in counts.values()) for counts in engine.bytes_up[1:]]
+    assert with_states == [1] * 12
+    state = len(pickle.dumps(engine.states()["a"], 5))
+    assert max(max(counts.values()) for counts in engine.bytes_up[1:-1]) <= plain + state + 10
+    order = len(pickle.dumps((TinyOrder(np.ones(5)),), 5))
+    assert all(abs(size - order) <= 10 for counts in engine.bytes_down[1:-1] for size in counts.values())
+
+
+def test_arrays_are_not_shared_with_the_coordinator() -> None:
+    engine = SerialEngine()
+    engine.start(SPECS)
+    order = TinyOrder(np.ones(5))
+    report = engine.solve({"a": order})["a"]
+    report.values[:] = 7.0
+    assert 7.0 not in engine.states()["a"]["x"]
+
+
+def test_facts_come_in_the_order_of_the_specs() -> None:
+    facts = SerialEngine().start(SPECS)
+    assert list(facts) == list(NAMES)
+    assert facts["b"] == {"name": "b", "size": 5}
+
+
+def test_the_serial_engine_takes_any_builder() -> None:
+    engine = SerialEngine()
+    assert engine.start([TinySpec("a", lambda: np.ones(3), ())]) == {"a": {"name": "a", "size": 3}}
+
+
+# ---------------------------------------------------------------- refused before any solve
+
+
+def test_two_agents_with_one_name() -> None:
+    with pytest.raises(EngineError, match="2 agents have the name 'a'"):
+        ProcessEngine().start([TinySpec("a"), TinySpec("b"), TinySpec("a")])
+
+
+def test_a_builder_without_a_name_to_find_it_by() -> None:
+    def inner() -> np.ndarray:
+        return np.ones(2)
+
+    with pytest.raises(EngineError, match=r"agent 'a': its builder .*lambda.* cannot be sent .* top level of a module"):
+        ProcessEngine().start([TinySpec("a", lambda: np.ones(2), ())])
+    with pytest.raises(EngineError, match="agent 'a': its builder .*inner' cannot be sent .* inside a function"):
+        ProcessEngine().start([TinySpec("a", inner, ())])
+
+
+def test_a_builder_of_a_prompt_or_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    import __main__
+
+    def builder() -> np.ndarray:
+        return np.ones(2)
+
+    builder.__module__, builder.__qualname__ = "__main__", "builder"
+    monkeypatch.setattr(__main__, "builder", builder, raising=False)
+    build_request(TinySpec("a", builder, ()), main_is_known=True)
+    with pytest.raises(EngineError, match="the script that runs here"):
+        build_request(TinySpec("a", builder, ()), main_is_known=False)
+    monkeypatch.setattr(__main__, "__spec__", None)
+    monkeypatch.delattr(__main__, "__file__", raising=False)
+    with pytest.raises(EngineError, match="interactively"):
+        build_request(TinySpec("a", builder, ()), main_is_known=True)
+
+
+def test_a_builder_that_was_defined_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    import tiny_agents
+
+    spec = TinySpec("a")
+    monkeypatch.setattr(tiny_agents, "noise", missing_data)
+    with pytest.raises(EngineError, match=r"'tiny_agents\.noise' is something else by now"):
+        build_request(spec, main_is_known=True)
+    monkeypatch.setattr(missing_data, "__module__", "page")
+    with pytest.raises(EngineError, match="it belongs to 'page', which is no module that was imported"):
+        build_request(TinySpec("a", missing_data), main_is_known=True)
+
+
+def test_data_that_cannot_be_sent_are_named() -> None:
+    with pytest.raises(EngineError, match=r"agent 'a' cannot be sent to a worker, because of data\[1\]"):
+        ProcessEngine().start([TinySpec("a", data=(0, lambda: 1))])
+
+
+@pytest.mark.parametrize("engine", [SerialEngine, FragileEngine])
+def test_a_builder_that_fails_is_told_with_its_agent(engine: type[Engine]) -> None:
+    with pytest.raises(EngineError, match="agent 'b' could not be built: LookupError: there is no such file") as told:
+        engine().start([TinySpec("a"), TinySpec("b", missing_data)])
+    assert "missing_data" in str(told.value.__cause__)
+    with pytest.raises(ModelError, match="longer than the field"):  # an error of this package keeps its class
+        engine().start([TinySpec("a"), TinySpec("b", contradiction)])
+
+
+def test_unknown_agents_methods_and_engines() -> None:
+    engine = SerialEngine()
+    with pytest.raises(EngineError, match="not started"):
+        engine.solve({"a": TinyOrder(np.ones(5))})
+    with pytest.raises(EngineError, match="no agents to start"):
+        engine.start([])
+    engine.start(SPECS)
+    with pytest.raises(EngineError, match="no agent 'd'; the agents are hub, a, b, c"):
+        engine.solve({"d": TinyOrder(np.ones(5))})
+    with pytest.raises(EngineError, match="agent 'a' turn.. failed: AttributeError"):
+        engine.call("a", "turn")
+    with pytest.raises(ModelError, match="'a': .2,. values for .5,."):
+        engine.restore({"a": {"x": np.zeros(2), "solves": np.array(0)}})
+    engine.stop()
+    with pytest.raises(EngineError, match="stopped"):
+        engine.states()
+    with pytest.raises(EngineError, match="engine = 'ray'; expected 'serial', 'process', 'dask', 'mpi'"):
+        find_engine("ray")
+    assert find_engine(engine) is engine
+    with pytest.raises(EngineError, match="snapshot_every = 0"):
+        ProcessEngine(snapshot_every=0)
+    with pytest.raises(EngineError, match="deaths_allowed = -1"):
+        ProcessEngine(deaths_allowed=-1)
+    with pytest.raises(EngineError, match="workers = 0"):
+        ProcessEngine(0)
+
+
+@pytest.mark.parametrize(("engine", "extra"), [("dask", r"\[dask\]"), ("mpi", r"\[mpi\]")])
+def test_an_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, engine: str, extra: str) -> None:
+    module, available = {"dask": ("dask_engine", "distributed"), "mpi": ("mpi_engine", "mpi")}[engine]
+    monkeypatch.setattr(f"pyrobocop_pyomo.distributed.{module}.{available}_available", False)
+    with pytest.raises(EngineError, match=f"engine '{engine}': .* not installed. Run: .*{extra}"):
+        find_engine(engine)

@@ -1,0 +1,142 @@
+"""Processes that are killed, interrupted or left alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, play
+
+from pyrobocop_pyomo.distributed.engine import AgentFailure
+from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
+from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
+from pyrobocop_pyomo.errors import EngineError, ModelError
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows"),
+]
+
+
+def is_alive(process_id: int) -> bool:
+    """Whether a process runs; one that has ended and is not collected yet does not."""
+    try:
+        return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def ends_within(seconds: float, process_ids: list[int]) -> bool:
+    end = time.monotonic() + seconds
+    while any(map(is_alive, process_ids)) and time.monotonic() < end:
+        time.sleep(0.02)
+    return not any(map(is_alive, process_ids))
+
+
+def test_kill_interrupt_and_failures() -> None:
+    """One pair of processes for all of it: their start takes most of the time."""
+    with SerialEngine() as serial:
+        serial.start(SPECS)
+        expected = play(serial, 8)
+        sizes = serial.bytes_down[1:], [dict(counts) for counts in serial.bytes_up[1:]]
+    engine = ProcessEngine(workers=2, snapshot_every=3)
+    assert engine.start(SPECS) == {name: {"name": name, "size": 5} for name in NAMES}
+    ids = engine.process_ids
+    assert len(set(ids.values())) == 2
+    seconds: list[float] = []
+
+    def kill(number: int) -> None:
+        if number == 3:
+            os.kill(ids["a"], signal.SIGKILL)
+        seconds.append(time.perf_counter())
+
+    assert play(engine, 8, kill) == expected
+    assert seconds[4] - seconds[3] < 10  # the round in which the worker was missing
+    assert engine.process_ids["a"] not in ids.values()
+    assert engine.process_ids["hub"] == ids["hub"]
+    assert engine.deaths == {"a": 1}  # and not "c", which lives there as well
+    assert engine.bytes_down[1:3] == sizes[0][:2]
+    assert engine.bytes_up[1]["hub"] == sizes[1][0]["hub"]
+
+    # Dies at each attempt of one order, and is given up; its neighbour in the same process goes on.
+    orders = {name: TinyOrder(np.ones(5), "die" if name == "b" else "") for name in NAMES}
+    reports = engine.solve(orders)
+    failure = reports.pop("b")
+    assert isinstance(failure, AgentFailure)
+    assert failure.final
+    assert "signal 9 (SIGKILL)" in failure.reason
+    assert [report.solves for report in reports.values()] == [9, 9, 9]
+
+    # An exception is a report of failure.
+    failed = engine.solve({"c": TinyOrder(np.ones(5), "raise")})["c"]
+    assert (failed.reason, failed.final) == ("ArithmeticError: log(-1)", False)
+
+    remaining = list(set(engine.process_ids.values()))
+    engine.stop()
+    engine.stop()
+    assert ends_within(3, remaining)
+
+
+@pytest.mark.ctrl_c
+def test_ctrl_c_ends_the_workers_in_the_middle_of_a_solve() -> None:
+    with ProcessEngine(workers=1) as engine:
+        with pytest.raises(ModelError, match="longer than the field"):
+            engine.start([TinySpec("b", contradiction)])
+        engine.start(SPECS[:2])
+        ids = list(engine.process_ids.values())
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            engine.solve({"hub": TinyOrder(np.ones(5)), "a": TinyOrder(np.ones(5), "sleep")})
+        assert ends_within(3, ids)
+        with pytest.raises(EngineError, match="stopped"):
+            engine.states()
+
+
+def script(body: str) -> str:
+    return f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n" + textwrap.dedent(body)
+
+
+def test_workers_end_with_a_coordinator_that_is_killed(tmp_path: Path) -> None:
+    path = tmp_path / "coordinator.py"
+    path.write_text(
+        script("""
+            import numpy as np
+            from tiny_agents import SPECS, TinyOrder
+            from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
+            if __name__ == "__main__":
+                engine = ProcessEngine(workers=2)
+                engine.start(SPECS)
+                print(*set(engine.process_ids.values()), flush=True)
+                engine.solve({"a": TinyOrder(np.ones(5), "sleep")})
+        """)
+    )
+    with subprocess.Popen([sys.executable, str(path)], stdout=subprocess.PIPE, text=True) as coordinator:
+        assert coordinator.stdout is not None
+        ids = [int(word) for word in coordinator.stdout.readline().split()]
+        assert len(ids) == 2
+        coordinator.kill()
+    assert ends_within(3, ids)
+
+
+def test_a_script_that_does_not_protect_its_start_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "unprotected.py"
+    path.write_text(
+        script("""
+            from tiny_agents import SPECS
+            from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
+            ProcessEngine(workers=1).start(SPECS)
+        """)
+    )
+    ended = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 1
+    last = ended.stderr.strip().splitlines()[-1]
+    assert "EngineError" in last
+    assert "if __name__ ==" in last

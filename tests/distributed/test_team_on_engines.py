@@ -1,0 +1,105 @@
+"""A team of rod and robots gives the same iterates wherever its agents live, whatever dies, and from its file."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pushing_team import pushing_team
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.distributed.engine import Engine
+from pyrobocop_pyomo.distributed.messages import Order
+
+pytestmark = [pytest.mark.slow, pytest.mark.casadi]
+METHOD = rcp.teams.Hub(rounds=8)
+MPIEXEC = Path(sys.executable).with_name("mpiexec")
+posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
+
+
+@pytest.fixture(scope="module")
+def serial() -> rcp.teams.TeamResult:
+    return pushing_team().solve(METHOD, progress=False)
+
+
+def same(one: rcp.teams.TeamResult, other: rcp.teams.TeamResult) -> bool:
+    rounds = zip(one.rounds, other.rounds, strict=True)
+    return (
+        all(np.array_equal(one.values[name], other.values[name]) for name in other.values)
+        and all(np.array_equal(one.agreed[name], other.agreed[name]) for name in other.agreed)
+        and all(np.array_equal(a.disagreement, b.disagreement) and a.objective == b.objective for a, b in rounds)
+    )
+
+
+@posix
+@pytest.mark.parametrize("name", ["process", "dask"])
+def test_a_killed_worker_changes_nothing(serial: rcp.teams.TeamResult, name: str) -> None:
+    if name == "dask":
+        pytest.importorskip("distributed")
+    kind = {"process": rcp.engines.ProcessEngine, "dask": rcp.engines.DaskEngine}[name]
+    engine: Engine = kind(workers=2, snapshot_every=2)
+    times: list[float] = []
+
+    def kill(record: rcp.teams.Round) -> None:
+        times.append(time.perf_counter())
+        if record.number == 2:
+            os.kill(engine.process_ids["b"], signal.SIGKILL)
+
+    result = pushing_team().solve(METHOD, engine=engine, on_round=kill, progress=False)
+    assert same(result, serial)
+    assert sum(result.deaths.values()) == 1
+    assert max(np.diff(times)) < 10
+
+
+def test_a_stopped_team_goes_on_from_its_file(serial: rcp.teams.TeamResult, tmp_path: Path) -> None:
+    path = tmp_path / "team.npz"
+    pushing_team().solve(METHOD, checkpoint=path, on_round=lambda record: record.number < 4, progress=False)
+    resumed = pushing_team().solve(METHOD, checkpoint=path, progress=False)
+    assert len(resumed.rounds) == 3
+    assert same(resumed, replace(serial, rounds=serial.rounds[5:]))
+    with pytest.raises(rcp.errors.CheckpointError, match="written by another team"):
+        pushing_team(seed=1).solve(METHOD, checkpoint=path, progress=False)
+
+
+@pytest.mark.skipif(not MPIEXEC.exists(), reason="needs the mpiexec of the wheel of MPICH")
+def test_a_killed_job_of_mpi_goes_on_from_its_file(serial: rcp.teams.TeamResult, tmp_path: Path) -> None:
+    def run(death: int) -> int:
+        script = Path(__file__).with_name("mpi_team.py")
+        command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(tmp_path), str(death)]
+        path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+        environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+        return subprocess.run(command, env=environment, timeout=300, check=False).returncode
+
+    assert run(death=3) != 0
+    assert run(death=-1) == 0
+    told = [(tmp_path / f"rank{rank}.json").read_text() for rank in range(2)]
+    assert told[0] == told[1]
+    rounds, values = json.loads(told[0])
+    assert rounds == 4
+    for name, expected in serial.values.items():
+        assert np.abs(np.array(values[name]) - expected).max() <= 1e-12
+
+
+def test_a_state_is_all_that_a_later_solve_depends_on() -> None:
+    """Also after a solve that failed."""
+    spec = next(spec for spec in pushing_team(steps=6).problem_specs() if spec.name == "a")
+    size = spec.build().facts().values.size
+    first = Order(np.zeros(size), np.ones(3), 0.1, tolerance=0.1, warm=False)
+    second, third = (replace(first, warm=True, mu=mu, tolerance=mu) for mu in (0.05, 0.03))
+    broken = replace(second, linear=np.full(size, np.nan))
+    for orders in ([broken], [first, second], [first, broken, third, broken]):
+        straight, elsewhere = spec.build(), spec.build()
+        usable = [straight.solve(order).usable for order in orders]
+        assert usable == [order is not broken for order in orders]
+        elsewhere.restore(straight.state())
+        here, there = straight.solve(third), elsewhere.solve(third)
+        assert here.values.tolist() == there.values.tolist()
+        assert here.iterations == there.iterations

@@ -1,0 +1,130 @@
+"""What a team refuses before any solve, how its models are merged, and that failures stay with their agent."""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from quadratic_agents import middle, quadratic, random_problems
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import CheckpointError, EngineError, TeamError, TeamFailed
+from pyrobocop_pyomo.teams import Hub, Sova, merge_agents
+
+pytestmark = pytest.mark.casadi
+
+SHARED = [rcp.Shared("v")]
+
+
+def robots(count: int = 2, n: int = 3) -> list[rcp.Agent]:
+    return [rcp.Agent(f"r{i}", quadratic, *problem) for i, problem in enumerate(random_problems(count, n, 5))]
+
+
+def with_units(unit: str) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.v = pyo.Var(range(3), initialize=0.0, units=getattr(pyo.units, unit))
+    m.cost = pyo.Objective(expr=sum((x / getattr(pyo.units, unit)) ** 2 for x in m.v.values()))
+    return m
+
+
+def nothing() -> None:
+    return None
+
+
+def hopeless() -> pyo.ConcreteModel:
+    m = middle(3)
+    m.cost = pyo.Objective(expr=m.v[0])
+    m.other = pyo.Constraint(expr=sum(m.v.values()) == 2.0)
+    return m
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"robots": []}, "needs robots"),
+        ({"robots": [*robots(1), *robots(1)]}, "2 agents have the name 'r0'"),
+        ({"robots": robots(), "hub": rcp.Agent("r1", middle, 3)}, "2 agents have the name 'r1'"),
+        ({"robots": robots(), "shared": []}, "share something"),
+        ({"robots": robots(), "shared": [rcp.Shared("push[{robot}]")]}, "shared with a hub"),
+        ({"robots": robots(), "graph": nx.path_graph(["r0", "r7"])}, "r1, r7"),
+        ({"robots": robots(4), "graph": nx.Graph([("r0", "r1"), ("r2", "r3")])}, "not connected"),
+    ],
+)
+def test_a_team_that_makes_no_sense_is_refused(arguments: dict, message: str) -> None:
+    with pytest.raises(TeamError, match=message):
+        rcp.Team(**{"shared": SHARED, **arguments})
+
+
+@pytest.mark.parametrize("penalty", [0.0, -1.0, [1.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], "high"])
+def test_a_penalty_that_is_not_positive_definite_is_refused(penalty) -> None:
+    with pytest.raises(TeamError, match="positive definite|symmetric|expected numbers"):
+        rcp.Shared("v", penalty=penalty)
+
+
+@pytest.mark.parametrize(
+    ("agents", "shared", "message"),
+    [
+        (robots(), rcp.Shared("w"), "'r0': its model has no component 'w'"),
+        (robots(), rcp.Shared("cost"), "no variable and no block"),
+        (robots(), rcp.Shared("v", "v"), "shared twice"),
+        (robots(), rcp.Shared("v", penalty=(1.0, 2.0)), "its penalty is for 2"),
+        ([*robots(1), rcp.Agent("long", middle, 5)], rcp.Shared("v"), "3 values .* and 5 in that of 'long'"),
+        ([rcp.Agent("a", with_units, "m"), rcp.Agent("b", with_units, "s")], rcp.Shared("v"), "in m .* and in s"),
+        ([rcp.Agent("a", nothing), *robots(1)], rcp.Shared("v"), "'nothing' returned NoneType"),
+    ],
+)
+def test_models_that_do_not_fit_are_refused_before_any_solve(agents, shared: rcp.Shared, message: str) -> None:
+    with pytest.raises(TeamError, match=message):
+        rcp.Team(robots=agents, shared=[shared]).solve()
+
+
+def test_an_agent_without_a_first_point_is_named() -> None:
+    with pytest.raises(TeamError, match="'bad' found no point in its first round"):
+        rcp.Team(robots=[*robots(1), rcp.Agent("bad", hopeless)], shared=SHARED).solve()
+
+
+def test_methods_and_engines_are_looked_up() -> None:
+    team = rcp.Team(robots=robots(), shared=SHARED)
+    with pytest.raises(TeamError, match="'hub', 'sova', 'paper'"):
+        team.solve("gossip")
+    with pytest.raises(TeamError, match="needs a hub"):
+        team.solve(Hub())
+    with pytest.raises(EngineError, match="'serial', 'process'"):
+        team.solve(engine="cloud")
+
+
+def test_a_team_that_does_not_agree_raises_with_its_numbers() -> None:
+    result = rcp.Team(robots=robots(), shared=SHARED).solve(Sova(rounds=2))
+    assert not result.success
+    with pytest.raises(TeamFailed, match="2 rounds"):
+        result.raise_for_failure()
+
+
+def test_rounds_go_on_from_a_file_as_if_never_stopped(tmp_path) -> None:
+    team = rcp.Team(hub=rcp.Agent("hub", middle, 3), robots=robots(3), shared=SHARED)
+    whole = team.solve(Hub(rounds=8, tolerance=0.0))
+    path = tmp_path / "team.npz"
+    stopped = team.solve(Hub(rounds=8, tolerance=0.0), checkpoint=path, on_round=lambda record: record.number < 3)
+    assert len(stopped.rounds) == 4
+    rest = team.solve(Hub(rounds=8, tolerance=0.0), checkpoint=path)
+    assert [record.number for record in rest.rounds] == [4, 5, 6, 7]
+    for name, values in whole.values.items():
+        assert np.array_equal(values, rest.values[name])
+    with pytest.raises(CheckpointError, match="another team"):
+        team.solve(Hub(rounds=9, tolerance=0.0), checkpoint=path)
+
+
+def test_a_merged_model_has_one_set_of_shared_variables() -> None:
+    agents = robots(3)
+    merged = merge_agents(agents, ["v"])
+    assert len({id(variable) for variable in merged.model.component_data_objects(pyo.Var)}) == 3
+    assert merged.find("v", "r2")[1] is merged.find("v", "r0")[1]
+    problems = random_problems(3, 3, 5)
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        point = random.normal(size=3)
+        for variable, number in zip(merged.find("v").values(), point, strict=True):
+            variable.set_value(float(number))
+        expected = sum((point - p) @ np.array(q) @ (point - p) / 2 for q, p in problems)
+        assert pyo.value(merged.model.objective) == pytest.approx(expected)
