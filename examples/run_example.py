@@ -26,6 +26,7 @@ def run_example(
     coarse: Case,
     size: tuple[float, float] = (10.0, 4.6),
     search: Callable[..., tuple[pyo.ConcreteModel, rcp.SolveResult]] | None = None,
+    animate: Callable[[pyo.ConcreteModel, Path], Any] | None = None,
 ) -> None:
     """Read the command line, run the cases it names, and exit with 0 only if all of them were solved.
 
@@ -48,6 +49,8 @@ def run_example(
     search : callable, optional
         Finds the best of many models and its result, in place of building and solving one; called with a case and
         options of `solve`.
+    animate : callable, optional
+        ``animate(model, path)`` writes a GIF of a solved model; where bodies avoid obstacles there is one anyway.
     """
     source = Path(inspect.getfile(build))
     arguments = _read_command_line(str(inspect.getmodule(build).__doc__), cases, default)
@@ -73,9 +76,12 @@ def run_example(
             if arguments.animate and isinstance(avoid, ObstacleAvoidanceBlockData):
                 film = arguments.output / f"{source.stem}_{name}.gif"
                 print(f"animation: {rcp.drawing.animate_avoidance(avoid, film, title=model.name)}")
+        if arguments.animate and animate is not None:
+            print(f"animation: {animate(model, arguments.output / f'{source.stem}_{name}.gif')}")
         print()
         draw(place, model)
-        solved = solved and result.solved
+        # Of a team not a solver's status counts, but what its plan is worth physically.
+        solved = solved and (result.success if isinstance(result, rcp.teams.TeamResult) else result.solved)
 
     picture = arguments.output / f"{source.stem}.png"
     figure.savefig(picture)
@@ -88,7 +94,11 @@ def _read_command_line(description: str, cases: Mapping[str, Case], default: str
     parser.add_argument("--case", choices=[*cases, "all"], default=default, help=f"default: {default}")
     parser.add_argument("--coarse", action="store_true", help="few elements, for a quick look")
     parser.add_argument("--output", type=Path, default=Path("output"), help="folder of the picture (default: output)")
-    parser.add_argument("--animate", action="store_true", help="write a GIF per case where bodies avoid obstacles")
+    parser.add_argument(
+        "--animate",
+        action="store_true",
+        help="write a GIF per case where bodies avoid obstacles, or the example has a film of its own",
+    )
     parser.add_argument(
         "--backend",
         choices=["in process", "asl", "casadi", "vectorised", "executable"],

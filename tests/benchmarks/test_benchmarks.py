@@ -163,3 +163,9 @@ def test_few_files_receive_a_schedule_or_an_option() -> None:
     for row in rows.values():
         assert 1 <= int(row[0]) <= 3  # folders
         assert int(row[0]) <= int(row[1]) <= 8  # files
+
+
+def test_planners_of_a_rod() -> None:
+    table = run_quick("rod_teams")
+    for planner in ("central", "hub", "paper"):
+        assert planner in table

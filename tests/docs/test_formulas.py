@@ -377,3 +377,86 @@ def test_mean_distance_of_a_square():
     slider = rcp.mechanics.SquareSlider(half_side=0.045)
     integral, _ = dblquad(lambda y, x: math.hypot(x, y), -0.045, 0.045, -0.045, 0.045)
     assert slider.mean_distance == pytest.approx(integral / (4 * 0.045**2), rel=1e-6)
+
+
+# -------------------------------------------------------------------- pushing together
+
+
+def test_smooth_gap_and_limit():
+    shape, r, z = rcp.mechanics.planar.Capsule(radius=0.05, half_length=0.45), 0.1, np.array([0.47, -0.3])
+    eps, a = 0.01, 0.45
+    along = 0.5 * (math.sqrt((z[0] + a) ** 2 + eps**2) - math.sqrt((z[0] - a) ** 2 + eps**2))
+    sigma = np.array([along, 0.0])
+    d = math.sqrt(np.sum((z - sigma) ** 2) + 1e-6)
+    n = (z - sigma) / d
+    p = sigma + 0.05 * n
+    assert shape.gap_to_disc(r, *z) == pytest.approx((d - 0.05 - r, *n, *p))
+
+
+def test_smoothed_ground_friction():
+    mu, m, g, lever, s, v, omega = 0.3, 1.7, 9.81, 0.2, 0.04, np.array([0.3, -0.1]), 0.8
+    friction = rcp.mechanics.planar.GroundFriction(coefficient=mu, lever=lever, slip_speed=s)
+    force = -mu * m * g * v / math.sqrt(v @ v + s**2)
+    moment = -mu * m * g * lever**2 * omega / math.sqrt((lever * omega) ** 2 + s**2)
+    assert friction.wrench(m, *v, omega) == pytest.approx((*force, moment))
+
+
+def test_impulse_step_and_planar_contact():
+    """The rows of a phase are those of the page, at values that are not a solution."""
+    planar, h = rcp.mechanics.planar, 0.1
+    body = planar.RigidBody(planar.Disc(0.2), mass=1.5, inertia=0.03, resistance=planar.ViscousDrag(0.4, 0.01))
+    robot = planar.DiscRobot(planar.Disc(0.1), mass=0.7, force_limit=9.0, speed_limit=9.0)
+    m, grid = pyo.ConcreteModel(), {"duration": h, "elements": 1, "scheme": "implicit_euler"}
+    m.push = rcp.PhaseBlock(rule=body.state_wrench, **grid)
+    m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**grid)
+    body.state_motion(m.body, [m.push], start=(0.0, 0.0, 0.0))
+    robot.state_motion(m.me, m.push, start=(-0.4, 0.1), rest_at_end=False)
+    planar.Contact(body.shape, robot.shape, friction=0.6, tolerance=0.02).state(m.me, m.body, m.push, lifted=False)
+    end = h
+    values = {
+        m.body: {"qx": 0.02, "qy": -0.01, "qth": 0.3, "ux": 0.3, "uy": -0.2, "uth": 0.5},
+        m.me: {
+            "x": -0.3,
+            "y": 0.12,
+            "vx": 0.7,
+            "vy": 0.1,
+            "c": 2.0,
+            "alpha_plus": 0.3,
+            "alpha_minus": 0.1,
+            "slip": 0.4,
+        },
+        m.push: {"fx": 0.8, "fy": -0.5, "mz": 0.1},
+    }
+    for phase, given in values.items():
+        for name, number in given.items():
+            phase.component(name)[end].set_value(number)
+    q, u = np.array([0.02, -0.01]), np.array([0.3, -0.2])
+    M, w, resistance = (
+        np.array([1.5, 1.5, 0.03]),
+        np.array([0.8, -0.5, 0.1]),
+        -np.array([0.4 * 0.3, -0.4 * 0.2, 0.01 * 0.5]),
+    )
+    momentum = M * np.array([0.3, -0.2, 0.5]) - h * (w + resistance)
+    for name, mass, missing in zip(("ux", "uy", "uth"), M, momentum, strict=True):
+        row = m.body.component(f"{name}_collocation")[end]
+        assert abs(pyo.value(row.body) - pyo.value(row.upper)) == pytest.approx(abs(missing / mass))
+
+    z = np.array([-0.3, 0.12]) - q
+    d = math.sqrt(z @ z + 1e-6)
+    n, beta = z / d, d - 0.2 - 0.1
+    p, t = 0.2 * n, np.array([-n[1], n[0]])
+    velocity = np.array([0.7, 0.1]) - (u + 0.5 * np.array([-p[1], p[0]]))
+    w_n, w_t = n @ velocity, t @ velocity
+    f = 2.0 * n + (0.3 - 0.1) * t
+    wrench = np.array([*-f, p[0] * -0.5 - p[1] * 0.8])  # the moment is that of the push's own force
+    for i, expected in enumerate(wrench):
+        row = m.me.contact_wrench[end, i]
+        assert abs(pyo.value(row.body) - pyo.value(row.upper)) == pytest.approx(abs(w[i] - expected))
+    row = m.me.no_separation[end]
+    assert (pyo.value(row.lower), pyo.value(row.upper)) == (-0.02, 0.02)
+    assert pyo.value(row.body) == pytest.approx(2.0 * w_n)
+    products = [2.0 * beta, 0.3 * (0.4 + w_t), 0.1 * (0.4 - w_t), 0.4 * (0.6 * 2.0 - 0.3 - 0.1)]
+    found = [
+        math.prod(abs(pyo.value(side.args[0] - side.args[1])) for side in m.me.contact[end, i].args) for i in range(4)
+    ]
+    assert found == pytest.approx(np.abs(products))

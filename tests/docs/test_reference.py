@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+from types import ModuleType
 
 import pytest
 
@@ -22,12 +23,17 @@ def shown_paths() -> set[str]:
     return paths
 
 
+def public_paths(shown: ModuleType) -> set[str]:
+    """Full names of what a namespace offers, and the namespaces in it."""
+    public = set()
+    for name in set(shown.__all__) - {"__version__", "errors"}:
+        value = getattr(shown, name)
+        public |= public_paths(value) if inspect.ismodule(value) else {f"{shown.__name__}.{name}"}
+    return public
+
+
 def test_every_public_name_is_in_the_reference() -> None:
-    namespaces = [name for name in pyrobocop_pyomo.__all__ if inspect.ismodule(getattr(pyrobocop_pyomo, name))]
-    public = {f"pyrobocop_pyomo.{name}" for name in set(pyrobocop_pyomo.__all__) - {"__version__", *namespaces}}
-    for namespace in set(namespaces) - {"errors"}:
-        public |= {f"pyrobocop_pyomo.{namespace}.{name}" for name in getattr(pyrobocop_pyomo, namespace).__all__}
-    assert public - shown_paths() == set()
+    assert public_paths(pyrobocop_pyomo) - shown_paths() == set()
     assert "automodule:: pyrobocop_pyomo.errors" in (ROOT / "docs/reference/errors.md").read_text(encoding="utf-8")
 
 

@@ -1,0 +1,189 @@
+"""Four robots push a rod, planned by one planner, by the hub method and by the method of the DisCo paper.
+
+    python benchmarks/rod_teams.py [--quick] [--seeds FIRST LAST] [--methods WORD ...] [--robots N ...]
+                                   [--results FILE]
+
+Each seed is a task of ``examples/rod.py``. Shown are the measures of the paper and those of physics:
+
+local      tasks in which Ipopt reported success for every local problem of every round (tables I and III of the paper;
+           for the central planner: for its one problem)
+strict     tasks whose combined plan is strict by its physical score
+practical  tasks whose combined plan is practical
+rounds     median; of the tasks that became strict where there are any
+iterations of Ipopt, mean per local solve
+CPU        seconds of all solves, median
+parallel   CPU seconds with a processor for each agent: the slowest robot of each round, and the hub; median
+cost       ratio to the central planner in the same task, median and worst, over tasks in which both are practical
+bytes      most that a robot received and sent in a round
+
+Shares have 95 % intervals by bootstrap over tasks (10 000 resamples). Results are added to ``--results``, one line
+of JSON each; what is there already is not computed again, so a run that was broken off goes on. With ``--robots`` the
+table is one of scaling: a row for each size of team.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from table import Table, show_progress
+
+import pyrobocop_pyomo as rcp
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+import rod
+
+METHODS = ("central", "hub", "paper")
+SOLVED = ("SOLVED", "ACCEPTABLE")
+
+
+def central(team: rcp.Team, steps: int) -> dict[str, Any]:
+    """One model of the whole team, by the barrier strategy."""
+    merged = team.central(eliminate=False)
+    started = time.process_time()
+    result = rcp.solve(
+        merged.model, strategies="barrier", polish=False, backend="vectorised", progress=False, time_limit=240
+    )
+    seconds = time.process_time() - started
+    score = team.score_of(merged)
+    return {
+        "strict": score.strict,
+        "practical": score.practical,
+        "local_success": result.quality is rcp.Quality.OPTIMAL,
+        "cost": result.objective,
+        "cpu": seconds,
+        "parallel": seconds,
+        "iterations": sum(step.iterations for step in result.steps),
+        "solves": 1,
+    }
+
+
+def together(method: str) -> Callable[[rcp.Team, int], dict[str, Any]]:
+    """A team that plans in rounds."""
+
+    def plan(team: rcp.Team, steps: int) -> dict[str, Any]:
+        first: dict[str, int] = {}
+
+        def note(record: rcp.teams.Round) -> None:
+            for word in ("practical", "strict"):
+                if record.score is not None and getattr(record.score, word):
+                    first.setdefault(word, record.number + 1)
+
+        result = team.solve(method, on_round=note, progress=False)
+        statuses = [status for record in result.rounds for status, _, _ in record.reports.values()]
+        return {
+            "strict": result.score is not None and result.score.strict,
+            "practical": result.score is not None and result.score.practical,
+            "local_success": result.local_success,
+            "local_failures": sum(status not in SOLVED for status in statuses),
+            "solves": len(statuses),
+            "rounds": len(result.rounds),
+            "first": first,
+            "cost": result.objective,
+            "cpu": result.cpu_seconds,
+            "parallel": result.parallel_cpu_seconds,
+            "iterations": result.iterations,
+            "down": max(record.bytes_down for record in result.rounds),
+            "up": max(record.bytes_up for record in result.rounds),
+            "disagreement": result.rounds[-1].disagreement.tolist(),
+        }
+
+    return plan
+
+
+PLANNERS = {"central": central, "hub": together("hub"), "paper": together("paper")}
+
+
+def run(
+    seeds: Iterable[int], methods: Iterable[str], sizes: Iterable[int], steps: int, path: Path | None
+) -> list[dict]:
+    """Results of all cases, those of the file included."""
+    results = [json.loads(line) for line in path.read_text().splitlines()] if path and path.exists() else []
+    known = {(r["seed"], r["method"], r.get("robots", 4)) for r in results}
+    cases = [(s, m, n) for n in sizes for s in seeds for m in methods if (s, m, n) not in known]
+    for number, (seed, method, robots) in enumerate(cases):
+        show_progress(f"{number + 1} of {len(cases)}: seed {seed}, {robots} robots, {method}")
+        try:
+            result = PLANNERS[method](rod.team(rod.task(seed, robots, steps)), steps)
+        except rcp.errors.PyRobocopError as error:
+            result = {"error": str(error), "strict": False, "practical": False, "local_success": False}
+        results.append({"seed": seed, "method": method, "robots": robots, **result})
+        if path:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(results[-1], default=float) + "\n")
+    wanted = {(s, m, n) for n in sizes for s in seeds for m in methods}
+    return [r for r in results if (r["seed"], r["method"], r.get("robots", 4)) in wanted]
+
+
+def share(flags: list[bool]) -> str:
+    """A share in percent with its interval by bootstrap."""
+    values = np.asarray(flags, dtype=float)
+    means = np.random.default_rng(0).choice(values, (10_000, values.size)).mean(axis=1)
+    low, high = np.percentile(100 * means, [2.5, 97.5])
+    return f"{100 * values.mean():.0f} % [{low:.0f}, {high:.0f}]"
+
+
+def median(results: list[dict], what: str) -> str:
+    """Median of a number over the results that have it."""
+    values = [r[what] for r in results if what in r]
+    return f"{statistics.median(values):.3g}" if values else "-"
+
+
+def cost_ratios(results: list[dict], of_central: dict[Any, dict]) -> list[float]:
+    """Costs over those of the central planner in the same task."""
+    pairs = [(r, of_central.get((r["seed"], r.get("robots", 4)))) for r in results if r["practical"]]
+    return [r["cost"] / c["cost"] for r, c in pairs if c is not None and c["practical"]]
+
+
+def tabulate(results: list[dict], methods: Iterable[str], sizes: Iterable[int]) -> None:
+    """Print a row for each method and size."""
+    of_central = {(r["seed"], r.get("robots", 4)): r for r in results if r["method"] == "central"}
+    titles = ("local", "strict", "practical")
+    table = Table(
+        [
+            ("robots", ">6d"), ("method", "<8s"), ("tasks", ">5d"), *((title, "<15s") for title in titles),
+            ("rounds", ">6s"), ("iterations", ">10s"), ("CPU", ">6s"), ("parallel", ">8s"), ("cost", ">5s"),
+            ("worst", ">5s"), ("bytes down/up", ">13s"),
+        ]
+    )  # fmt: skip
+    table.header()
+    for robots in sizes:
+        for method in methods:
+            rows = [r for r in results if r["method"] == method and r.get("robots", 4) == robots]
+            if not rows:
+                continue
+            ratios = cost_ratios(rows, of_central)
+            shares = [share([bool(r.get(word)) for r in rows]) for word in ("local_success", "strict", "practical")]
+            becoming = [{"rounds": r["first"]["strict"]} for r in rows if r.get("first", {}).get("strict")] or rows
+            sent = f"{max(r['down'] for r in rows)}/{max(r['up'] for r in rows)}" if "down" in rows[0] else "-"
+            table.add(
+                robots, method, len(rows), *shares, median(becoming, "rounds"), median(rows, "iterations"),
+                median(rows, "cpu"), median(rows, "parallel"),
+                f"{statistics.median(ratios):.2f}" if ratios else "-", f"{max(ratios):.2f}" if ratios else "-", sent,
+            )  # fmt: skip
+
+
+def main() -> None:
+    """Read the arguments, plan, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="one task with two robots on a coarse mesh")
+    parser.add_argument("--seeds", nargs=2, type=int, default=(0, 9), metavar=("FIRST", "LAST"))
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--robots", nargs="+", type=int, default=[4])
+    parser.add_argument("--results", type=Path)
+    given = parser.parse_args()
+    seeds, steps, sizes = list(range(given.seeds[0], given.seeds[1] + 1)), rod.STEPS, given.robots
+    if given.quick:
+        seeds, steps, sizes = [0], 8, [2]
+    tabulate(run(seeds, given.methods, sizes, steps, given.results), given.methods, sizes)
+
+
+if __name__ == "__main__":
+    main()

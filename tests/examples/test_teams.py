@@ -1,0 +1,163 @@
+"""Examples of teams: their models, their sizes, and what their tasks are."""
+
+from __future__ import annotations
+
+import importlib.util
+import pickle
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def example(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """An example as a module that can be imported again, as a worker does."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def rod(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return example("rod", monkeypatch)
+
+
+def size(model: pyo.ConcreteModel) -> int:
+    return sum(1 for _ in model.component_data_objects(pyo.Var))
+
+
+def test_tasks_are_drawn_as_described(rod: ModuleType) -> None:
+    """Angle, distance, direction, turn, robots, in this order; robots near the rod and apart from each other."""
+    random = np.random.default_rng(7)
+    angle, distance, direction = (random.uniform(*ends) for ends in ((-np.pi, np.pi), (0.3, 1.0), (-np.pi, np.pi)))
+    turn = random.uniform(-np.pi / 3, np.pi / 3)
+    task = rod.task(7)
+    assert task.start == (0.0, 0.0, angle)
+    assert task.goal == pytest.approx((distance * np.cos(direction), distance * np.sin(direction), angle + turn))
+    for robots in (4, 16):
+        for seed in range(5):
+            task = rod.task(seed, robots)
+            places = np.array(list(task.robots.values()))
+            assert len(places) == robots
+            gaps = [task.rod.shape.gap_to_disc(0.1, x, y, task.start).gap for x, y in places.tolist()]
+            assert 0.099 < min(gaps) < max(gaps) < 0.6
+            distances = np.linalg.norm(places[:, None] - places[None, :], axis=-1) + 9 * np.eye(robots)
+            assert distances.min() > 0.35
+
+
+def test_a_robots_model_does_not_grow_with_the_team(rod: ModuleType) -> None:
+    sizes = {
+        robots: (size(rod.rod(rod.task(0, robots))), size(rod.robot(rod.task(0, robots), "b"))) for robots in (2, 4, 16)
+    }
+    assert [robot for _, robot in sizes.values()] == [1015] * 3
+    assert [hub for hub, _ in sizes.values()] == [6 * 43 + 3 * robots * 42 for robots in sizes]
+
+
+def test_the_models_are_complete_and_builders_travel(rod: ModuleType) -> None:
+    task = rod.task(3)
+    build_rod, build_robot, sent = pickle.loads(pickle.dumps((rod.rod, rod.robot, task)))
+    assert sent == task
+    for phase in (build_rod(sent).body, build_robot(sent, "a").body, build_robot(sent, "a").me):
+        phase.check()
+
+
+def test_shared_components_have_the_same_name_and_grid(rod: ModuleType) -> None:
+    """What a team agrees on: pose and velocity of the body, and each robot's push."""
+    task = rod.task(1)
+    hub, robot = rod.rod(task), rod.robot(task, "c")
+    for name in ("qx", "qy", "qth"):
+        assert list(hub.body.component(name)) == list(robot.body.component(name))
+    # A copy's velocity lives on elements; that of the body has its start beside.
+    assert list(hub.body.ux)[1:] == list(robot.body.ux)
+    assert list(hub.push["c"].fx) == list(robot.push["c"].fx)
+
+
+def test_the_score_reads_what_the_models_hold(rod: ModuleType) -> None:
+    """The initial guess is scored: it misses the goal, because nobody pushes, by as much as the goal is away."""
+    task = rod.task(2)
+    score = task.score(rod.plans_of(rod.build(2)))
+    assert not score.practical
+    assert score.goal_distance == pytest.approx(np.hypot(*task.goal[:2]), abs=0.05)
+    time, bodies = task.score.paths(rod.plans_of(rod.build(2)))
+    assert len(time) == 43
+    assert [body.name for body in bodies] == ["", "a", "b", "c", "d"]
+    assert isinstance(bodies[0], rcp.drawing.BodyPath)
+
+
+def test_a_team_has_an_agent_for_the_rod_and_one_for_each_robot(rod: ModuleType) -> None:
+    """Its central model says what the example's own one says: all variables, those of the wrenches left out."""
+    task = rod.task(4, steps=7)
+    team = rod.team(task)
+    assert team.names == list("abcd")
+    assert team.physics == task.score
+    merged = team.central()
+    assert sum(not v.fixed for v in merged.model.component_data_objects(pyo.Var)) > 0
+    plans = team.plans_of(merged)
+    assert set(plans) == {"rod", *"abcd"}
+    assert task.score(plans).goal_distance == pytest.approx(np.hypot(*task.goal[:2]), abs=0.05)
+
+
+# ----------------------------------------------------------------- hit and catch
+
+
+@pytest.fixture
+def game(rod: ModuleType, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return example("hit_and_catch", monkeypatch)
+
+
+@pytest.mark.parametrize("kicks", range(3))
+def test_the_schedule_brings_the_puck_to_the_goal_by_the_law_of_the_score(game: ModuleType, kicks: int) -> None:
+    now = game.game(0, kicks=kicks)
+    schedule = now.schedule
+    wrench = np.column_stack([schedule.force, np.zeros(now.steps)])
+    simulated = now.score.simulate(np.array(game.START), np.zeros(3), wrench)
+    assert simulated[:, :2] == pytest.approx(schedule.place, abs=1e-9)
+    assert schedule.place[-1] == pytest.approx(game.GOAL)
+    assert schedule.speed[-1] == pytest.approx((0.0, 0.0), abs=1e-9)
+    meeting = sum(schedule.kicks[1][1:]) // 2
+    assert schedule.place[meeting + 1] == pytest.approx(game.KICKS[kicks][1])
+    pushed = {k for _, first, last in schedule.kicks for k in range(first, last)}
+    assert set(np.flatnonzero(np.abs(schedule.force).sum(axis=1))) == pushed
+
+
+def test_the_schedule_is_the_start_of_every_model(game: ModuleType) -> None:
+    now = game.game(1)
+    hub, a, b = game.puck(now), game.player(now, "a"), game.player(now, "d")
+    for phase in (hub.body, a.body, a.me, b.me):
+        phase.check()
+    ends = [model.body.qx[model.body.time.last()].value for model in (hub, a, b)]
+    assert ends == pytest.approx([game.GOAL[0]] * 3)
+    # The kicker touches where it kicks; a player of the other row stays where it is.
+    first = now.schedule.kicks[0][1]
+    assert abs(list(a.me.gap.values())[first].value) < 1e-4
+    assert list(a.me.c.values())[first].value == pytest.approx(np.linalg.norm(now.schedule.force[first]))
+    assert {round(v.value, 9) for v in b.me.x.values()} == {round(now.players["d"][0], 9)}
+
+
+def test_touches_and_flights_are_counted(game: ModuleType) -> None:
+    force = {"a": [0, 2, 2, 0, 0, 0, 0, 0, 0, 0], "b": [0, 0, 0, 0, 0, 0, 0, 3, 0.05, 0], "c": [0] * 10}
+    plans = {name: {"me.c": np.array(values, dtype=float)} for name, values in force.items()}
+    plans["puck"] = {"body.ux": np.full(11, 0.5), "body.uy": np.zeros(11)}
+    assert game.touches(plans) == (["a", "b"], 4)
+    plans["puck"]["body.ux"][:] = 0.2  # slower than a flight
+    assert game.touches(plans) == (["a", "b"], 0)
+
+
+def test_players_start_at_home_apart_from_each_other_and_from_the_puck(game: ModuleType) -> None:
+    for seed in range(10):
+        players = game.game(seed).players
+        places = np.array(list(players.values()))
+        for (x, y), home in zip(places.tolist(), game.HOMES.values(), strict=True):
+            assert all(low + 0.3 <= z <= high - 0.3 for z, (low, high) in zip((x, y), home, strict=True))
+            assert game.PUCK.shape.gap_to_disc(game.PLAYER.shape.radius, x, y, game.START).gap >= 0.05
+        distances = np.linalg.norm(places[:, None] - places[None, :], axis=-1) + 9 * np.eye(6)
+        assert distances.min() > game.APART
