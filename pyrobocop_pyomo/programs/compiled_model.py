@@ -164,7 +164,8 @@ class CompiledModel:
 
     def current_point(self) -> FloatArray:
         """Values of the model's variables in the program's order; 0 where a variable has none."""
-        return np.array([0.0 if variable.value is None else variable.value for variable in self.variables])
+        values = [variable.value for variable in self.variables]
+        return np.array([0.0 if value is None else value for value in values], dtype=float)
 
     def load_point(self, x: FloatArray) -> None:
         """Put a point into the model's variables; all others become stale, as after any solve."""

@@ -138,11 +138,13 @@ class PersistentNLP:
         point = self._goes_on_from
         if point is None:
             return None
-        return PrimalDualPoint(self._warm_values(point), *map(np.copy, point.complete(self._nlp)))
+        return PrimalDualPoint(
+            self._warm_values(point, self._compiled.current_point()), *map(np.copy, point.complete(self._nlp))
+        )
 
-    def _warm_values(self, good: PrimalDualPoint) -> FloatArray:
+    def _warm_values(self, good: PrimalDualPoint, here: FloatArray) -> FloatArray:
         """The values on the model; those of the last solution where a solve failed and nobody changed them since."""
-        here, last = self._compiled.current_point(), self.outcome
+        last = self.outcome
         failed = last is not None and last.x is not good.x
         return np.copy(good.x) if failed and last is not None and np.array_equal(here, last.x) else here
 
@@ -255,10 +257,11 @@ class PersistentNLP:
             self._forget()
         if self._added is not None:
             self._added.read_fixed()
-        start = PrimalDualPoint(self._compiled.current_point())
+        here = self._compiled.nlp.x_start  # what stands on the model: the update has just read it
+        start = PrimalDualPoint(here)
         purpose: dict[str, Any] = {}
         if warm and self._goes_on_from is not None:
-            start = replace(self._goes_on_from, x=self._warm_values(self._goes_on_from))
+            start = replace(self._goes_on_from, x=self._warm_values(self._goes_on_from, here))
             purpose = warm_start(mu)
         if mu_target is not None:
             # Without damping: it would move the solution by 1e-5 mu, and Ipopt would end in steps that are too small.
