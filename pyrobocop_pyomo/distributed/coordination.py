@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import KeepApart, Shared
@@ -162,6 +163,9 @@ class Coordination:
                     logger.error("agent '%s' is frozen at its last plan: %s", name, reply.reason)
                     self.frozen[name] = reply.reason
                 continue
+            if reply.status == IpoptStatus.INTERRUPTED.name:
+                # Ipopt turns Ctrl-C into a status; whoever pressed it wants the rounds to stop.
+                raise KeyboardInterrupt
             self._asked[name] = reply
             if reply.usable and np.isfinite(reply.values).all():
                 usable[name] = reply

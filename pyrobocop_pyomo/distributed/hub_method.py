@@ -1,9 +1,7 @@
-"""The hub method: the object is an agent with its dynamics and all wrenches, each robot holds a kinematic copy of
-it."""
+"""The hub method: the object is an agent with its dynamics and all wrenches; each robot holds a copy of its motion."""
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,8 +13,6 @@ from .messages import Order, ProblemFacts
 from .rounds import Round
 from .spread import Spread
 from .team_schedules import BarrierPath, BarrierRounds, PenaltyRounds, Reopening, TargetedPenalties
-
-logger = logging.getLogger(__name__)
 
 _FIRST_ITERATIONS = 300
 _HUB_ITERATIONS = 300
@@ -42,8 +38,7 @@ class Hub:
     until : {"strict", "practical"}
         Which physical score ends the rounds, for teams with physics.
     tolerance : float
-        Without physics: largest disagreement, and largest change of what is agreed on in a round, relative to
-        1 + its size.
+        Without physics: largest disagreement, and largest change of what is agreed on in a round.
     object_first : float
         Factor on the penalties of what a single robot shares with the hub in the hub's first problem, before any round:
         the wrenches that alone would move the object to its goal are kept small.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.errors import CheckpointError, TeamError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import networkx
 from pyrobocop_pyomo.solving.progress import Progress
@@ -268,7 +268,7 @@ class Team:
         Returns
         -------
         TeamResult
-            Also where the rounds ran out, with the best plan.
+            Also where the rounds ran out, or after Ctrl-C, with the best plan.
 
         Raises
         ------
@@ -326,19 +326,23 @@ class _Rounds:
             state = self._resume(path, mark)
         else:
             state = method.begin(work)
-        done = False
-        while not done and state.round < method.rounds:
-            record = method.round(work, state)
-            self._keep_best(record)
-            done = self._is_done(record)
-            self._progress.live(self._line(record))
-            state = self._reopened(state)
-            if path is not None:
-                self._save(path, mark, state)
-            if self._on_round is not None and self._on_round(record) is False:
-                done = True
-        if work.rounds:
-            self._progress.line(self._line(work.rounds[-1]))
+        try:
+            done = False
+            while not done and state.round < method.rounds:
+                record = method.round(work, state)
+                self._keep_best(record)
+                done = self._is_done(record)
+                self._progress.live(self._line(record))
+                state = self._reopened(state)
+                if path is not None:
+                    self._save(path, mark, state)
+                if self._on_round is not None and self._on_round(record) is False:
+                    done = True
+        except KeyboardInterrupt:
+            if not work.rounds:
+                raise
+            logger.warning("round %d was interrupted; the result is that of the rounds before", state.round + 1)
+        self._progress.line(self._line(work.rounds[-1]))
         return self._result(team, state)
 
     def _reopened(self, state: TeamState) -> TeamState:
@@ -419,5 +423,7 @@ class _Rounds:
 
     def _resume(self, path: Path, mark: str) -> TeamState:
         saved = Checkpoint.load(path, mark)
+        if saved.round >= self._method.rounds:
+            raise CheckpointError(f"{path}: all {saved.round} rounds are done. Delete the file to start anew.")
         self._work.engine.restore(saved.states)
         return TeamState.of_arrays(saved.coordinator)

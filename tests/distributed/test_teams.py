@@ -101,6 +101,18 @@ def test_a_team_that_does_not_agree_raises_with_its_numbers() -> None:
         result.raise_for_failure()
 
 
+def test_an_interrupted_team_keeps_its_last_round() -> None:
+    team = rcp.Team(robots=robots(), shared=SHARED)
+
+    def interrupt(record: rcp.teams.Round) -> None:
+        if record.number == 2:
+            raise KeyboardInterrupt
+
+    result = team.solve(Sova(rounds=9), on_round=interrupt)
+    assert [record.number for record in result.rounds] == [0, 1, 2]
+    assert set(result.values) == {"r0", "r1"}
+
+
 def test_rounds_go_on_from_a_file_as_if_never_stopped(tmp_path) -> None:
     team = rcp.Team(hub=rcp.Agent("hub", middle, 3), robots=robots(3), shared=SHARED)
     whole = team.solve(Hub(rounds=8, tolerance=0.0))
@@ -111,6 +123,8 @@ def test_rounds_go_on_from_a_file_as_if_never_stopped(tmp_path) -> None:
     assert [record.number for record in rest.rounds] == [4, 5, 6, 7]
     for name, values in whole.values.items():
         assert np.array_equal(values, rest.values[name])
+    with pytest.raises(CheckpointError, match="all 8 rounds are done"):
+        team.solve(Hub(rounds=8, tolerance=0.0), checkpoint=path)
     with pytest.raises(CheckpointError, match="another team"):
         team.solve(Hub(rounds=9, tolerance=0.0), checkpoint=path)
 
