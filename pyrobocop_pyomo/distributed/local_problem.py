@@ -118,7 +118,9 @@ class LocalProblem:
             relax(self.model, delta=1.0)
             self._pairs = len(pairs_of(self.model))
             self._barrier = _OrderedDelta()
-        self.nlp = PersistentNLP(self.model, {**OPTIONS, **spec.options}, barrier=self._barrier, quadratic=self.cost)
+        self.nlp = PersistentNLP(
+            self.model, {**OPTIONS, **spec.options}, barrier=self._barrier, quadratic=self.cost, go_on_after_limit=True
+        )
 
     # ---------------------------------------------------------------- building
 

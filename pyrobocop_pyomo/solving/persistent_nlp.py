@@ -31,8 +31,8 @@ class PersistentNLP:
     """A model that is prepared once and solved many times, each time from the last solution.
 
     A solve that fails leaves its last point on the model, but does not spoil the next one: that starts from the last
-    solution again, unless the values on the model were changed in between. A solve that reached its iteration limit
-    has not failed: the next one goes on where it stopped.
+    solution again, unless the values on the model were changed in between. With `go_on_after_limit` a solve that
+    reached its iteration limit has not failed: the next one goes on where it stopped.
 
     Between two solves, change what is a number: values of fixed variables, mutable Params, bounds, values of
     variables. What changes the structure (fixing, unfixing, adding, deactivating) makes the next solve prepare the
@@ -50,6 +50,8 @@ class PersistentNLP:
         delta shifts; the delta of the model is then not read.
     quadratic : QuadraticCost, optional
         Added to the objective; its numbers may change between two solves.
+    go_on_after_limit : bool
+        Whether the next solve goes on, warm, from where an iteration limit stopped the last one.
 
     Attributes
     ----------
@@ -90,8 +92,10 @@ class PersistentNLP:
         *,
         barrier: BarrierSchedule | None = None,
         quadratic: QuadraticCost | None = None,
+        go_on_after_limit: bool = False,
     ) -> None:
         self.model = model
+        self._go_on_after_limit = go_on_after_limit
         self.preparations = 0
         self._options = dict(options or {})
         self._barrier, self._quadratic = barrier, quadratic
@@ -225,7 +229,7 @@ class PersistentNLP:
         options : mapping, optional
             Ipopt's options for this solve; they win over those of the model and of the warm start.
         warm : bool
-            Start with the multipliers of the last solve that succeeded or reached its iteration limit, from the point
+            Start with the multipliers of the last solve that succeeded, from the point
             on the model; where that is still the last point of a solve that failed, from the last solution.
         mu : float
             Ipopt's first barrier parameter in a warm start: the smaller, the closer to the last solution.
@@ -279,7 +283,8 @@ class PersistentNLP:
             on_iteration=on_iteration,
             output=[sys.stdout] if tee else [],
         )
-        usable = self.outcome.status.solved or self.outcome.status is IpoptStatus.ITERATION_LIMIT
+        stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT
+        usable = self.outcome.status.solved or stopped
         if usable and all(np.isfinite(values).all() for values in self.outcome.point.complete(self._nlp)):
             self._goes_on_from = self.outcome.point
         InProcessSolutionLoader(self._compiled, self.outcome).load_solution()

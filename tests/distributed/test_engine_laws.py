@@ -195,6 +195,7 @@ def test_a_builder_of_a_prompt_or_script(monkeypatch: pytest.MonkeyPatch) -> Non
 
     builder.__module__, builder.__qualname__ = "__main__", "builder"
     monkeypatch.setattr(__main__, "builder", builder, raising=False)
+    monkeypatch.setattr(__main__, "__file__", "script.py", raising=False)  # workers of pytest-xdist have none
     build_request(TinySpec("a", builder, ()), main_is_known=True)
     with pytest.raises(EngineError, match="the script that runs here"):
         build_request(TinySpec("a", builder, ()), main_is_known=False)

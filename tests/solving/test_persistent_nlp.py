@@ -106,7 +106,7 @@ def two_sides() -> pyo.ConcreteModel:
 def test_a_solve_goes_on_after_an_iteration_limit():
     whole = PersistentNLP(cart_pole(10))
     iterations = whole.solve().iterations
-    parts = PersistentNLP(cart_pole(10))
+    parts = PersistentNLP(cart_pole(10), go_on_after_limit=True)
     counts = [parts.solve({"max_iter": 3}).iterations]
     while not parts.outcome.status.solved:
         mu = parts.outcome.mu
@@ -118,10 +118,10 @@ def test_a_solve_goes_on_after_an_iteration_limit():
 
 
 def test_a_state_carries_a_solve_to_a_twin():
-    first = PersistentNLP(cart_pole(10))
+    first = PersistentNLP(cart_pole(10), go_on_after_limit=True)
     assert first.state is None
     first.solve({"max_iter": 4})
-    twin = PersistentNLP(cart_pole(10))
+    twin = PersistentNLP(cart_pole(10), go_on_after_limit=True)
     twin.restore(first.state)
     here, there = first.solve({"max_iter": 3}), twin.solve({"max_iter": 3})
     assert np.array_equal(here.x, there.x)
