@@ -109,8 +109,8 @@ class Consensus:
             names = holders[label]
             if len(names) == 1:
                 raise TeamError(
-                    f"'{label}' is shared by '{names[0]}' alone: no other model has it. Check its name, or leave "
-                    f"it out."
+                    f"'{label}' is shared by '{names[0]}' alone: no other model has it. Check its name, or leave it "
+                    "out."
                 )
             for name in names:
                 if key not in held[name]:
@@ -118,8 +118,7 @@ class Consensus:
                     raise TeamError(
                         f"'{label}' has {lengths[name][label]} values in the model of '{name}' and "
                         f"{lengths[other][label]} in that of '{other}': index {index} is missing in the first. "
-                        f"Give both "
-                        "models the same horizon and mesh."
+                        "Give both models the same horizon and mesh."
                     )
 
     def of_agent(self, name: str, team_values: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -20,6 +20,7 @@ from .engine import AgentFailure, Engine
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
 from .spread import Spread
+from .team_schedules import BarrierRounds, PenaltyRounds
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ class Physics(Protocol):
         ...
 
     def __call__(self, plans: Plans) -> PlanScore:
-        """PlanScore the plans of all agents."""
+        """Score the plans of all agents."""
         ...
 
 
@@ -130,7 +131,6 @@ class Coordination:
     keep_apart: KeepApart | None
     physics: Physics | None
     graph: Any = None
-    on_round: Callable[[Round], None] | None = None
     rounds: list[Round] = field(default_factory=list)
     plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
     frozen: dict[str, str] = field(default_factory=dict)
@@ -146,6 +146,14 @@ class Coordination:
         self.neighbours: dict[str, list[str]] = {}
         if self.graph is not None:
             self.neighbours = {name: [n for n in self.robots if self.graph.has_edge(name, n)] for name in self.robots}
+
+    def first_state(self, barrier: BarrierRounds) -> TeamState:
+        """The state before any round: no values yet, multipliers zero, penalties as given."""
+        has_pairs = any(fact.pairs for fact in self.facts.values())
+        multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
+        positions = {name: fact.positions for name, fact in self.facts.items() if fact.positions is not None}
+        mu = barrier.first() if has_pairs else None
+        return TeamState(0, mu, np.ones(len(self.shared)), np.zeros(0), {}, multipliers, positions)
 
     def begin_round(self) -> None:
         """Forget the reports of the round before."""
@@ -176,18 +184,25 @@ class Coordination:
                 self._failed[name] = f"Ipopt: {reply.status}"
         return usable
 
+    @staticmethod
+    def take(state: TeamState, reports: Mapping[str, Report]) -> None:
+        """Put the robots' new values and positions into the state; the others keep theirs."""
+        state.values.update({name: report.values for name, report in reports.items()})
+        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
+
     def refuse_missing(self, values: Mapping[str, Any], names: Sequence[str]) -> None:
         """Without a first point of an agent there is nothing to go on from."""
         for name in names:
             if name not in values:
                 raise TeamError(
                     f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
-                    f"its "
-                    "model alone: build it and call rcp.solve, or rcp.diagnose."
+                    "its model alone: build it and call rcp.solve, or rcp.diagnose."
                 )
 
-    def end_round(self, state: TeamState, spread: Spread, *, scored: bool) -> Round:
-        """Record the round, with its score where it is wanted."""
+    def end_round(
+        self, state: TeamState, spread: Spread, barrier: BarrierRounds, penalties: PenaltyRounds, *, scored: bool
+    ) -> Round:
+        """Record the round, with its score where it is wanted, and move the schedules on."""
         score = None
         if scored and self.physics is not None and set(self.plans) >= set(self.robots):
             score = self.physics(self.plans)
@@ -212,8 +227,10 @@ class Coordination:
             self.hub,
         )
         self.rounds.append(record)
-        if self.on_round is not None:
-            self.on_round(record)
+        state.factors = penalties.after(state.factors, state.mu, spread)
+        if state.mu is not None:
+            state.mu = barrier.after(state.mu, record.disagreement, state.slowness)
+        state.round += 1
         return record
 
     def as_seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:

@@ -77,24 +77,22 @@ class Hub:
 
     def begin(self, work: Coordination) -> TeamState:
         """Ask the hub for a first motion of the object, and start there."""
-        hub, factors = _name_of(work), np.ones(len(work.shared))
+        hub, state = _name_of(work), work.first_state(self.barrier)
         single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.shared])
         work.begin_round()
-        mu = self.barrier.first() if any(fact.pairs for fact in work.facts.values()) else None
         zero = np.zeros(work.facts[hub].values.size)
         order = Order(
             zero,
             single,
-            mu if work.facts[hub].pairs else None,
+            state.mu if work.facts[hub].pairs else None,
             iterations=_FIRST_ITERATIONS,
             warm=False,
             weights=self._weights_in_time(work.facts[hub]),
         )
         found = work.ask({hub: order})
         work.refuse_missing(found, [hub])
-        multipliers = {name: np.zeros(work.facts[name].values.size) for name in work.robots}
-        positions = {name: fact.positions for name, fact in work.facts.items() if fact.positions is not None}
-        return TeamState(0, mu, factors, found[hub].values, {}, multipliers, positions)
+        state.target = found[hub].values
+        return state
 
     def _weights_in_time(self, facts: ProblemFacts) -> Array:
         """Factors that fall along the index of each quantity to 1 at its end."""
@@ -106,8 +104,7 @@ class Hub:
         work.begin_round()
         scored = work.physics is not None and (state.mu is None or state.mu <= self.score_below)
         reports = work.ask(self._robots_orders(work, state, with_plan=scored))
-        state.values.update({name: report.values for name, report in reports.items()})
-        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
+        work.take(state, reports)
         work.refuse_missing(state.values, work.robots)
         before = state.target
         state.target = self._hub_values(work, state, with_plan=scored)
@@ -122,12 +119,7 @@ class Hub:
             spread.add(penalty, gap, own - work.consensus.of_agent(name, earlier))
             if name in reports:  # the multipliers of a robot without a new plan stay
                 state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, gap)
-        record = work.end_round(state, spread, scored=scored)
-        state.factors = self.penalties.after(state.factors, state.mu, spread)
-        if state.mu is not None:
-            state.mu = self.barrier.after(state.mu, record.disagreement, state.slowness)
-        state.round += 1
-        return record
+        return work.end_round(state, spread, self.barrier, self.penalties, scored=scored)
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
         others = work.others(state.positions)

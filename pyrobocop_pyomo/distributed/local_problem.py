@@ -106,9 +106,10 @@ class LocalProblem:
             weights.append(self._weights_of(shared, lengths, first, group, blocks))
         self.penalty = PenaltyMatrix(np.array(groups, dtype=np.intp), np.concatenate(weights), tuple(blocks))
         self.cost = QuadraticCost(self._variables, [positions for _, positions, _ in blocks])
-        self._positions = self._read_positions()
-        if spec.keep_apart is not None and spec.neighbours:
-            self._keep_apart(spec.keep_apart, spec.neighbours)
+        rule = spec.keep_apart
+        self._coordinates = [] if rule is None else [self._component(name) for name in rule.components]
+        if rule is not None and spec.neighbours:
+            self._keep_apart(rule, spec.neighbours)
         self._plan = {name: self._component(name) for name in spec.plan}
         self._barrier = None
         self._pairs = 0
@@ -175,8 +176,7 @@ class LocalProblem:
         if weights.ndim and weights.shape[0] != len(lengths):
             raise TeamError(
                 f"{what} stands for {len(lengths)} variables with {total} values, its penalty is for "
-                f"{weights.shape[0]}. Give one number, one for each variable, or a matrix for the variables or the "
-                f"values."
+                f"{weights.shape[0]}. Give one number, one for each variable, or a matrix for either."
             )
         if weights.ndim < 2:
             return np.repeat(np.broadcast_to(weights, len(lengths)), lengths).astype(float)
@@ -189,12 +189,13 @@ class LocalProblem:
 
     def _keep_apart(self, rule: KeepApart, neighbours: int) -> None:
         """Rows that keep the robot away from points that are numbers."""
-        coordinates = [self._component(name) for name in rule.components]
+        coordinates = self._coordinates
         keys = [key for key in coordinates[0] if any(not c[key].fixed for c in coordinates)]
+        column = {key: j for j, key in enumerate(coordinates[0])}
         block = self.model.keep_apart = Block(concrete=True)
         block.others = Param(range(neighbours), range(len(coordinates)), keys, initialize=FAR_AWAY, mutable=True)
         self._others = [
-            [(block.others[i, k, key], j) for j, key in enumerate(coordinates[0]) if key in set(keys)]
+            [(block.others[i, k, key], column[key]) for key in keys]
             for i in range(neighbours)
             for k in range(len(coordinates))
         ]
@@ -207,10 +208,9 @@ class LocalProblem:
         )
 
     def _read_positions(self) -> Array | None:
-        rule = self.spec.keep_apart
-        if rule is None:
+        if not self._coordinates:
             return None
-        return np.array([_numbers(self._component(name).values()) for name in rule.components])
+        return np.array([_numbers(coordinate.values()) for coordinate in self._coordinates])
 
     # ---------------------------------------------------------------- what an engine asks for
 

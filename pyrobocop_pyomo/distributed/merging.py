@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pyomo.common.collections import ComponentMap
+from pyomo.common.collections import ComponentMap, ComponentSet
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
@@ -102,13 +102,14 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str], *, eliminate: I
         parts = {name: merged.component(name) for name in models}
         names = list(dict.fromkeys(shared))
         first, *others = parts.values()
-        rows = _fingerprints(first)
+        known = set(_fingerprints(first).values())
         for other in others:
             _unify(first, other, names)
-            for row in _active(other, Constraint):
-                if row.equality and _fingerprint(row) in rows:
+            said = _fingerprints(other)
+            for row, statement in said.items():
+                if statement in known:
                     row.deactivate()
-            rows |= _fingerprints(other)
+            known.update(said.values())
         wanted = set(eliminate)
         if wanted:
             _eliminate(merged, first, wanted)
@@ -139,8 +140,11 @@ def _unify(first: Any, other: Any, names: Sequence[str]) -> None:
     replaced: list[tuple[Any, Any]] = []
     for name in names:
         masters, copies = _variable_components(first, name), _variable_components(other, name)
-        for label in copies.keys() & masters.keys():
-            master, copied = masters[label], copies[label]
+        # In the order of the copies: that of a set of names differs between processes.
+        for label, copied in copies.items():
+            if label not in masters:
+                continue
+            master = masters[label]
             for key, variable in copied.items():
                 if key not in master:
                     raise TeamError(
@@ -153,7 +157,7 @@ def _unify(first: Any, other: Any, names: Sequence[str]) -> None:
     _substitute(other, substitution)
     for copied, master in replaced:
         block, label = copied.parent_block(), copied.local_name
-        keys = list(copied.keys())
+        keys = list(copied)
         BlockData.del_component(block, copied)
         # The copy's own rules go on to find it under its name.
         reference = Reference({key: master[key] for key in keys}, ctype=Var)
@@ -176,9 +180,7 @@ def _substitute(block: Any, substitution: Mapping[int, Any]) -> None:
         substitute=dict(substitution), descend_into_named_expressions=True, remove_named_expressions=True
     )
 
-    def replaced(expression: Any) -> Any:
-        return visitor.walk_expression(expression)
-
+    replaced = visitor.walk_expression
     for row in block.component_data_objects(Constraint, descend_into=True):
         if any(id(v) in substitution for v in identify_variables(row.body, include_fixed=True)):
             row.set_value(replaced(row.expr))
@@ -205,14 +207,16 @@ def _fingerprint(row: Any) -> Any:
     return (*((number, round(coefficient / scale, 12)) for number, coefficient in terms), constant)
 
 
-def _fingerprints(block: Any) -> set[Any]:
-    return {_fingerprint(row) for row in _active(block, Constraint)} - {None}
+def _fingerprints(block: Any) -> ComponentMap:
+    """From each active linear equation of a block to its fingerprint."""
+    found = ((row, _fingerprint(row)) for row in list(_active(block, Constraint)))
+    return ComponentMap((row, fingerprint) for row, fingerprint in found if fingerprint is not None)
 
 
 def _eliminate(merged: Any, first: Any, names: set[str]) -> None:
     """Replace shared variables by what an agent's equation says that they are, and drop both."""
     components = [c for name in sorted(names) for c in _variable_components(first, name).values()]
-    wanted = ComponentMap((v, None) for c in components for v in c.values() if not v.fixed)
+    wanted = ComponentSet(v for c in components for v in c.values() if not v.fixed)
     definitions: dict[int, Any] = {}
     for row in _active(merged, Constraint):
         found = _definition(row, wanted, definitions) if row.equality else None
@@ -242,10 +246,10 @@ def _forget_declaration(block: Any, name: str) -> None:
         block.record.declarations.pop(name, None)
 
 
-def _definition(row: Any, wanted: ComponentMap, known: Mapping[int, Any]) -> tuple[Any, Any] | None:
+def _definition(row: Any, wanted: ComponentSet, known: Mapping[int, Any]) -> tuple[Any, Any] | None:
     """Variable and expression, where a row says ``coefficient * variable == expression``."""
-    inside = [v for v in identify_variables(row.body, include_fixed=False) if v in wanted and id(v) not in known]
-    if not inside:
+    inside = identify_variables(row.body, include_fixed=False)
+    if not any(variable in wanted and id(variable) not in known for variable in inside):
         return None
     representation = generate_standard_repn(row.body, compute_values=True, quadratic=False)
     nonlinear = {id(v) for v in representation.nonlinear_vars}

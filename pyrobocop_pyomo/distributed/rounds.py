@@ -70,6 +70,10 @@ class Round:
     seconds: float
     hub: str | None = None
 
+    def agrees(self, tolerance: float) -> bool:
+        """Whether neither disagreement nor change exceeds a tolerance."""
+        return bool(max(self.disagreement.max(initial=0.0), self.change.max(initial=0.0)) <= tolerance)
+
     @property
     def parallel_cpu_seconds(self) -> float:
         """Of the slowest robot, and of the hub that follows."""

@@ -9,6 +9,7 @@ import numpy as np
 from pyrobocop_pyomo.numerics import Array
 
 from .coordination import Coordination, TeamState
+from .local_problem import DELTA_PER_MU
 from .messages import Order
 from .rounds import Round
 from .spread import Spread
@@ -80,20 +81,18 @@ class Sova:
 
     def begin(self, work: Coordination) -> TeamState:
         """A first plan of each robot alone, as if the others did whatever helps it."""
-        mu = self.barrier.first() if any(fact.pairs for fact in work.facts.values()) else None
-        positions = {name: fact.positions for name, fact in work.facts.items() if fact.positions is not None}
-        multipliers = {name: np.zeros(work.facts[name].values.size) for name in work.robots}
-        state = TeamState(0, mu, np.ones(len(work.shared)), np.zeros(0), {}, multipliers, positions)
+        state = work.first_state(self.barrier)
         work.begin_round()
-        others = work.others(positions)
-        orders = {}
-        for name in work.robots:
-            factors = state.factors * self.regularisation
-            zero = np.zeros(work.facts[name].values.size)
-            orders[name] = self._order(work, name, state, zero, factors, others.get(name), first=True, with_plan=False)
+        others = work.others(state.positions)
+        factors = state.factors * self.regularisation
+        orders = {
+            name: self._order(work, name, state, zero, factors, others.get(name), first=True, with_plan=False)
+            for name, zero in state.multipliers.items()
+        }
         reports = work.ask(orders)
         work.refuse_missing(reports, work.robots)
-        self._take(work, state, reports)
+        work.take(state, reports)
+        state.target = work.consensus.mean(state.values)
         return state
 
     def round(self, work: Coordination, state: TeamState) -> Round:
@@ -105,20 +104,19 @@ class Sova:
         others = work.others(state.positions)
         orders = {}
         for name in work.robots:
-            neighbours = list(work.neighbours[name])
-            penalty = work.facts[name].penalty
-            middles = sum(
-                (state.values[name] + work.as_seen_by(name, other, state.values) for other in neighbours), 0.0
-            )
-            linear = state.multipliers[name] - penalty.times(
-                state.factors, work.consensus.masked(name, middles + np.zeros(penalty.diagonal.size))
-            )
+            neighbours, penalty = work.neighbours[name], work.facts[name].penalty
+            middles = len(neighbours) * state.values[name]
+            for other in neighbours:
+                middles = middles + work.as_seen_by(name, other, state.values)
+            pull = penalty.times(state.factors, work.consensus.masked(name, middles))
+            linear = state.multipliers[name] - pull
             factors = 2.0 * len(neighbours) * state.factors
             orders[name] = self._order(
                 work, name, state, linear, factors, others.get(name), first=False, with_plan=scored
             )
         before = state.target
-        self._take(work, state, work.ask(orders))
+        work.take(state, work.ask(orders))
+        state.target = work.consensus.mean(state.values)
         for name in work.robots:
             penalty = work.facts[name].penalty
             apart = np.zeros(penalty.diagonal.size)
@@ -131,17 +129,7 @@ class Sova:
             mean = work.consensus.of_agent(name, state.target)
             gap = work.consensus.masked(name, state.values[name]) - mean
             spread.add(work.facts[name].penalty, gap, mean - work.consensus.of_agent(name, before))
-        record = work.end_round(state, spread, scored=scored)
-        state.factors = self.penalties.after(state.factors, state.mu, spread)
-        if state.mu is not None:
-            state.mu = self.barrier.after(state.mu, record.disagreement, state.slowness)
-        state.round += 1
-        return record
-
-    def _take(self, work: Coordination, state: TeamState, reports: dict) -> None:
-        state.values.update({name: report.values for name, report in reports.items()})
-        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
-        state.target = work.consensus.mean(state.values)
+        return work.end_round(state, spread, self.barrier, self.penalties, scored=scored)
 
     def _order(
         self,
@@ -161,7 +149,7 @@ class Sova:
             linear,
             factors,
             state.mu if follow else None,
-            delta=2.0 * state.mu if pairs and state.mu is not None and not follow else None,
+            delta=DELTA_PER_MU * state.mu if pairs and state.mu is not None and not follow else None,
             tolerance=work.tolerance(state.mu) if follow else 1e-6 if pairs else 1e-9,
             iterations=max(300, self.iterations) if first else self.iterations,
             warm=not first and (follow or not pairs),

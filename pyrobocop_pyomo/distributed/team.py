@@ -144,15 +144,13 @@ class Team:
                 odd = sorted(map(str, nodes ^ robots))
                 raise TeamError(
                     f"the nodes of the graph are not the robots: {', '.join(odd)} {'is' if len(odd) == 1 else 'are'} "
-                    f"in one and "
-                    "not in the other. Use the names of the robots as nodes."
+                    "in one and not in the other. Use the names of the robots as nodes."
                 )
             if not networkx.is_connected(self.graph):
                 parts = [sorted(part) for part in networkx.connected_components(self.graph)]
                 raise TeamError(
                     f"the graph is not connected: {' and '.join(map(str, parts))} have no edge between them, so they "
-                    f"could "
-                    "never agree. Add an edge."
+                    "could never agree. Add an edge."
                 )
 
     # ---------------------------------------------------------------- problems
@@ -278,16 +276,26 @@ class Team:
             When the engine is not installed, or a builder cannot be sent to it.
         """
         method = find_method(method, self)
-        specs = self.problem_specs(method)
-        running = find_engine(engine)
-        with running:
-            facts = running.start(specs)
-            hub = self.hub.name if self.hub is not None and not isinstance(method, Sova) else None
-            graph = networkx.complete_graph(self.names) if self.graph is None else self.graph
-            work = Coordination(running, facts, self.shared, self.names, hub, self.keep_apart, self.physics, graph)
-            rounds = _Rounds(method, work, Progress(progress), on_round)
-            mark = fingerprint([*specs, method]) if checkpoint is not None else ""
+        mark = "" if checkpoint is None else fingerprint([*self.problem_specs(method), method])
+        with find_engine(engine) as running:
+            rounds = _Rounds(method, start_team(self, method, running), Progress(progress), on_round)
             return rounds.run(self, None if checkpoint is None else Path(checkpoint), mark)
+
+
+def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
+    """Build all agents of a team on an engine, and line up what they share.
+
+    Raises
+    ------
+    TeamError
+        When the models do not fit together.
+    EngineError
+        When an agent cannot be sent or built.
+    """
+    facts = engine.start(team.problem_specs(method))
+    hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
+    graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
+    return Coordination(engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph)
 
 
 def find_method(method: Method | str, team: Team) -> Method:
@@ -367,8 +375,7 @@ class _Rounds:
     def _is_done(self, record: Round) -> bool:
         method = self._method
         if self._work.physics is None:
-            within = record.disagreement.max(initial=0.0), record.change.max(initial=0.0)
-            return max(within) <= method.tolerance
+            return record.agrees(method.tolerance)
         score = record.score
         return score is not None and (
             (method.until == "strict" and score.strict) or (method.until == "practical" and score.practical)
@@ -396,11 +403,7 @@ class _Rounds:
         work = self._work
         names = tuple(work.consensus.group_names)
         _, number, score, plans = self._best or ((), len(work.rounds) - 1, None, dict(work.plans))
-        agreement = (
-            bool(work.rounds)
-            and max(work.rounds[-1].disagreement.max(initial=0.0), work.rounds[-1].change.max(initial=0.0))
-            <= self._method.tolerance
-        )
+        agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
         target = state.target if work.hub is not None else work.consensus.of_agent(source, state.target)
         agreed: dict[str, Array] = {}

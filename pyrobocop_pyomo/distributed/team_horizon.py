@@ -13,17 +13,17 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import networkx
 
 from .agents import Shared
-from .coordination import Coordination, Round, TeamState
+from .coordination import TeamState
 from .engine import AgentFailure, Engine
 from .engines import find_engine
 from .hub_method import Hub
 from .messages import ProblemFacts
+from .rounds import Round
 from .shifting import later_index
 from .sova import Sova
-from .team import Method, Team, find_method
+from .team import Method, Team, find_method, start_team
 from .team_schedules import ConstantBarrier, ConstantPenalties
 
 Measured = Mapping[str, Mapping[str, float]]
@@ -114,16 +114,10 @@ class TeamHorizon:
         self._mu = mu
         self._number = 0
         self.engine = find_engine(engine)
-        specs = team.problem_specs(self._method)
-        facts: dict[str, ProblemFacts] = self.engine.start(specs)
         try:
-            hub = team.hub.name if team.hub is not None and isinstance(self._method, Hub) else None
-            graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
-            self._work = Coordination(
-                self.engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph
-            )
+            self._work = start_team(team, self._method, self.engine)
             self._needed = {name: set(states) for name, states in self._of_all("start_states").items()}
-            self._of_all("advance", {name: ({}, 0) for name in facts})  # refuses what cannot be moved ahead
+            self._of_all("advance", {name: ({}, 0) for name in self._work.facts})  # refuses what cannot be moved ahead
         except BaseException:
             self.stop()
             raise
@@ -259,7 +253,7 @@ class TeamHorizon:
 
     def _is_good(self, record: Round) -> bool:
         if self._work.physics is None:
-            return bool(max(record.disagreement.max(initial=0), record.change.max(initial=0)) <= self._method.tolerance)
+            return record.agrees(self._method.tolerance)
         return record.score is not None and record.score.practical
 
 

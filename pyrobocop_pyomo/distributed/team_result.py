@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamFailed
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
 from .coordination import Plans
@@ -82,8 +83,7 @@ class TeamResult:
     def local_success(self) -> bool:
         """Whether Ipopt reported success for every local problem of every round. It says little of the combined
         plan."""
-        solved = {"SOLVED", "ACCEPTABLE", "FEASIBLE_POINT"}
-        return all(status in solved for record in self.rounds for status, _, _ in record.reports.values())
+        return all(IpoptStatus[status].solved for record in self.rounds for status, _, _ in record.reports.values())
 
     @property
     def cpu_seconds(self) -> float:
@@ -134,8 +134,7 @@ class TeamResult:
         failures = sum(len(record.failures) for record in self.rounds)
         lines = [
             f"{len(self.rounds)} rounds, objective {self.objective:.6g}, {solves} local solves ({failures} without a "
-            f"usable "
-            f"point), {self.iterations:.1f} iterations each, {self.cpu_seconds:.1f} CPU s "
+            f"usable point), {self.iterations:.1f} iterations each, {self.cpu_seconds:.1f} CPU s "
             f"({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
             f"disagreement: {apart}",
         ]

@@ -122,8 +122,7 @@ class PersistentNLP:
             if not rows:
                 raise ComplementarityError(
                     f"'{self.model.name}': delta cannot follow the barrier parameter: no row of the model is shifted "
-                    f"by "
-                    "delta. Apply pyrobocop.relax_complementarity with a relaxation such as 'scholtes' first."
+                    "by delta. Apply pyrobocop.relax_complementarity with a relaxation such as 'scholtes' first."
                 )
             self._nlp = self._shifted = ShiftedRows(self._nlp, rows, base=delta_of(self.model).value)
 

@@ -133,7 +133,7 @@ class TimedModel:
 
 TIMED_MODELS = (
     TimedModel("a hundred pairs", partial(crossed_pairs, 100)),
-    TimedModel("obstacles", lambda: example("crossing").build(40)),
+    TimedModel("obstacles", lambda: example("crossing").build(28)),
     TimedModel("sequences of linked phases", lambda: sequence_of_pushes, _sequences, solves=4),
     TimedModel("sensitivity after a solve", weighted_pairs, _solve_and_differentiate),
     TimedModel("belt drive", partial(belt_drive, 60)),
