@@ -11,8 +11,13 @@
     │   ├── LinkError                    two phases that cannot be joined
     │   ├── InitialGuessError            an initial guess of the wrong shape, or not finite
     │   ├── StructureChanged             a compiled model whose free variables or rows have changed since
+    │   ├── ExpressionArrayError         a function of NumPy that has no meaning for expressions
     │   ├── GeometryError                a shape or a pose that is invalid: not convex, not closed, mirrored
+    │   ├── ProblemClassError            a class with PyRoboCOP's methods that contradicts itself
     │   ├── ObstacleError                obstacles that cannot be avoided as stated
+    │   ├── FunctionError                a function in Python whose arrays have a wrong shape, or a wrong derivative
+    │   ├── EstimationError              data, outputs or parameters that do not fit together
+    │   │   └── NotIdentifiable          parameters that the measurements do not see
     │   ├── TeamError                    a team whose agents, shared quantities or graph do not fit together
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
@@ -72,12 +77,42 @@ class ComplementarityError(ModelError):
     """A pair that cannot be brought into the form ``0 <= a ⟂ b >= 0``."""
 
 
+class ExpressionArrayError(ModelError):
+    """A function of NumPy, or a question of Python, that has no meaning for expressions."""
+
+
 class GeometryError(ModelError):
     """A shape or a pose that is invalid: corners that are not convex, an open set, a mirrored rotation."""
 
 
+class ProblemClassError(ModelError):
+    """A class with PyRoboCOP's methods lacks one of them, contradicts itself, or fails when a method is asked."""
+
+
 class ObstacleError(ModelError):
     """Obstacles that cannot be avoided as stated: a clearance of zero, a fixed pose that is too close."""
+
+
+class FunctionError(ModelError):
+    """A function in Python that is called or built wrongly, or whose derivatives are wrong."""
+
+
+class EstimationError(ModelError):
+    """Data, outputs or parameters of an estimation that do not fit together or to the model."""
+
+
+class NotIdentifiable(EstimationError):
+    """Parameters, or combinations of them, that the measurements do not see.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+        What is not seen, as findings.
+    """
+
+    def __init__(self, message: str, diagnosis: object = None) -> None:
+        super().__init__(message)
+        self.diagnosis = diagnosis
 
 
 class TeamError(ModelError):

@@ -35,6 +35,8 @@ distributed, distributed_available = attempt_import("distributed", error_message
 mpi, mpi_available = attempt_import(
     "mpi4py.MPI", error_message=_remedy("mpi4py", "mpi"), catch_exceptions=(ImportError, RuntimeError)
 )
+# Of Pyomo itself, but it takes its time.
+parmest_models, _ = attempt_import("pyomo.contrib.parmest.utils.model_utils")
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))

@@ -26,6 +26,7 @@ from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedCompon
 
 from pyrobocop_pyomo.errors import ModelError
 
+from .copied_rules import copied_rule
 from .pickling import picklable_or_none
 
 Rule = Callable[..., Any]
@@ -123,10 +124,12 @@ class BlockRule:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BlockRule:
         def copied(option: Any) -> Any:
-            return copy.deepcopy(option, memo) if _is_of_model(option) else option  # the rest stays the user's own
+            if _is_of_model(option):
+                return copy.deepcopy(option, memo)
+            return copied_rule(option, memo) if callable(option) else option  # the rest stays the user's own
 
         options = self.options and {name: copied(option) for name, option in self.options.items()}
-        return BlockRule(tuple(map(copied, self.arguments)), options, self.rule)
+        return BlockRule(tuple(map(copied, self.arguments)), options, copied_rule(self.rule, memo))
 
     def __getstate__(self) -> dict[str, Any]:
         # Blocks that are built need none of the functions again; others need functions that a pickle can hold.

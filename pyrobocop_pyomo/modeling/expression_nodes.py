@@ -2,7 +2,7 @@
 
 Floats, arrays, Taylor forms in interval arithmetic and symbols of CasADi know arithmetic by themselves. What differs
 between them is a table from the name of a function to what it does: ``"sin"``, ..., the relations of `comparisons`, and
-``"choose"`` for a condition with two alternatives.
+``"choose"`` for a condition with two alternatives, and ``"call"`` for an output of a `Function` with its arguments.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from pyomo.core.base.expression import NamedExpressionData
 from pyomo.core.expr import numeric_expr, relational_expr
 from pyomo.core.expr.numvalue import NumericValue, value
 
+from .functions import is_function_call
+
 # Kinds of nodes: operators with a fixed count of arguments, then the others.
 PRODUCT, DIVISION, NEGATION, POWER, CHOICE = 1, 2, 3, 4, 5
-CONSTANT, LEAF, NAMED, SUMMATION, FUNCTION, RELATION, UNKNOWN = range(10, 17)
+CONSTANT, LEAF, NAMED, SUMMATION, FUNCTION, RELATION, UNKNOWN, CALL = range(10, 18)
 
 _KIND_OF_BASE: dict[type, int] = {
     numeric_expr.ProductExpression: PRODUCT,
@@ -34,6 +36,7 @@ _KIND_OF_BASE: dict[type, int] = {
     relational_expr.EqualityExpression: RELATION,
     relational_expr.RangedExpression: RELATION,
     NamedExpressionData: NAMED,
+    numeric_expr.ExternalFunctionExpression: CALL,
 }
 
 # Pyomo's functions of one argument, with NumPy's names for them.
@@ -61,6 +64,7 @@ FLOAT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(math, name, abs) for name in NUMPY_NAMES},
     **comparisons(lambda a, b: a and b),
     "choose": lambda condition, a, b: a if condition else b,
+    "call": lambda output, *arguments: output.evaluate(arguments),
 }
 
 
@@ -133,7 +137,7 @@ class ExpressionEvaluator:
 
     def _evaluate(self, node: Any) -> Any:
         kind = kind_of_node(node.__class__)
-        if kind == UNKNOWN:
+        if kind == UNKNOWN or (kind == CALL and not is_function_call(node)):
             raise self._refuse(node, f"is a {type(node).__name__}")
         if kind == LEAF:
             number = value(node, exception=False)
@@ -145,13 +149,17 @@ class ExpressionEvaluator:
         name = None
         if kind in (FUNCTION, RELATION):
             name = node.getname() if kind == FUNCTION else comparison_name(node)
-        elif kind == CHOICE:
-            name = "choose"
+        elif kind in (CHOICE, CALL):
+            name = "choose" if kind == CHOICE else "call"
         if name is not None and name not in self._functions:
-            reason = f"holds the function '{name}'" if kind == FUNCTION else f"is a {type(node).__name__}"
+            reason = f"is a {type(node).__name__}"
+            if kind in (FUNCTION, CALL):
+                reason = f"holds the function '{node.getname()}'"
             raise self._refuse(node, reason)
         arguments = [self.of(argument) for argument in node.args]
         try:
+            if kind == CALL:
+                return self._functions["call"](node._fcn, *arguments)
             if name is not None:
                 return self._functions[name](*arguments)
             return apply_operator(kind, arguments, self._functions)

@@ -8,6 +8,7 @@ indexed `Expression` is followed through its own rule. Everything else of the mo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from pyomo.core.base.block import BlockData
@@ -15,7 +16,9 @@ from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.initializer import IndexedCallInitializer
 
-from pyrobocop_pyomo.errors import ModelError, ObstacleError
+from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
+
+from .expressions import same_expression
 
 
 class _Index:
@@ -81,9 +84,15 @@ class Signals:
     ----------
     index : object
         Passed to the rule as ``t``.
+    error : type of exception
+        What a reading raises that cannot be answered.
+    hold_numbers : bool
+        Whether what is read are variables that hold the values of one instant.
     """
 
     index: Any
+    hold_numbers = False
+    error: type[PyRobocopError] = ObstacleError
 
     def is_index(self, key: Any) -> bool:
         """Whether an index that the rule uses is that ``t``."""
@@ -106,6 +115,11 @@ class Signals:
         """The proxy of a block."""
         return BlockProxy(block, self)
 
+    @cached_property
+    def checked_expressions(self) -> set[int]:
+        """Identities of the indexed expressions that are known to be what their rules say."""
+        return set()
+
 
 class BlockProxy:
     """Proxy of a block; see the module."""
@@ -120,6 +134,11 @@ class BlockProxy:
         # Kept, because rules use what they read as keys: ``rates[b.x]``.
         found = self.__dict__[name] = _proxy_of(getattr(self._block, name), self._signals)
         return found
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether a rule may compute with the values of what it reads at ``t``, in place of expressions."""
+        return self._signals.hold_numbers
 
     def time_at(self, t: Any) -> Any:
         """Real time of an index, as `PhaseBlock.time_at` gives it."""
@@ -160,6 +179,7 @@ class ComponentProxy:
             if self._rule is None:
                 return self._signals.value_of(Signal(self._component, marked))
             # A named expression at t: its own rule, evaluated with proxies too.
+            self._refuse_changed_expression(self._rule)
             return self._rule(self._signals.proxy_of(self._component.parent_block()), key)
         if any(getattr(index, "is_potentially_variable", bool)() for index in keys):
             raise ObstacleError(
@@ -167,6 +187,27 @@ class ComponentProxy:
                 "A pose may read variables at t itself only."
             )
         return _proxy_of(self._component[key], self._signals)
+
+    def _refuse_changed_expression(self, rule: Any) -> None:
+        """A rule says nothing about expressions that were given other values since."""
+        if id(self._component) in self._signals.checked_expressions:
+            return
+        block, whole = self._component.parent_block(), True
+        for key, data in list(self._component.items()):
+            if any(self._signals.is_index(index) for index in (key if isinstance(key, tuple) else (key,))):
+                whole = False  # other items may be lent to what it reads there
+                continue
+            try:
+                stated = rule(block, key)
+            except Exception:  # a rule need not be able to answer twice
+                stated = None
+            if not same_expression(stated, data.expr):
+                raise self._signals.error(
+                    f"'{data.name}' is '{data.expr}', but its rule says '{stated}': it was given another value since, "
+                    "and nothing says what it is between the points. State it by a rule alone."
+                )
+        if whole:
+            self._signals.checked_expressions.add(id(self._component))
 
     def __len__(self) -> int:
         return len(self._component)

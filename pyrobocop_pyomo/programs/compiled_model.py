@@ -2,49 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import logging
-import os
-import re
-import tempfile
 import time
-from collections.abc import Callable, Iterator
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
-import pyomo.repn.util
 from pyomo.common.collections import ComponentMap
-from pyomo.common.errors import InvalidValueError
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
-from pyomo.repn.plugins.nl_writer import NLWriter
-from pyomo.solvers.amplfunc_merge import amplfunc_merge
 
-from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, SolverNotFoundError, StructureChanged
+from pyrobocop_pyomo.errors import FunctionError, StructureChanged
 
-from .asl_program import ASL_REMEDY, AslProgram, asl_available
-from .casadi_program import CasadiProgram, casadi_available
-from .model_checks import refuse_discrete, refuse_external_functions, single_objective, undefined_row
+from .composed_program import ComposedProgram
+from .compositions import composition_of_files, vectorised_composition
+from .function_calls import calls_in
+from .model_checks import active_expressions, refuse_discrete, single_objective
 from .model_terms import collect_terms
+from .nl_files import ProgramBuilder, model_file, program_builder
 from .nonlinear_program import FloatArray, NonlinearProgram
 from .vectorised_program import VectorisedProgram
 
 logger = logging.getLogger(__name__)
-
-# How a model is written wherever this package writes one. Named expressions are written out: where nested ones are
-# shared by rows and objective, ASL's Jacobian comes out wrong (Ipopt's derivative test finds it too). Presolving and
-# scaling in the writer would alter the multipliers of a warm start.
-WRITER_OPTIONS = {"linear_presolve": False, "scale_model": False, "export_defined_variables": False}
-
-# Suffixes stand between the header and the first expression. CasADi refuses them, and nothing here needs them:
-# multipliers are read from the model itself.
-_SUFFIX_SEGMENT = re.compile(r"^S\d+ (\d+) .*\n", re.MULTILINE)
-_HEADER_LINES = 10
 
 
 class CompiledModel:
@@ -100,7 +81,8 @@ class CompiledModel:
     seconds_building: float
 
     def __init__(self, model: BlockData, derivatives: str | None = None) -> None:
-        self._build = None if derivatives == "vectorised" else _program_builder(derivatives)
+        self._build = None if derivatives == "vectorised" else program_builder(derivatives)
+        self._calls_python = False
         self.model = model
         self._prepare()
 
@@ -120,27 +102,31 @@ class CompiledModel:
     def _compile_terms(self) -> None:
         started = time.perf_counter()
         terms = collect_terms(self.model)
-        self.variables, self.constraints = terms.variables, terms.constraints
         self.seconds_writing = time.perf_counter() - started
         started = time.perf_counter()
-        self.nlp = VectorisedProgram(terms)
+        self.nlp, self.variables, self.constraints = vectorised_composition(terms)
         self.seconds_building = time.perf_counter() - started
 
-    def _compile_file(self, build: Callable[[Path, list[str]], NonlinearProgram]) -> None:
+    def _compile_file(self, build: ProgramBuilder) -> None:
         started = time.perf_counter()
-        text = io.StringIO()
-        with checked_writing(self.model):
-            info = NLWriter().write(self.model, text, **WRITER_OPTIONS)
-        self.variables, self.constraints = info.variables, info.constraints
-        refuse_discrete(self.model, self.variables)
+        written = None
+        if not self._calls_python:
+            try:
+                written = model_file(self.model, self.model)
+            except FunctionError:
+                # Writing it is the quickest way to learn that a model calls a Python function; it is known from now on.
+                if not any(map(calls_in, active_expressions(self.model))):
+                    raise
+                self._calls_python = True
+        if written is None:
+            self.nlp, self.variables, self.constraints = composition_of_files(self.model, self.objective, build)
+            refuse_discrete(self.model, self.variables)
+            self.seconds_writing, self.seconds_building = 0.0, time.perf_counter() - started
+            return
+        refuse_discrete(self.model, written.variables)
         self.seconds_writing = time.perf_counter() - started
         started = time.perf_counter()
-        # Both readers take everything from the file at once: it can go as soon as the program exists.
-        with tempfile.TemporaryDirectory(prefix="pyrobocop_") as folder:
-            path = Path(folder) / "model.nl"
-            with path.open("w", encoding="utf-8", newline="\n") as file:
-                file.write(_plain(text.getvalue(), has_objective=self.objective is not None))
-            self.nlp = build(path, info.external_function_libraries)
+        self.nlp, self.variables, self.constraints = written.program(build, has_objective=self.objective is not None)
         self.seconds_building = time.perf_counter() - started
 
     @cached_property
@@ -154,7 +140,7 @@ class CompiledModel:
         With vectorised expressions the numbers are read again, and only a change of structure (see
         `VectorisedProgram.refresh`) needs another walk. A file is written again in any case.
         """
-        if isinstance(self.nlp, VectorisedProgram):
+        if self._build is None and isinstance(self.nlp, (VectorisedProgram, ComposedProgram)):
             try:
                 self.nlp.refresh()
                 return
@@ -174,88 +160,3 @@ class CompiledModel:
             # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
             variable.set_value(value, skip_validation=True)
         StaleFlagManager.mark_all_as_stale(delayed=True)
-
-
-@contextlib.contextmanager
-def checked_writing(model: BlockData) -> Iterator[None]:
-    """Context in which a model is written to a ``.nl`` file.
-
-    Pyomo's writer warns of a term whose number does not exist, leaves it out and goes on; here it stops.
-
-    Raises
-    ------
-    ModelError
-        When the model calls external functions that ASL cannot.
-    EvaluationError
-        When a number in an expression does not exist.
-    """
-    refuse_external_functions(model)
-    before = pyomo.repn.util.HALT_ON_EVALUATION_ERROR
-    pyomo.repn.util.HALT_ON_EVALUATION_ERROR = True
-    try:
-        yield
-    except (ArithmeticError, InvalidValueError, ValueError) as error:
-        if isinstance(error, PyRobocopError):
-            raise
-        row = undefined_row(model)
-        if row is None and not isinstance(error, (ArithmeticError, InvalidValueError)):
-            raise  # the writer objects to something else
-        raise EvaluationError(
-            f"{row or repr(model.name)}: a number in an expression does not exist: {error}. Give Params and fixed "
-            "variables values that it is defined for."
-        ) from None
-    finally:
-        pyomo.repn.util.HALT_ON_EVALUATION_ERROR = before
-
-
-def _build_asl(path: Path, external_libraries: list[str]) -> NonlinearProgram:
-    return AslProgram(path, amplfunc_merge(os.environ, *external_libraries) if external_libraries else "")
-
-
-def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram:
-    return CasadiProgram(path)
-
-
-def _program_builder(derivatives: str | None) -> Callable[[Path, list[str]], NonlinearProgram]:
-    if derivatives not in (None, "asl", "casadi"):
-        raise ValueError(
-            f"derivatives is {derivatives!r}; it must be 'asl', 'casadi', 'vectorised' or None (the best present)."
-        )
-    if derivatives != "casadi" and asl_available():
-        return _build_asl
-    if derivatives == "asl":
-        raise SolverNotFoundError(
-            f"derivatives='asl' was asked for, but PyNumero's library pynumero_ASL is not found. {ASL_REMEDY}."
-        )
-    if casadi_available():
-        return _build_casadi
-    raise SolverNotFoundError(
-        "there is nothing on this machine to take derivatives of a .nl file: neither CasADi nor PyNumero's library "
-        f"pynumero_ASL is found. Run: pip install 'pyrobocop_pyomo[ipopt]' (CasADi). {ASL_REMEDY} (ASL, faster)."
-    )
-
-
-def _plain(text: str, has_objective: bool) -> str:
-    """The file without suffix segments, and with the objective zero where there is none (both readers want one)."""
-    lines_end = 0
-    for _ in range(_HEADER_LINES):
-        lines_end = text.index("\n", lines_end) + 1
-    header, body = text[:lines_end], text[lines_end:]
-    kept, position = [], 0
-    while body[position : position + 1] in ("S", "F"):  # F declares an external function, and may come in between
-        after = body.index("\n", position) + 1
-        segment = _SUFFIX_SEGMENT.match(body, position)
-        if segment is None:
-            kept.append(body[position:after])
-        else:
-            for _ in range(int(segment.group(1))):
-                after = body.index("\n", after) + 1
-        position = after
-    if not has_objective:
-        lines = header.split("\n")
-        counts = lines[1].split()
-        counts[2] = "1"
-        lines[1] = " " + " ".join(counts)
-        header = "\n".join(lines)
-        kept.append("O0 0\nn0\n")
-    return header + "".join(kept) + body[position:]

@@ -25,9 +25,11 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import (
+    CALL,
     CHOICE,
     DIVISION,
     FLOAT_FUNCTIONS,
+    NAMED,
     NEGATION,
     POWER,
     PRODUCT,
@@ -59,6 +61,8 @@ class NodeKinds(dict[type, int]):
 
     def __missing__(self, cls: type) -> int:
         kind = kind_of_node(cls)
+        if kind == CALL:
+            kind = NAMED  # a call stands for a variable, as a name does for an expression
         if kind == UNKNOWN:
             raise ModelError(
                 f"an expression holds a {cls.__name__}, which the vectorised backend does not know. {REMEDY}"

@@ -19,7 +19,8 @@ from pyomo.core.expr.visitor import (
     identify_variables,
 )
 
-from pyrobocop_pyomo.errors import EvaluationError, ModelError
+from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
+from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
 
 
 def single_objective(model: BlockData) -> ObjectiveData | None:
@@ -62,17 +63,24 @@ def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
         )
 
 
-def refuse_external_functions(model: BlockData) -> None:
+def refuse_external_functions(model: BlockData, everywhere: bool = False) -> None:
     """Check the external functions that active rows and the objective call.
 
     ASL calls functions of compiled libraries only; where it finds none, it ends the process.
+
+    Parameters
+    ----------
+    model : Block
+    everywhere : bool
+        Read all expressions, even when the model has no component that is an external function. That may be one of
+        another model, or of none.
 
     Raises
     ------
     ModelError
         For a Python function, a library that cannot be loaded, or a function that its library does not have.
     """
-    if next(model.model().component_objects(ExternalFunction, descend_into=True), None) is None:
+    if not everywhere and next(model.model().component_objects(ExternalFunction, descend_into=True), None) is None:
         return
     checked = set()
     for row in _active_rows(model):
@@ -81,13 +89,35 @@ def refuse_external_functions(model: BlockData) -> None:
                 continue
             checked.add(id(function))
             if isinstance(function, PythonCallbackFunction):
-                raise ModelError(
-                    f"'{row.name}' calls the Python function '{function.name}', and Ipopt's interfaces to .nl files "
-                    "call compiled functions only. State it as a Pyomo expression, or compile it: "
-                    "pyo.ExternalFunction(library='/path/to/library.so', function='name')."
-                )
+                raise ModelError(f"'{row.name}' {external_function_refused(function.name)}")
             if isinstance(function, AMPLExternalFunction):
                 _require_compiled(function, row.name)
+
+
+def external_function_refused(name: str) -> str:
+    """Why Ipopt cannot call a Python function that is given to Pyomo's ExternalFunction, after what calls it."""
+    return (
+        f"calls the Python function '{name}', and Ipopt's interfaces to .nl files call compiled functions only. State "
+        "it as a Pyomo expression, or as rcp.Function(value, jacobian, hessian), or compile it: "
+        "pyo.ExternalFunction(library='/path/to/library.so', function='name')."
+    )
+
+
+def refuse_function_calls(model: BlockData) -> None:
+    """Check that active rows and the objective call no Python functions at all.
+
+    Raises
+    ------
+    FunctionError
+        For a `Function`.
+    ModelError
+        As `refuse_external_functions`.
+    """
+    for row in _active_rows(model):
+        for function in _external_functions(row.expr):
+            if isinstance(function, FunctionOutput):
+                raise FunctionError(python_function_refused(f"'{row.name}': the Python function '{function.name}'"))
+    refuse_external_functions(model, everywhere=True)
 
 
 def _require_compiled(function: AMPLExternalFunction, row_name: str) -> None:
@@ -157,6 +187,11 @@ def _undefined(owner: str, reason: str) -> EvaluationError:
         f"'{owner}': an expression has no value: {reason}. Give Params and fixed variables values that it is "
         "defined for."
     )
+
+
+def active_expressions(model: BlockData) -> Iterator[Any]:
+    """Expressions of the active rows and objectives."""
+    return (row.expr for row in _active_rows(model))
 
 
 def _active_rows(model: BlockData) -> Iterator[Any]:

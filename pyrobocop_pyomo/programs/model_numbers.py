@@ -119,7 +119,7 @@ class ModelNumbers:
             raise ModelError(f"'{missing.name}' is fixed without a value. Give it one.")
         self.parameters[:] = values
         for constraint in self._terms.constant_constraints:
-            _check_constant(constraint)
+            check_constant(constraint)
 
     def _refuse_other_structure(self) -> None:
         terms = self._terms
@@ -161,7 +161,14 @@ def _counts_of_rows(model: Any) -> list[tuple[int, int]]:
     ]
 
 
-def _check_constant(constraint: Any) -> None:
+def check_constant(constraint: Any) -> None:
+    """Check a row without free variables.
+
+    Raises
+    ------
+    InfeasibleConstraintException
+        When its numbers contradict it.
+    """
     lowest, body, highest = constraint.to_bounded_expression()
     lower = -math.inf if lowest is None else number_in(lowest, constraint.name)
     upper = math.inf if highest is None else number_in(highest, constraint.name)

@@ -9,21 +9,23 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.base.expression import Expression
-from pyomo.core.base.external import ExternalFunction
+from pyomo.core.base.external import ExternalFunction, PythonCallbackFunction
 from pyomo.core.base.objective import Objective, ObjectiveData
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import RangeSet, Set
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import Var, VarData
-from pyomo.core.expr.numeric_expr import MonomialTermExpression
+from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTermExpression
 from pyomo.network import Port
 from pyomo.repn.util import categorize_valid_components
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
+from pyrobocop_pyomo.modeling.functions import is_function_call
 
-from .expression_codes import FACTORS, SCALED_SUM, NodeKinds
-from .model_checks import refuse_discrete, single_objective
+from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
+from .function_calls import FunctionCall, FunctionCalls
+from .model_checks import external_function_refused, refuse_discrete, single_objective
 from .term_groups import Columns, NonlinearTerm, TermGroups
 
 # An ExternalFunction or a Port does nothing by itself.
@@ -50,7 +52,8 @@ class Terms:
     Parameters
     ----------
     columns : Columns
-        Shared among the sets of rows of one model.
+    calls : FunctionCalls
+        Both are shared among the sets of rows of one model.
 
     Attributes
     ----------
@@ -61,8 +64,8 @@ class Terms:
     named_expressions : dict of id to pair of named expression and what it stood for at the time of the walk
     """
 
-    def __init__(self, columns: Columns) -> None:
-        self.columns = columns
+    def __init__(self, columns: Columns, calls: FunctionCalls | None = None) -> None:
+        self.columns, self._calls = columns, FunctionCalls() if calls is None else calls
         self.linear_rows: list[int] = []
         self.linear_columns: list[int] = []
         self.linear_coefficients: list[float] = []
@@ -176,7 +179,19 @@ class Terms:
                 return kind == SUMMATION and node._nargs > LONGEST_TERM
 
     def _content(self, named: Any) -> Any:
-        """The expression behind a name, remembered so that a later change of it can be noticed."""
+        """The expression behind a name, remembered so that a later change of it can be noticed.
+
+        Behind a call of a Python function stands the variable of its output.
+        """
+        if isinstance(named, ExternalFunctionExpression):
+            if not is_function_call(named):
+                if isinstance(named._fcn, PythonCallbackFunction):
+                    raise ModelError(f"an expression {external_function_refused(named._fcn.name)}")
+                raise ModelError(
+                    f"an expression holds a {type(named).__name__}, which the vectorised backend does not know. "
+                    f"{REMEDY}"
+                )
+            return self._calls.replacement(named)
         expression = named._args_[0]
         self.named_expressions[id(named)] = (named, expression)
         return expression
@@ -210,6 +225,10 @@ class ModelTerms:
         Free variables and parameters.
     rows, cost : Terms
         Terms of the rows, and of the objective as a row 0; a maximised objective appears negated.
+    calls : FunctionCalls
+        Calls of Python functions, whose outputs are variables of the terms.
+    arguments : list of pairs
+        For each level of calls their arguments as rows, call by call, and how many these are.
     constraints : list of ConstraintData
         In the order of the rows. Those without free variables or without bounds are absent.
     bounds : list of pairs
@@ -225,6 +244,8 @@ class ModelTerms:
     columns: Columns
     rows: Terms
     cost: Terms
+    calls: FunctionCalls
+    arguments: list[tuple[Terms, int]]
     constraints: list[ConstraintData]
     bounds: list[tuple[Any, Any]]
     constant_constraints: list[ConstraintData]
@@ -246,14 +267,16 @@ def collect_terms(model: BlockData) -> ModelTerms:
         When the model has several objectives, no free variables or discrete ones, or an expression that vectorised
         functions cannot evaluate.
     """
-    _refuse_unknown_components(model)
+    refuse_unknown_components(model)
     objective = single_objective(model)
-    columns = Columns()
+    columns, calls = Columns(), FunctionCalls()
     found = ModelTerms(
         model=model,
         columns=columns,
-        rows=Terms(columns),
-        cost=Terms(columns),
+        rows=Terms(columns, calls),
+        cost=Terms(columns, calls),
+        calls=calls,
+        arguments=[],
         constraints=[],
         bounds=[],
         constant_constraints=[],
@@ -279,11 +302,33 @@ def collect_terms(model: BlockData) -> ModelTerms:
             found.cost.named_expressions[id(objective)] = (objective, objective._args_[0])
         found.rows.group()
         found.cost.group()
+        columns.of(calls.given)  # also what only arguments hold may change, and is read again
+        found.arguments += [_arguments_of(level, columns, calls) for level in calls.levels]
     refuse_discrete(model, found.variables)
     return found
 
 
-def _refuse_unknown_components(model: BlockData) -> None:
+def _arguments_of(level: list[FunctionCall], columns: Columns, calls: FunctionCalls) -> tuple[Terms, int]:
+    terms, row = Terms(columns, calls), 0
+    for call in level:
+        for argument in call.arguments:
+            try:
+                terms.add(row, argument, keep_constant=True)
+            except ModelError as error:
+                raise ModelError(f"an input of '{call.function.name}': {error}") from None
+            row += 1
+    terms.group()
+    return terms, row
+
+
+def refuse_unknown_components(model: BlockData) -> None:
+    """Check that a model has nothing active that a solver would not see.
+
+    Raises
+    ------
+    ModelError
+        Naming what it has.
+    """
     _, unknown = categorize_valid_components(model, active=True, valid=_SEEN)
     if unknown:
         shown = ", ".join(

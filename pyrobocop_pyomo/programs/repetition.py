@@ -8,6 +8,7 @@ from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.modeling.expression_nodes import (
+    CALL,
     CHOICE,
     CONSTANT,
     DIVISION,
@@ -19,6 +20,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     UNKNOWN,
     kind_of_node,
 )
+from pyrobocop_pyomo.modeling.functions import is_function_call
 
 # ASL then takes more than a millisecond for the derivatives of one iteration, as long as its linear system takes.
 MANY_NODES = 30_000
@@ -42,7 +44,8 @@ def repeats_large_rows(model: BlockData) -> bool:
     Returns
     -------
     bool
-        False also where a row calls external functions, which vectorised expressions do not know.
+        True also where a row calls Python functions: these are evaluated at all points at once, and what is vectorised
+        needs no file. False where a row calls other external functions, which vectorised expressions do not know.
     """
     visited = nodes = different = 0
     shapes: set[bytes] = set()
@@ -52,6 +55,8 @@ def repeats_large_rows(model: BlockData) -> bool:
         if nonlinear:
             if UNKNOWN in kinds:
                 return False
+            if CALL in kinds:
+                return True
             nodes += len(kinds)
             shape = bytes(kinds)
             if shape not in shapes:
@@ -75,8 +80,10 @@ def _kinds_of_nodes(expression: Any) -> tuple[list[int], bool]:
         kinds.append(kind)
         if kind in (LEAF, CONSTANT):
             continue
-        if kind == UNKNOWN:
-            return kinds, True
+        if kind == UNKNOWN or (kind == CALL and not is_function_call(node)):
+            return [UNKNOWN], True
+        if kind == CALL:
+            return [CALL], True
         arguments = node._args_[: node._nargs] if kind == SUMMATION else node._args_
         if not nonlinear:
             # A number before a product and a number below a fraction are how Pyomo writes linear terms.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from .casadi_program import require_casadi
 from .model_numbers import ModelNumbers
 from .model_terms import ModelTerms, Terms
-from .nonlinear_program import FloatArray, IndexArray, finite
+from .nonlinear_program import FloatArray, finite
+from .sparse_entries import merged_places, summed
 from .term_functions import TermFunction, term_functions
 
 
@@ -20,6 +19,11 @@ class VectorisedProgram:
     ----------
     terms : ModelTerms
         From `collect_terms`. Fixed variables and mutable Params are numbers that `refresh` reads again.
+
+    Attributes
+    ----------
+    arguments : list of ArgumentRows
+        Arguments of the model's Python functions, level by level.
 
     Raises
     ------
@@ -40,10 +44,11 @@ class VectorisedProgram:
         self.n, self.m = len(terms.variables), len(terms.constraints)
         self._cost = _Sums(terms.cost, 1, self.n)
         self._rows = _Sums(terms.rows, self.m, self.n)
+        self.arguments = [ArgumentRows(rows, m, self.n) for rows, m in terms.arguments]
         self.jacobian_structure = self._rows.structure
         functions = (*self._cost.functions, *self._rows.functions)
         pairs = [(function.hessian_rows, function.hessian_columns) for function in functions]
-        self.hessian_structure, self._hessian_places = _merged(pairs, self.n)
+        self.hessian_structure, self._hessian_places = merged_places(pairs, self.n)
         self._read_point()
 
     def refresh(self) -> None:
@@ -60,7 +65,7 @@ class VectorisedProgram:
         self._read_point()
 
     def _read_point(self) -> None:
-        for sums in (self._cost, self._rows):
+        for sums in (self._cost, self._rows, *(level.sums for level in self.arguments)):
             sums.set_parameters(self._numbers.parameters)
         self.x_start = self._numbers.values_of_variables()
 
@@ -87,8 +92,40 @@ class VectorisedProgram:
         factor = np.array([objective_factor])
         blocks = [function.hessian(x, factor) for function in self._cost.functions]
         blocks += [function.hessian(x, multipliers) for function in self._rows.functions]
-        values = _summed(self._hessian_places, blocks, self.hessian_structure[0].size)
+        values = summed(self._hessian_places, blocks, self.hessian_structure[0].size)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
+
+
+class ArgumentRows:
+    """Arguments of Python functions as rows in the variables of a `VectorisedProgram`, which sets the parameters.
+
+    Parameters
+    ----------
+    terms : Terms
+    m, n : int
+        Counts of rows and variables.
+    """
+
+    def __init__(self, terms: Terms, m: int, n: int) -> None:
+        self.m = m
+        self.sums = _Sums(terms, m, n)
+        self.jacobian_structure = self.sums.structure
+        pairs = [(function.hessian_rows, function.hessian_columns) for function in self.sums.functions]
+        self.hessian_structure, self._hessian_places = merged_places(pairs, n)
+
+    def constraints(self, x: FloatArray) -> FloatArray:
+        """Values of the arguments."""
+        return finite(self.sums.values(x), "CasADi", "arguments of a Python function")
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Values of their Jacobian."""
+        return finite(self.sums.jacobian(x), "CasADi", "Jacobian of the arguments of a Python function")
+
+    def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
+        """Values of the Hessian of multipliers @ rows; there is no objective."""
+        blocks = [function.hessian(x, multipliers) for function in self.sums.functions]
+        values = summed(self._hessian_places, blocks, self.hessian_structure[0].size)
+        return finite(values, "CasADi", "Hessian of the arguments of a Python function")
 
 
 class _Sums:
@@ -109,7 +146,7 @@ class _Sums:
         self._value_rows = np.concatenate([self._linear[0], *(function.rows for function in self.functions)])
         nonlinear = [(function.gradient_rows, function.gradient_columns) for function in self.functions]
         pairs = [self._linear[:2], *nonlinear]
-        self.structure, places = _merged(pairs, n)
+        self.structure, places = merged_places(pairs, n)
         count = self._linear[0].size
         self._size = self.structure[0].size
         self._constant_jacobian = np.bincount(places[:count], self._linear[2], self._size)
@@ -128,25 +165,9 @@ class _Sums:
         _, columns, coefficients = self._linear
         with np.errstate(all="ignore"):
             summands = [coefficients * x.take(columns), *(part.scales * part.value(x) for part in self.functions)]
-            return self._offsets + _summed(self._value_rows, summands, self._offsets.size)
+            return self._offsets + summed(self._value_rows, summands, self._offsets.size)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
             blocks = [function.gradient_scales * function.gradient(x) for function in self.functions]
-            return self._constant_jacobian + _summed(self._places, blocks, self._size)
-
-
-def _summed(places: np.ndarray, blocks: Sequence[FloatArray], size: int) -> FloatArray:
-    if not blocks:
-        return np.zeros(size)
-    # bincount adds repeated places up in one pass, several times faster than add.at.
-    weights = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
-    return np.bincount(places, weights, size).astype(float, copy=False)
-
-
-def _merged(pairs: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[tuple[IndexArray, IndexArray], np.ndarray]:
-    """Each pair of a row and a column once, and the place among them of every pair given."""
-    rows = np.concatenate([np.empty(0, dtype=np.intp), *(row for row, _ in pairs)])
-    columns = np.concatenate([np.empty(0, dtype=np.intp), *(column for _, column in pairs)])
-    keys, places = np.unique(rows * n + columns, return_inverse=True)
-    return ((keys // n).astype(np.int32), (keys % n).astype(np.int32)), places.ravel()
+            return self._constant_jacobian + summed(self._places, blocks, self._size)

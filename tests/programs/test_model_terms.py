@@ -118,6 +118,11 @@ def test_what_has_no_derivatives_is_refused_by_name():
     m.x = pyo.Var([1, 2], initialize=1.0)
     m.f = pyo.ExternalFunction(function=lambda x: x, gradient=lambda x: [1.0])
     m.row = pyo.Constraint(expr=m.f(m.x[1]) <= 1)
+    with pytest.raises(ModelError, match=r"'row': an expression calls the Python function 'f'.*rcp\.Function"):
+        collect_terms(m)
+    m.del_component(m.row)
+    m.g = pyo.ExternalFunction(library="libm.so.6", function="nothing")
+    m.row = pyo.Constraint(expr=m.g(m.x[1]) <= 1)
     with pytest.raises(ModelError, match=r"'row': an expression holds a ExternalFunctionExpression.*derivatives='asl'"):
         collect_terms(m)
 

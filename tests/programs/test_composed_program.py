@@ -1,0 +1,246 @@
+"""A model with Python functions has the values and derivatives of the same model written in Pyomo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyomo.common.errors import InfeasibleConstraintException
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import FunctionError, ModelError
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+
+BACKENDS = [
+    pytest.param("vectorised", marks=pytest.mark.casadi),
+    pytest.param("asl", marks=pytest.mark.asl),
+    pytest.param("casadi", marks=pytest.mark.casadi),
+]
+
+
+def value(X: np.ndarray) -> np.ndarray:
+    a, b = X.T
+    return np.column_stack([np.sin(a) * b + a**2, np.exp(a * b / 5)])
+
+
+def jacobian(X: np.ndarray) -> np.ndarray:
+    a, b = X.T
+    e = np.exp(a * b / 5) / 5
+    return np.array([[np.cos(a) * b + 2 * a, np.sin(a)], [e * b, e * a]]).transpose(2, 0, 1)
+
+
+def hessian(X: np.ndarray) -> np.ndarray:
+    a, b = X.T
+    e = np.exp(a * b / 5) / 5
+    mixed = e + e * a * b / 5
+    return np.array(
+        [[[2 - np.sin(a) * b, np.cos(a)], [np.cos(a), 0 * a]], [[e * b**2 / 5, mixed], [mixed, e * a**2 / 5]]]
+    ).transpose(3, 0, 1, 2)
+
+
+F = rcp.Function(value, jacobian, hessian, outputs=2, name="F")
+
+
+def in_pyomo(a: Any, b: Any) -> tuple[Any, Any]:
+    return pyo.sin(a) * b + a**2, pyo.exp(a * b / 5)
+
+
+def chain(f: Callable[[Any, Any], Any], n: int = 16, nested: bool = True, sense: int = 1) -> pyo.ConcreteModel:
+    """Rows that repeat along a chain, with calls of composite, shared, fixed and nested arguments."""
+    m = pyo.ConcreteModel(name="chain")
+    m.x = pyo.Var(range(n), initialize=lambda m, i: 0.3 + 0.1 * np.sin(i))
+    m.p = pyo.Param(initialize=1.3, mutable=True)
+    m.z = pyo.Var(initialize=0.7)
+    m.z.fix()
+    m.only = pyo.Var(initialize=0.4)  # an argument is the only place that has it
+
+    @m.Constraint(range(n - 2))
+    def row(m, i):
+        u, v = f(m.x[i] * m.x[i + 1] + m.p, pyo.sin(m.x[i]) + m.z)
+        w, q = f(u * 0.1 if nested else m.only, m.x[i + 2])
+        return (0.0, w * u + pyo.log(v + 3) * m.x[i] + q + f(m.p, m.z)[0] * m.x[i], 8.0)
+
+    m.bound = pyo.Constraint(expr=f(m.x[0], m.only)[0] <= 2 * m.x[1] + 1.5)
+    m.cost = pyo.Objective(
+        expr=sense * (sum((m.x[i] - 0.5) ** 2 * f(m.x[i], 2.0)[1] for i in m.x) + f(m.p, m.z)[1]) + (m.only - 1) ** 2,
+        sense=sense,
+    )
+    return m
+
+
+def dense(structure: tuple[np.ndarray, np.ndarray], values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    full = np.zeros(shape)
+    np.add.at(full, structure, values)
+    return full
+
+
+def everything(compiled: CompiledModel, seed: int) -> list[np.ndarray]:
+    """Values and derivatives at a random point with random multipliers, in the order of names."""
+    nlp = compiled.nlp
+    columns = np.argsort([v.name for v in compiled.variables])
+    rows = np.argsort([c.name for c in compiled.constraints])
+    random = np.random.default_rng(seed)
+    x, multipliers = np.empty(nlp.n), np.empty(nlp.m)
+    x[columns], multipliers[rows] = random.uniform(0.1, 1.0, nlp.n), random.normal(size=nlp.m)
+    h = dense(nlp.hessian_structure, nlp.hessian(x, 0.7, multipliers), (nlp.n, nlp.n))
+    h = h + np.tril(h, -1).T
+    j = dense(nlp.jacobian_structure, nlp.jacobian(x), (nlp.m, nlp.n))
+    g = nlp.constraints(x) - np.where(np.isfinite(nlp.g_upper), nlp.g_upper, nlp.g_lower)
+    return [
+        np.array([nlp.objective(x)]), nlp.gradient(x)[columns], g[rows], j[rows][:, columns], h[columns][:, columns],
+        nlp.x_lower[columns], nlp.x_upper[columns], (nlp.g_upper - nlp.g_lower)[rows], nlp.x_start[columns],
+    ]  # fmt: skip
+
+
+def assert_same(first: CompiledModel, second: CompiledModel, seed: int = 0) -> None:
+    for one, other in zip(everything(first, seed), everything(second, seed), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("sense", [1, -1])
+def test_values_and_derivatives_are_those_of_the_model_in_pyomo(backend: str, sense: int) -> None:
+    called, written_out = chain(F, sense=sense), chain(in_pyomo, sense=sense)
+    first, second = CompiledModel(called, backend), CompiledModel(written_out, backend)
+    assert_same(first, second)
+    for m in (called, written_out):
+        m.p, m.x[3].ub = 0.9, 2.0
+        m.z.set_value(0.2)
+    first.update()
+    second.update()
+    assert_same(first, second, seed=1)
+    for m in (called, written_out):  # now the structure changes
+        m.x[2].fix(0.25)
+        m.z.unfix()
+        m.row[4].deactivate()
+    first.update()
+    second.update()
+    assert_same(first, second, seed=2)
+
+
+@st.composite
+def formulas(draw: Any, depth: int = 3) -> Any:
+    """A formula of calls and operators, as a function of what is called and of variables."""
+    if depth == 0 or draw(st.booleans()):
+        i = draw(st.integers(0, 3))
+        return lambda f, x: x[i]
+    first, second = draw(formulas(depth - 1)), draw(formulas(depth - 1))
+    kind, number = draw(st.integers(0, 4)), draw(st.floats(0.2, 1.5))
+    return {
+        0: lambda f, x: f(first(f, x), second(f, x) * number)[0] / 3,
+        1: lambda f, x: f(first(f, x) / 4, second(f, x) / 4)[1] / 3 + number,
+        2: lambda f, x: first(f, x) * second(f, x) * number / 3,
+        3: lambda f, x: pyo.sin(first(f, x)) + second(f, x) / (1.0 + number),
+        4: lambda f, x: f(number, first(f, x) / 3)[0] - f(first(f, x) / 3, number)[1] / 5,
+    }[kind]
+
+
+@pytest.mark.asl
+@given(st.lists(formulas(), min_size=1, max_size=3), st.sampled_from(["vectorised", "asl"]), st.integers(0, 99))
+@settings(max_examples=25)
+def test_formulas_at_random_have_the_derivatives_of_pyomo(rows: list[Any], backend: str, seed: int) -> None:
+    def build(f: Any) -> pyo.ConcreteModel:
+        m = pyo.ConcreteModel()
+        m.x = pyo.Var(range(4), initialize=0.5)
+        m.cost = pyo.Objective(expr=rows[0](f, m.x) + sum(m.x[i] ** 2 for i in m.x))
+        m.row = pyo.Constraint(range(len(rows)), rule=lambda m, i: rows[i](f, m.x) + m.x[i] <= 1.0)
+        return m
+
+    assert_same(CompiledModel(build(F), backend), CompiledModel(build(in_pyomo), backend), seed)
+
+
+@pytest.mark.casadi
+def test_each_function_is_called_once_for_all_points() -> None:
+    counts: list[tuple[int, ...]] = []
+
+    def counted(X: np.ndarray) -> np.ndarray:
+        counts.append(X.shape)
+        return value(X)
+
+    nlp = CompiledModel(
+        chain(rcp.Function(counted, jacobian, hessian, outputs=2, check_derivatives=False)), "vectorised"
+    ).nlp
+    counts.clear()
+    x = np.full(nlp.n, 0.4)
+    nlp.objective(x), nlp.constraints(x), nlp.gradient(x), nlp.jacobian(x), nlp.hessian(x, 1.0, np.ones(nlp.m))
+    # 14 calls of the rows, 16 of the cost and one of the bound; then those whose arguments call.
+    assert counts == [(31, 2), (14, 2)]
+
+
+@pytest.mark.ipopt
+def test_the_same_optimum_is_found_in_the_same_iterations() -> None:
+    for backend in ("vectorised", "asl"):
+        first = rcp.solve(chain(F), backend=backend)
+        second = rcp.solve(chain(in_pyomo), backend=backend)
+        assert first.solved
+        assert second.solved
+        assert first.objective == pytest.approx(second.objective, abs=1e-9)
+        assert first.steps[0].iterations == second.steps[0].iterations
+
+
+@pytest.mark.casadi
+def test_rows_without_free_variables_are_checked() -> None:
+    m = pyo.ConcreteModel()
+    m.x, m.fixed = pyo.Var(initialize=0.5), pyo.Var(initialize=0.5)
+    m.fixed.fix()
+    m.cost = pyo.Objective(expr=m.x**2 + F(1.0, m.fixed)[0])
+    m.row = pyo.Constraint(expr=F(m.fixed, 1.0)[0] <= 2.0)
+    for backend in ("vectorised", "casadi"):
+        m.fixed.set_value(0.5)
+        compiled = CompiledModel(m, backend)
+        assert compiled.nlp.m == 0
+        assert compiled.nlp.objective(np.array([2.0])) == pytest.approx(4.0 + in_pyomo(1.0, 0.5)[0])
+        m.fixed.set_value(2.0)
+        with pytest.raises(InfeasibleConstraintException):
+            compiled.update()
+
+
+@pytest.mark.casadi
+def test_derivatives_are_checked_when_a_model_is_compiled_and_only_once() -> None:
+    wrong = rcp.Function(value, lambda X: 2 * jacobian(X), outputs=["first", "second"], name="wrong")
+    with pytest.raises(FunctionError, match=r"'wrong\.first': jacobian gives"):
+        CompiledModel(chain(wrong), "vectorised")
+    trusted = rcp.Function(value, lambda X: 2 * jacobian(X), outputs=2, check_derivatives=False)
+    assert CompiledModel(chain(trusted), "vectorised").nlp.n > 0
+
+
+@pytest.mark.asl
+def test_where_derivatives_come_from_is_said() -> None:
+    without = rcp.Function(value, jacobian, outputs=2, name="drag")
+    for backend, words in (("vectorised", "vectorised expressions"), ("asl", "ASL")):
+        text = CompiledModel(chain(without), backend).nlp.derivatives
+        assert words in text
+        assert "'drag' (second derivatives by differences) in Python" in text
+
+
+# ---------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize("attached", [True, False])
+@pytest.mark.parametrize("backend", ["asl", "casadi", "vectorised", "executable", None])
+@pytest.mark.executable
+def test_a_python_function_of_pyomo_is_refused_wherever_it_was_made(attached: bool, backend: str | None) -> None:
+    function = pyo.ExternalFunction(lambda x: x**2, lambda x, fixed: [2 * x[0]], lambda x, fixed: [2.0])
+    other = pyo.ConcreteModel()
+    if attached:
+        other.function = function
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=0.5)
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2)
+    m.row = pyo.Constraint(expr=function(m.x) <= 0.25)
+    with pytest.raises(ModelError, match=r"'row'.* calls the Python function .*rcp\.Function\(value, jacobian"):
+        rcp.solve(m, **({} if backend is None else {"backend": backend}))
+
+
+@pytest.mark.executable
+def test_the_executable_refuses_a_function_by_the_row_that_calls_it() -> None:
+    m = chain(F)
+    components = len(list(m.component_objects()))
+    with pytest.raises(FunctionError, match=r"'\w+.*': the Python function 'F\[\d\]' is called, .* in this process"):
+        rcp.solve(m, backend="executable")
+    assert len(list(m.component_objects())) == components
