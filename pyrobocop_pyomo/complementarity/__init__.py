@@ -45,6 +45,9 @@ from .residuals import ComponentResidual, PairResidual, component_residuals, pai
 from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements, either_zero
 from .transformation import RelaxComplementarity
+from .units import register_with_pyomo
+
+register_with_pyomo()
 
 __all__ = [
     "AllPairs",

@@ -12,6 +12,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 
 from .generated import GeneratedBlock
 from .record import PairGroup, RelaxationRecord, RelaxedPair
+from .units import in_units_of, without_units
 
 # Of the even share of delta: a product's own share never falls below, since some relaxations are not smooth at zero.
 SMALLEST_SHARE = 1e-3
@@ -26,12 +27,16 @@ class Product(NamedTuple):
     @property
     def a(self) -> Any:
         """First factor."""
-        return self.a_pairs[0].a if len(self.a_pairs) == 1 else quicksum([pair.a for pair in self.a_pairs])
+        return self._sum([pair.a for pair in self.a_pairs])
 
     @property
     def b(self) -> Any:
         """Second factor."""
-        return self.b_pairs[0].b if len(self.b_pairs) == 1 else quicksum([pair.b for pair in self.b_pairs])
+        return self._sum([pair.b for pair in self.b_pairs])
+
+    @staticmethod
+    def _sum(sides: list[Any]) -> Any:
+        return without_units(sides[0]) if len(sides) == 1 else quicksum([without_units(side) for side in sides])
 
     @property
     def weight(self) -> Any:
@@ -183,6 +188,7 @@ def objective_with_penalty(record: RelaxationRecord, changing: Iterable[GroupRow
     term = relaxation.coefficient(main.delta) * amount
     if record.objective is None:
         return term
+    term = in_units_of(term, record.objective)
     # The user's objective enters by name: what is later assigned to it is followed.
     return record.objective + term if record.objective.is_minimizing() else record.objective - term
 

@@ -13,6 +13,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable, value_or_non
 from .canonical import CanonicalForm, CanonicalPair, SidePart
 from .generated import GeneratedBlock, is_zero
 from .record import RelaxedPair, RelaxedStatement
+from .units import without_units
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +148,10 @@ class SideRows:
         if place.record.lift and side_variable(side) is None:
             lower = None if slack is None else 0 if exact else -slack
             variable = self._new_variable(statement, lower, part_values(side)[0])
-            self.definitions.append((statement, variable == side))
+            self.definitions.append((statement, variable == without_units(side)))
             return variable
         if row is not None and slack is not None:
-            self.sides.append((statement, row if exact else side >= -slack))
+            self.sides.append((statement, row if exact else without_units(side) >= -slack))
         return side
 
     def _own_slack(self, side: Any, row: Any) -> Any:
@@ -167,7 +168,7 @@ class SideRows:
         The parts keep their signs exactly under every relaxation, since a part below zero would have no meaning.
         """
         positive, negative = (self._new_variable(statement, 0, start) for start in part_values(pair.b))
-        self.definitions.append((statement, positive - negative == pair.b))
+        self.definitions.append((statement, positive - negative == without_units(pair.b)))
         return {SidePart.POSITIVE: positive, SidePart.NEGATIVE: negative}
 
     def _new_variable(self, statement: RelaxedStatement, lower: Any, start: float) -> Any:

@@ -10,6 +10,7 @@ from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
@@ -262,7 +263,10 @@ def integrate(integral: Any, discretisation: Discretisation, record: Discretisat
     for index in indices:
         others = index if isinstance(index, tuple) else () if index is None else (index,)
         before, after = others[:place], others[place:]
-        integrand = {time: rule(block, *before, time, *after) for time in discretisation.grid.points}
+        what = f"'{integral.name}': the integrand"
+        integrand = {
+            time: plain_scalar(rule(block, *before, time, *after), what) for time in discretisation.grid.points
+        }
         value = quadrature(integrand.__getitem__, discretisation.grid.quadrature_weights)
         if index in integral._data:
             integral._data[index].set_value(value)

@@ -32,6 +32,7 @@ class Subject(Enum):
     DATA = "numbers"
     UNITS = "units"
     SCALING = "scaling"
+    IDENTIFIABILITY = "what measurements see"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_viol
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.point_model import PointModel
-from pyrobocop_pyomo.phases.record import labelled_rows
+from pyrobocop_pyomo.phases.record import Statement, labelled_rows
 
 from .findings import Finding, Severity, Subject
 from .linearised_rows import LinearisedRows, gradient, residual_of
@@ -133,7 +133,23 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
         except (TrajectoryError, ValueError, TypeError):
             return  # the horizon has no values yet
         point.set_values(values)
-        for statement in record.statements:
+        for statement, name, gap in _violated(phase, point, time, remarks):
+            yield Finding(
+                Severity.ERROR,
+                Subject.START,
+                f"phase '{phase.name}': the {where} values violate {statement.kind} '{name}' by {gap:.3g} at "
+                f"t = {time:g}: {', '.join(f'{key} = {number:g}' for key, number in values.items())}.",
+                (f"{phase.name}.{statement.name}",),
+                f"Give {where} values that satisfy it, or leave one of them free.",
+                time,
+            )
+
+
+def _violated(phase: Any, point: PointModel, time: float, remarks: list[str]) -> list[tuple[Statement, str, float]]:
+    """Statements that the values of a point violate, the names of their rows, and by how much."""
+    found = []
+    try:
+        for statement in phase.record.statements:
             if statement.kind not in ("residual", "constraint"):
                 continue
             try:
@@ -145,15 +161,10 @@ def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
                 gap = relation_violation(row, unknown=0.0)
                 if gap > TOLERANCE:
                     name = statement.name if label is None else f"{statement.name}[{label}]"
-                    yield Finding(
-                        Severity.ERROR,
-                        Subject.START,
-                        f"phase '{phase.name}': the {where} values violate {statement.kind} '{name}' by {gap:.3g} at "
-                        f"t = {time:g}: {', '.join(f'{key} = {number:g}' for key, number in values.items())}.",
-                        (f"{phase.name}.{statement.name}",),
-                        f"Give {where} values that satisfy it, or leave one of them free.",
-                        time,
-                    )
+                    found.append((statement, name, gap))
+    finally:
+        point.leave_nodes()
+    return found
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:

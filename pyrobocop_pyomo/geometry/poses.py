@@ -14,6 +14,7 @@ from pyomo.core.expr import sin as expression_sin
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +41,11 @@ class Pose:
     rotation: tuple[tuple[Entry, ...], ...]
     translation: tuple[Entry, ...]
     angles: tuple[Entry, ...] = field(default=(), compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        # Rules may compute with arrays of expressions; what is kept is plain.
+        object.__setattr__(self, "rotation", tuple(tuple(map(plain_entry, row)) for row in self.rotation))
+        object.__setattr__(self, "translation", tuple(map(plain_entry, self.translation)))
 
     @classmethod
     def identity(cls, dimension: int) -> Pose:

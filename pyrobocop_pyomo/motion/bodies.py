@@ -8,6 +8,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 
 PoseRule = Callable[[Any, Any], Any]
@@ -57,8 +58,9 @@ class Body:
                 "that rests. A body at a constant pose is shape.placed(pose)."
             )
 
-    def __deepcopy__(self, memo: dict[int, object]) -> Body:
-        return self  # immutable: cloned models share it
+    def __deepcopy__(self, memo: dict[int, Any]) -> Body:
+        pose = copied_rule(self.pose, memo)
+        return self if pose is self.pose else Body(self.shape, pose)  # immutable: cloned models share it
 
     def __getstate__(self) -> dict[str, Any]:
         pose = None if self.pose is None else picklable_or_none(self.pose) or _lost_pose

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from numbers import Real
 from typing import Any
@@ -62,7 +63,9 @@ class Scene:
     graph: Any
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
-        return self
+        bodies = {name: copy.deepcopy(body, memo) for name, body in self.bodies.items()}
+        same = all(body is self.bodies[name] for name, body in bodies.items())
+        return self if same else replace(self, bodies=bodies)
 
     def is_static(self, name: str) -> bool:
         """True where a body has no pose rule."""

@@ -1,6 +1,7 @@
 """What the user states: declarations, `PhaseBlock`, and the verification of a trajectory by it."""
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
+from .laws import Law
 from .link_states import PhaseEnd
 from .links import Link, LinkData
 from .measurements import label_measurements
@@ -14,6 +15,7 @@ __all__ = [
     "Control",
     "Declaration",
     "Duration",
+    "Law",
     "Link",
     "LinkData",
     "Parameter",

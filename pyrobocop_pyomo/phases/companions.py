@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import Block
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 
@@ -24,6 +25,7 @@ from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Algebraic, Control, State
+from .nodes import StageNodes
 from .phase_values import PhaseValues
 from .record import PhaseRecord
 
@@ -41,14 +43,16 @@ class Companion:
     ----------
     lent : list of pairs of component and VarData
         Variables that hold the values of the instant, and what they stand in place of.
+    scratch : ConcreteModel
+        Their owner.
     """
 
     def __init__(self, phase: Any, trajectory: Trajectory | None = None) -> None:
         self.phase, self.trajectory = phase, trajectory
-        self._scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
+        self.scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
         names = [name for kind in (State, Algebraic, Control) for name in phase.record.names(kind)]
-        self._scratch.instant = Var(names)
-        self.lent = [(phase.component(name), variable) for name, variable in self._scratch.instant.items()]
+        self.scratch.instant = Var(names)
+        self.lent = [(phase.component(name), variable) for name, variable in self.scratch.instant.items()]
         self._instant: tuple[int, float] | None = None
 
     def set_instant(self, element: int, local: float) -> None:
@@ -66,13 +70,13 @@ class Companion:
         first = start if element == 0 else float(np.nextafter(start, mesh.boundaries[-1]))
         time = min(max(start + local * mesh.widths[element], first), mesh.boundaries[element + 1])
         for name, number in self.trajectory(time).items():
-            self._scratch.instant[name].set_value(number, skip_validation=True)
+            self.scratch.instant[name].set_value(number, skip_validation=True)
         self._instant = element, local
 
     def is_read_in(self, variables: Iterable[Any]) -> bool:
         """Whether one of these variables is of this phase, or holds a value of it."""
         return any(
-            variable.parent_component() is self._scratch.instant or variable.parent_block() is self.phase
+            variable.parent_component() is self.scratch.instant or variable.parent_block() is self.phase
             for variable in variables
         )
 
@@ -156,15 +160,52 @@ def is_on_model(phase: Any, trajectory: Trajectory) -> bool:
 def put_on_model(trajectories: Iterable[tuple[Any, Trajectory]]) -> Iterator[None]:
     """Context in which phases have the values of trajectories, for rules that read the model at other instants."""
     pairs = list(trajectories)
+    starts = [phase.start for phase, _ in pairs if getattr(phase.start, "ctype", None) is Expression]
+    stated = [start.expr for start in starts]
     with values_restored([variable for phase, _ in pairs for variable in phase.component_data_objects(Var)]):
-        for phase, trajectory in pairs:
-            indices = indices_of(phase.record, trajectory.grid).mesh.boundaries
-            time_of = partial(np.interp, xp=indices, fp=trajectory.grid.mesh.boundaries)
-            values = PhaseValues(phase)
-            sampled = values.sampled(trajectory, time_of)
-            for name, numbers in sampled.items():
-                for variable, number in zip(values.nodes[name].variables(phase), numbers.tolist(), strict=True):
-                    variable.set_value(number, skip_validation=True)
-            for name, number in trajectory.parameters.items():
-                phase.component(name).set_value(number, skip_validation=True)
-        yield
+        try:
+            for phase, trajectory in pairs:
+                _put_values(phase, trajectory)
+                put_horizon(phase, trajectory.grid)
+            yield
+        finally:
+            for start, expression in zip(starts, stated, strict=True):
+                start.set_value(expression)
+
+
+def _put_values(phase: Any, trajectory: Trajectory) -> None:
+    indices = indices_of(phase.record, trajectory.grid).mesh.boundaries
+    values = PhaseValues(phase)
+    sampled = values.sampled(trajectory, partial(np.interp, xp=indices, fp=trajectory.grid.mesh.boundaries))
+    if is_of_grid(phase.record, trajectory.grid):  # then the samples themselves, jumps between elements included
+        sampled |= {name: numbers for name, numbers in trajectory.states.items() if name in sampled}
+        at_points = {name: numbers for name, numbers in trajectory.signals.items() if name in sampled}
+        at_points |= {f"{name}_derivative": numbers for name, numbers in trajectory.rates.items()}
+        sampled |= {
+            name: numbers for name, numbers in at_points.items() if isinstance(values.nodes.get(name), StageNodes)
+        }
+    for name, numbers in sampled.items():
+        for variable, number in zip(values.nodes[name].variables(phase), numbers.tolist(), strict=True):
+            variable.set_value(number, skip_validation=True)
+    for name, number in trajectory.parameters.items():
+        phase.component(name).set_value(number, skip_validation=True)
+
+
+def put_horizon(phase: Any, grid: Grid) -> None:
+    """Give start, duration and moving element boundaries of a phase the values of a grid in real time.
+
+    A start that is an expression is another phase's business, which this one is judged without.
+    """
+    boundaries = grid.mesh.boundaries
+    start, end = boundaries[0], boundaries[-1]
+    for component, number in ((phase.start, start), (phase.duration, end - start)):
+        if getattr(component, "ctype", None) in (Var, Expression):
+            component.set_value(number)
+    if phase.record.free_widths and len(boundaries) == len(phase.boundary):
+        for i, boundary in enumerate(boundaries):
+            phase.boundary[i].set_value((boundary - start) / (end - start), skip_validation=True)
+
+
+def is_of_grid(record: PhaseRecord, grid: Grid) -> bool:
+    """Whether a grid, in real time, has the points of the phase's own one."""
+    return grid.scheme.name == record.grid.scheme.name and _same(indices_of(record, grid).times, record.grid.times)

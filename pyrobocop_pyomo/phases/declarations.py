@@ -35,7 +35,7 @@ def _lost_bounds(time: float) -> Bounds:
 _PACKAGE = str(Path(__file__).parents[1])
 
 
-def _call_site() -> str:
+def call_site() -> str:
     """File and line of the user's statement, so that a message can point at it."""
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
@@ -62,7 +62,7 @@ class Declaration:
     bounds: BoundsInTime = UNBOUNDED
     initial_guess: InitialGuess = None
     units: Any = None
-    declared_at: str = field(default_factory=_call_site, repr=False, compare=False)
+    declared_at: str = field(default_factory=call_site, repr=False, compare=False)
 
     def bounds_at(self, time: float, name: str) -> Bounds:
         """Bounds at one time, checked.

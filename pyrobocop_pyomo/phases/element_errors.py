@@ -10,7 +10,8 @@ from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array, radau
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .companions import indices_of
+from .between_points import check_rules_between_points
+from .companions import indices_of, put_on_model
 from .declarations import Algebraic
 from .element_integration import Unknowns, find_unknowns, step_element
 from .point_model import PointEquations
@@ -42,8 +43,18 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
     if set(record.equation_of) == set(names):
         return reintegrated_errors(block, record, trajectory)
     unknowns = _unknowns(block, record)
+    with put_on_model([(block, trajectory)]):
+        return _stepped_errors(block, record, trajectory, unknowns)
+
+
+def _stepped_errors(block: Any, record: PhaseRecord, trajectory: Trajectory, unknowns: Unknowns) -> Array:
+    """Errors of elements that are stepped anew, with the values of the trajectory on the model."""
+    names = record.names_of_states
     indices = indices_of(record, trajectory.grid)
     equations = PointEquations(block, record, indices, trajectory.grid, trajectory.parameters)
+    stated = [statement for statement in record.statements if statement.kind in ("ode", "residual")]
+    check_rules_between_points(block, record, equations.point, stated)
+    equations.point.set_values(equations.parameters)
     fine = radau(trajectory.grid.scheme.stages + _MORE_STAGES)
     to_fine = trajectory.grid.scheme.stage_polynomial_at(fine.c)
     boundaries, widths = trajectory.grid.mesh.boundaries, trajectory.grid.mesh.widths
@@ -67,18 +78,20 @@ def estimate_element_errors(block: Any, record: PhaseRecord, trajectory: Traject
         last = i + 1 == len(widths)
         reached = {name: trajectory.states[name][-1] if last else states[name][i + 1, 0] for name in names}
         errors[i] = max(abs(result[name][-1] - reached[name]) for name in names)
+    equations.point.leave_nodes()
     return errors
 
 
 def _unknowns(block: Any, record: PhaseRecord) -> Unknowns:
     """Algebraics are found anew where residual equations determine them all, else taken from the trajectory."""
-    try:
-        return find_unknowns(block, record, {})
-    except InitialGuessError:
+    for given in ({}, dict.fromkeys(record.names(Algebraic))):
         try:
-            return find_unknowns(block, record, dict.fromkeys(record.names(Algebraic)))
-        except InitialGuessError as error:
-            raise TrajectoryError(
-                f"phase '{block.name}': the error of its elements cannot be estimated, since its residual equations "
-                "determine neither all algebraics nor the derivatives alone."
-            ) from error
+            found = find_unknowns(block, record, given)
+        except InitialGuessError:
+            continue
+        if not found.contact:  # between its points an element knows nothing of pairs
+            return found
+    raise TrajectoryError(
+        f"phase '{block.name}': the error of its elements cannot be estimated, since its residual equations "
+        "determine neither all algebraics nor the derivatives alone."
+    )

@@ -12,9 +12,10 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
-from .declarations import State, check_bounds
+from .declarations import State, check_bounds, within
 from .horizon import element_widths
 from .record import PhaseRecord, PreviousStates, labelled_rows
 from .variables import add_generated, rate_units
@@ -79,6 +80,7 @@ def _given_for_states(
         for state, expression in result.items():
             if state not in names:
                 names[state] = block.state_name(state)
+            expression = plain_scalar(expression, f"{what}: the {meaning} of '{names[state]}' at t = {time:g}")
             if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
                 raise TranscriptionError(
                     f"{what} gives '{expression}' as the {meaning} of '{names[state]}' at t = {time:g}; expected a "
@@ -121,7 +123,7 @@ def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
     what = f"phase '{block.name}': state '{name}' (declared at {declaration.declared_at})"
     bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
     units = rate_units(declaration.units, record.time_units)
-    derivative = Var(block.points, bounds=bounds, initialize=0.0, units=units)
+    derivative = Var(block.points, bounds=bounds, initialize=within(0.0, bounds), units=units)
     add_generated(block, f"{name}_derivative", derivative)
     record.kept_derivatives.add(name)
     _add_collocation(block, record, name, derivative)
@@ -221,7 +223,7 @@ def _collect(
         result = rule(block, time)
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
-        results[time] = labelled_rows(kind, result)
+        results[time] = labelled_rows(kind, plain_expressions(result))
     return results
 
 

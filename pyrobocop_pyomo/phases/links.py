@@ -6,14 +6,23 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import LinkError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
+from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
+from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
+from pyrobocop_pyomo.trajectories import Trajectory
 
+from .companions import put_on_model
+from .element_system import ElementSystem
 from .link_states import PhaseEnd, listed, omitted_states, shared_parameter, sort_jump, states_given, states_of_both
 from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData
@@ -67,6 +76,50 @@ class LinkData(BuiltBlockData):
     def violation(self) -> float:
         """Largest violation of a row of this link at the current values; NaN where a variable has none."""
         return largest_violation(self.component_data_objects(Constraint, active=True))
+
+    def start_after(self, trajectory: Trajectory) -> dict[str, float]:
+        """Where the second phase starts after a motion of the first: what `simulate` takes as ``initial``.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            Of the first phase.
+
+        Returns
+        -------
+        dict of state name to number
+            The states that this link gives.
+
+        Raises
+        ------
+        LinkError
+            When its relations do not determine them.
+        """
+        rows = [row for row in (*self.continuity.values(), *self.jump.values()) if row.equality]
+        expressions = [(row.name, row.body - row.upper) for row in rows]
+        read = {id(variable) for row in rows for variable in identify_variables(row.body, include_fixed=True)}
+        starts = {name: self.second.component(name)[self.second.initial_time] for name in self._second_states}
+        starts = {name: variable for name, variable in starts.items() if id(variable) in read}
+        if len(rows) != len(starts):
+            raise LinkError(
+                f"{self._what}: {len(rows)} equations for the start of {len(starts)} states "
+                f"({', '.join(starts) or 'none'}). Give the start of '{self.second.name}' yourself."
+            )
+        unknowns = list(starts.values())
+        with put_on_model([(self.first, trajectory)]), values_restored(unknowns), unfixed(unknowns):
+            guess = np.array([0.0 if variable.value is None else variable.value for variable in unknowns])
+            solution = solve_mixed_complementarity(ElementSystem(unknowns, expressions, []).problem(), guess)
+        if not solution.solved:
+            raise LinkError(
+                f"{self._what}: its relations have no solution for the start of '{self.second.name}' (residual "
+                f"{solution.residual:.1e} in '{rows[solution.worst].name}')."
+            )
+        return dict(zip(starts, solution.point.tolist(), strict=True))
+
+    @property
+    def _second_states(self) -> list[str]:
+        names: list[str] = self.second.record.names_of_states
+        return names
 
     @property
     def _ends(self) -> _Ends:
@@ -214,12 +267,26 @@ class Link(BuiltBlock, data=LinkData):
         return bool(two_phases) or super()._is_scalar(args, keywords)
 
 
+class _LaterPhases:
+    """The indices of all phases of a block but the first, asked when an AbstractModel gets its data."""
+
+    def __init__(self, phases: ComponentUID) -> None:
+        self._phases = phases
+
+    def __call__(self, block: Any) -> list[Any]:
+        return list(self._phases.find_component_on(block.model()))[1:]
+
+
 def _sort_arguments(args: tuple[Any, ...], phases: Any) -> tuple[tuple[Any, ...], Any]:
     """Index sets, and what gives the phases: two of them, an indexed block, or a rule."""
     if args and isinstance(args[0], (PhaseBlock, PhaseBlockData)):
         if phases is not None:
             raise LinkError("a Link takes two phases, or index sets and phases=; it was given both.")
         if len(args) == 1 and isinstance(args[0], PhaseBlock) and args[0].is_indexed():
+            if (
+                not args[0].is_constructed() and args[0].parent_block() is not None
+            ):  # of an AbstractModel: its phases are known with the data
+                return (Set(initialize=_LaterPhases(ComponentUID(args[0])), ordered=True),), args[0]
             order = list(args[0])
             if len(order) < 2:
                 raise LinkError(f"'{args[0].name}' has {len(order)} phases; a Link takes two or more.")

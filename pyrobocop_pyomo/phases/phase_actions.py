@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pyrobocop_pyomo.errors import InitialGuessError
@@ -13,6 +13,7 @@ from pyrobocop_pyomo.transcription import InitialGuess
 from .element_errors import estimate_element_errors
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .mpc_interface import PhaseInterface
+from .replay import Replay, replay
 from .simulation import SimulationOptions, simulate
 from .tracking import tracking_cost
 
@@ -72,13 +73,16 @@ class PhaseActions:
         method: str = "DOP853",
         rtol: float = 1e-9,
         atol: float = 1e-10,
+        unknown: Sequence[str] | None = None,
+        restitution: Mapping[str, float] | None = None,
     ) -> Trajectory:
         """What the equations do from the initial values on, as a trajectory on the phase's own grid.
 
         Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
         polynomials of controls. With residual equations, step maps, or ``method="scheme"``, the rows of the scheme
-        are solved element by element. Nothing on the model changes: use ``phase.initialize(trajectory)`` to start
-        from the result.
+        are solved element by element. Where pairs determine what is left, such as the forces of contacts, the rows
+        and pairs of an element are solved together, as a mixed complementarity problem. Nothing on the model changes:
+        use ``phase.initialize(trajectory)`` to start from the result.
 
         Parameters
         ----------
@@ -91,6 +95,12 @@ class PhaseActions:
             A method of `solve_ivp` (``"Radau"`` for stiff equations), or ``"scheme"``.
         rtol, atol : float
             Tolerances of `solve_ivp`.
+        unknown : sequence of str, optional
+            Algebraics and controls that are to be found, in the place of the default: the algebraics that are not given
+            and, where there are more pairs than these, the controls that stand in pairs.
+        restitution : dict of str to number, optional
+            Newton's coefficients of impact, from 0 to 1, by the name of a pair, or of a rule or a contact law for all
+            of its pairs of a gap and a force. Without one an impact is inelastic. It takes implicit Euler steps.
 
         Raises
         ------
@@ -101,12 +111,45 @@ class PhaseActions:
 
         Notes
         -----
-        Parameters and the duration are as the phase holds them. Bounds, path constraints and complementarity have no
-        say. Algebraics are found where residual equations determine all of them, and keep the phase's values where
-        there are no such equations; in between, those that pairs determine have to be given.
+        Parameters and the duration are as the phase holds them. Bounds and path constraints have no say. Algebraics
+        are found where residual equations, or these and the pairs, determine all of them, and keep the phase's values
+        where there are no such equations. Where several motions meet the pairs, the one that is found first from the
+        values of the step before is taken. Time stepping: Stewart and Trinkle, An implicit time-stepping scheme for
+        rigid body dynamics with inelastic collisions and Coulomb friction (1996),
+        doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I
         """
-        options = SimulationOptions(method=method, rtol=rtol, atol=atol)
+        options = SimulationOptions(
+            method=method, rtol=rtol, atol=atol, unknown=unknown, restitution=dict(restitution or {})
+        )
         return simulate(self, self.record, controls or {}, initial or {}, options)
+
+    def replay(
+        self: Any,
+        trajectory: Trajectory | None = None,
+        *,
+        method: str = "scheme",
+        unknown: Sequence[str] | None = None,
+        restitution: Mapping[str, float] | None = None,
+    ) -> Replay:
+        """Simulate a plan under its own controls, and say how far the motion is from it.
+
+        Where pairs determine forces and slip these are found again, step by step, by the equations and the pairs alone:
+        a plan whose contacts are physics, and not just values that meet the rows to a tolerance, is found again.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default. Its parameters and its duration are taken as well.
+        method, unknown, restitution
+            As for `simulate`; the rows of the scheme by default, which a plan fulfils.
+
+        Raises
+        ------
+        InitialGuessError, SimulationFailed
+            As `simulate`.
+        """
+        options = SimulationOptions(method=method, unknown=unknown, restitution=dict(restitution or {}))
+        return replay(self, self.record, self.trajectory() if trajectory is None else trajectory, options)
 
     def element_errors(self: Any, trajectory: Trajectory | None = None) -> Array:
         """How far each element ends from where the equations lead from its own start, shape ``(N,)``.

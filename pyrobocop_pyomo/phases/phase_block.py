@@ -11,6 +11,7 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
 from pyrobocop_pyomo.numerics import Scheme
 
 from .declarations import Bounds, Declaration, Duration
+from .laws import Law
 from .phase_data import PhaseBlockData
 
 
@@ -106,7 +107,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
         super().__init__(*indexes, options=options, rule=rule, **block_options)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if isinstance(value, Declaration):  # a single phase has taken it by now
+        if isinstance(value, (Declaration, Law)):  # a single phase has taken it by now
             raise DeclarationError(
                 f"phases '{self.name}': '{name}' (declared at {value.declared_at}) is declared on one phase at a time. "
                 "Pass rule=..., or assign it to each of the phases."

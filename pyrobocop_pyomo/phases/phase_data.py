@@ -12,6 +12,7 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
+from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import quadrature
@@ -28,6 +29,7 @@ from .equations import (
     rule_name,
 )
 from .horizon import add_horizon, check_horizon, make_mesh, quadrature_weights, real_time
+from .laws import Law
 from .phase_actions import PhaseActions
 from .phase_values import PhaseValues
 from .record import PhaseRecord, Statement
@@ -55,15 +57,15 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     # ---------------------------------------------------------------- declarations
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if isinstance(value, Declaration):
+        if isinstance(value, (Declaration, Law)):
             self.declare(name, value)
-        elif isinstance(value, type) and issubclass(value, Declaration):
+        elif isinstance(value, type) and issubclass(value, (Declaration, Law)):
             raise DeclarationError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
         else:
             super().__setattr__(name, value)
 
-    def declare(self, name: str, declaration: Declaration) -> None:
-        """Add the variables of a declaration; ``phase.name = declaration`` does the same.
+    def declare(self, name: str, declaration: Declaration | Law) -> None:
+        """Add the variables of a declaration, or all that a law states; ``phase.name = declaration`` does the same.
 
         Raises
         ------
@@ -79,6 +81,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
             )
         with self._all_or_nothing(), PauseGC():
+            if isinstance(declaration, Law):
+                declaration.state(self, name)
+                return
             add_variables(self, self.record, name, declaration)
             self.record.declarations[name] = declaration
 
@@ -213,7 +218,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         """
         with PauseGC():
             scale, weights = quadrature_weights(self, self.record)
-            total = quadrature(lambda time: integrand(self, time), weights)
+            what = f"{self._what}: the integrand '{rule_name(integrand)}'"
+            total = quadrature(lambda time: plain_scalar(integrand(self, time), what), weights)
             plain = isinstance(scale, float) and scale == 1.0
             return total if plain else scale * total
 

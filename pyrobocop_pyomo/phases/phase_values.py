@@ -106,7 +106,7 @@ class PhaseValues:
             states={name: values[name] for name in record.names_of_states},
             signals={name: self.nodes[name].at_points(values[name]) for name in record.names_of_signals},
             parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
-            pairs=_pairs(phase, self._grid) if evaluate else {},
+            pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
             rates={name: _rates(phase, name) for name in record.names_of_states if evaluate and _has_rate(phase, name)},
             knot_values=values,
         )
@@ -185,7 +185,7 @@ def _rates(phase: Any, name: str) -> Array:
     return np.array([float(value(rates[time])) for time in phase.grid.points])
 
 
-def _pairs(phase: Any, grid: Grid) -> dict[str, Array]:
+def pairs_of_phase(phase: Any, grid: Grid) -> dict[str, Array]:
     """Both sides of every pair over the points, by the name under which the user stated it; a range has two."""
     series: dict[str, Array] = {}
     position = {time: i for i, time in enumerate(grid.points)}

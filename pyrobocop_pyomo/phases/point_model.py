@@ -3,6 +3,10 @@
 The rules were written for a phase: ``rule(phase, t)`` reads ``phase.x[t]``. Here they get a proxy of the phase
 (`modeling.rule_proxies`), and read variables that hold the values of one instant; their results are then evaluated.
 This checks a trajectory by the equations as stated, not by the rows that were built from them.
+
+At the points of the phase's own grid there is nothing to imitate: a rule can be asked of the phase itself, which has
+the values of the instant meanwhile. What it gives there is what it says, however it is written. Between the points
+`rules_between_points` compares the two before anything is believed.
 """
 
 from __future__ import annotations
@@ -18,12 +22,14 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.core.expr.relational_expr import EqualityExpression
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.lent_items import in_place_of_nodes, variables_read
 from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
 from pyrobocop_pyomo.numerics import Grid
 
 from .companions import Companion, companions_of
 from .declarations import Parameter
+from .nodes import StageNodes, StateNodes
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 
 
@@ -44,7 +50,13 @@ class PointModel(Signals):
     ----------
     element : int or None
         The element that instants belong to; None for the one that ends there, where two meet.
+    asks_phase : bool
+        Whether rules are asked of the phase itself at the points of its grid, instead of a proxy of it. Whoever sets
+        it has put the values at all other times on the model, and puts back what was there.
     """
+
+    error = TrajectoryError
+    hold_numbers = True
 
     def __init__(
         self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, companions: Sequence[Companion] = ()
@@ -67,6 +79,10 @@ class PointModel(Signals):
         ]
         self._companions = tuple(companions)
         self._read_by: dict[int, tuple[Companion, ...]] = {}
+        self.asks_phase = False
+        self._at_nodes = GridVariables(block, record)
+        self._moved: list[tuple[Any, float | None, bool]] = []
+        self._known_rules: set[int] = set()
 
     # ---------------------------------------------------------------- what rules read
 
@@ -140,21 +156,85 @@ class PointModel(Signals):
                 "the top level of a module."
             )
         self.index = time
+        self._move_nodes(time)
+        of_phase = self.asks_phase and self._at_nodes.has(time)
         read = self._read_by.get(id(statement), self._companions)
         try:
-            for other in read:
-                other.set_instant(*self._place(time))
-            with in_place_of_nodes(chain(self._lent, *(other.lent for other in read)), time):
-                result = statement.rule(self._proxy, time, *more)
-        except KeyError as error:
+            if of_phase:
+                result = plain_expressions(statement.rule(self._block, time, *more))
+            else:
+                for other in read:
+                    other.set_instant(*self._place(time))
+                with in_place_of_nodes(chain(self._lent, *(other.lent for other in read)), time):
+                    result = plain_expressions(statement.rule(self._proxy, time, *more))
+        except (KeyError, IndexError) as error:
             raise TrajectoryError(
                 f"phase '{self._block.name}': the rule '{statement.name}' cannot be asked at t = {time:g} ({error}). "
-                "Read variables through its first argument, not through the model."
+                "Read variables at t itself and through its first argument, not through the model."
             ) from error
-        if id(statement) not in self._read_by:
+        if of_phase:
+            if id(statement) not in self._known_rules:
+                self.refuse_foreign(statement, variables_read(result))
+                self._known_rules.add(id(statement))
+        elif id(statement) not in self._read_by:
             variables = variables_read(result) if self._companions else []
             self._read_by[id(statement)] = tuple(other for other in self._companions if other.is_read_in(variables))
         return result
+
+    def _move_nodes(self, time: float) -> None:
+        """Let the phase's own variables at a time hold the instant too, for rules that got hold of them some way."""
+        if self._moved:
+            self.leave_nodes()
+        if not self._at_nodes.has(time):
+            return
+        for name, variable in self._at_nodes.at(time):
+            source = self._values.get(name)
+            if source is None:
+                state = name.removesuffix("_derivative")
+                number = None if state in self._forgotten else self._derivatives[state].value
+            else:
+                number = source.value
+            self._moved.append((variable, variable.value, variable.stale))
+            variable.set_value(number, skip_validation=True)
+
+    def leave_nodes(self) -> None:
+        """Put back what the phase's own variables had before the last instant."""
+        for variable, number, stale in self._moved:
+            variable.set_value(number, skip_validation=True)
+            variable.stale = stale
+        self._moved.clear()
+
+    def keys_at(self, time: float) -> frozenset[int]:
+        """Identities of the phase's own variables at a point of its grid."""
+        return frozenset(id(variable) for _, variable in self._at_nodes.at(time))
+
+    def name_of(self, keys: frozenset[int]) -> str:
+        """The first of the phase's own variables with one of these identities."""
+        return next(f"'{variable.name}'" for variable in self._at_nodes.variables if id(variable) in keys)
+
+    def read_elsewhere(self, statement: Statement, time: float, *more: Any) -> frozenset[int]:
+        """The phase's own states and signals that a rule reads at other times than the one that it is asked for."""
+        variables = variables_read(self.result_of(statement, time, *more))
+        self.refuse_foreign(statement, variables)
+        return frozenset(key for key in map(id, variables) if key in self._at_nodes.keys) - self.keys_at(time)
+
+    def refuse_foreign(self, statement: Statement, variables: Sequence[Any]) -> None:
+        """Refuse what belongs to another model: the one that this is a copy of, or an instant of long ago.
+
+        Raises
+        ------
+        TrajectoryError
+            Naming the rule and the variable.
+        """
+        own = {id(self._block.model()), id(self._scratch), *(id(other.scratch) for other in self._companions)}
+        for variable in variables:
+            component = variable.parent_component()
+            if component is None or component.parent_block() is None or id(component.model()) not in own:
+                raise TrajectoryError(
+                    f"phase '{self._block.name}': the rule '{statement.name}' reads '{variable.local_name}' of another "
+                    "model, such as the one that this is a copy of, or keeps what it read before. Read variables "
+                    "through its first argument."
+                )
 
     def _place(self, time: float) -> tuple[int, float]:
         """Element of a time index, and the place within it."""
@@ -210,6 +290,36 @@ class _Derivative:
         return self._variable
 
 
+class GridVariables:
+    """The variables of a phase that live at its points of time: states, algebraics, collocated controls, derivatives.
+
+    Attributes
+    ----------
+    variables : list of VarData
+    keys : frozenset of int
+        Identities of them all.
+    """
+
+    def __init__(self, block: Any, record: PhaseRecord) -> None:
+        names = [*record.names_of_states, *record.names_of_signals]
+        names = [name for name in names if isinstance(record.nodes(name), (StateNodes, StageNodes))]
+        names += [f"{name}_derivative" for name in sorted(record.kept_derivatives)]
+        self._components = {name: dict(block.component(name).items()) for name in names}
+        self._times = frozenset(record.grid.times)
+        self.variables = [variable for items in self._components.values() for variable in items.values()]
+        self.keys = frozenset(map(id, self.variables))
+
+    def has(self, time: float) -> bool:
+        """Whether a time index is one of the grid."""
+        return time in self._times
+
+    def at(self, time: float) -> list[tuple[str, Any]]:
+        """Names and variables at a time index; none off the grid."""
+        if time not in self._times:
+            return []
+        return [(name, items[time]) for name, items in self._components.items() if time in items]
+
+
 class PointEquations:
     """The stated equations at one instant, as numbers: rates of explicit states and residuals of the rest.
 
@@ -238,6 +348,11 @@ class PointEquations:
         own = {name: block.component(name).value for name in record.names(Parameter)}
         self.parameters = {name: float(number) for name, number in {**own, **(parameters or {})}.items()}
         self._point.set_values(self.parameters)
+
+    @property
+    def point(self) -> PointModel:
+        """The instant that is evaluated."""
+        return self._point
 
     def index_at(self, time: float) -> float:
         """The time index of a real time."""

@@ -10,6 +10,7 @@ from typing import Any
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
 
@@ -22,7 +23,7 @@ class Statement:
     """One rule that the user stated, kept so that a trajectory can be verified with it.
 
     A rule that cannot be pickled (a lambda, a function within a function) is left behind by a pickle: the
-    model survives, and verification says what is missing.
+    model survives, and verification says what is missing. In a deep copy it reads the copy.
     """
 
     kind: str
@@ -30,7 +31,8 @@ class Statement:
     rule: Callable[..., Any] | None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Statement:
-        return self
+        rule = copied_rule(self.rule, memo)
+        return self if rule is self.rule else Statement(self.kind, self.name, rule)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "rule": picklable_or_none(self.rule)}

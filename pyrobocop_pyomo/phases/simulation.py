@@ -1,28 +1,34 @@
 """Forward simulation: what a phase does from its initial values under given controls.
 
 Explicit differential equations are integrated by SciPy, element by element; implicit and algebraic equations and step
-maps are stepped with the rows of the scheme itself (`element_integration`). Bounds, path constraints and
-complementarity are ignored.
+maps are stepped with the rows of the scheme itself (`element_integration`). Where pairs determine algebraics or forces,
+each element is one mixed complementarity problem (`contact_steps`). Bounds and path constraints are ignored.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
+from .between_points import check_rules_between_points
+from .contact_steps import ContactSteps
 from .element_integration import Unknowns, find_unknowns, signals_at, step_element, step_start
 from .horizon import real_grid
 from .nodes import KnotNodes
-from .phase_values import make_trajectory, read_values
+from .phase_values import make_trajectory, pairs_of_phase, read_values
 from .point_model import PointEquations
 from .record import PhaseRecord
 
@@ -45,11 +51,17 @@ class SimulationOptions:
         One of `scipy.integrate.solve_ivp`, or ``"scheme"``: the rows of the scheme.
     rtol, atol : float
         Tolerances of `solve_ivp`.
+    unknown : sequence of str, optional
+        Algebraics and controls that are to be found.
+    restitution : mapping of name of a pair to number
+        Coefficients of Newton's law of impact.
     """
 
     method: str = "DOP853"
     rtol: float = 1e-9
     atol: float = 1e-10
+    unknown: Sequence[str] | None = None
+    restitution: Mapping[str, float] = field(default_factory=dict)
 
 
 def simulate(
@@ -64,22 +76,30 @@ def simulate(
         raise InitialGuessError(
             f"phase '{block.name}': method {options.method!r} is unknown; choose one of {', '.join(METHODS)}."
         )
-    run = _Run(block, record, controls, initial)
+    run = _Run(block, record, controls, initial, options)
     by_rows = options.method == "scheme" or bool(
         run.unknowns.algebraics or run.unknowns.implicit or record.discrete_states
     )
-    for i in range(record.grid.mesh.elements):
-        start = run.grid.mesh.boundaries[i]
-        try:
-            with np.errstate(all="ignore"):
-                failure = run.by_rows(i) if by_rows else run.by_integration(i, options)
-        except TrajectoryError:
-            raise  # a rule that cannot be asked says nothing about the motion
-        except _NO_VALUE as error:
-            failure = start, f"the equations have no value ({error})"
-        if failure is not None:
-            raise _failed(block, run, i, *failure)
-    return run.trajectory(record.grid.mesh.elements)
+    with run.on_model(by_rows):
+        for i in range(record.grid.mesh.elements):
+            start = run.grid.mesh.boundaries[i]
+            try:
+                with np.errstate(all="ignore"):
+                    failure = run.element(i, by_rows, options)
+            except TrajectoryError:
+                raise  # a rule that cannot be asked says nothing about the motion
+            except _NO_VALUE as error:
+                failure = start, f"the equations have no value ({_first_line(error)})"
+            if failure is not None:
+                raise _failed(block, run, i, *failure)
+            run.put_element(i)
+        return run.trajectory(record.grid.mesh.elements, pairs_of_phase(block, record.grid) if run.steps else None)
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error).splitlines()[0] if str(error) else type(error).__name__
+    # As Pyomo says it of a variable without a value.
+    return f"{text}; a simulation knows no later value" if text.startswith("No value for uninitialized") else text
 
 
 def _failed(block: Any, run: _Run, element: int, time: float, reason: str) -> SimulationFailed:
@@ -96,11 +116,16 @@ class _Run:
     """The values so far, per element: states at the nodes, everything else at the stages."""
 
     def __init__(
-        self, block: Any, record: PhaseRecord, controls: Mapping[str, InitialGuess], initial: Mapping[str, float]
+        self,
+        block: Any,
+        record: PhaseRecord,
+        controls: Mapping[str, InitialGuess],
+        initial: Mapping[str, float],
+        options: SimulationOptions,
     ) -> None:
         self.block, self.record = block, record
         self.grid = real_grid(block, record)
-        self.unknowns: Unknowns = find_unknowns(block, record, controls)
+        self.unknowns: Unknowns = find_unknowns(block, record, controls, options.unknown)
         self.given = given_values(block, record, controls, self.unknowns)
         self.signals = {
             name: record.nodes(name).at_points(values)[record.grid.stage_positions]
@@ -110,6 +135,8 @@ class _Run:
         self.knots = {
             name: np.array([of.times, self.given[name]]) for name, of in nodes.items() if isinstance(of, KnotNodes)
         }
+        first = record.grid.stage_times[0][0]
+        self.guesses = {name: _number_or_zero(block.component(name)[first]) for name in self.unknowns.algebraics}
         self.equations = PointEquations(block, record, record.grid, self.grid)
         shape = (record.grid.mesh.elements, record.grid.scheme.stages)
         names = record.names_of_states
@@ -119,6 +146,96 @@ class _Run:
         for name in self.unknowns.algebraics:
             self.signals[name] = np.full(shape, np.nan)
         self.ends = np.full((shape[0], len(names)), np.nan)
+        self.steps = self._contact_steps(options)
+
+    def _contact_steps(self, options: SimulationOptions) -> ContactSteps | None:
+        if self.unknowns.contact:
+            widths, restitution = self.grid.mesh.widths, options.restitution
+            return ContactSteps(self.block, self.record, self.unknowns.algebraics, widths, restitution)
+        if options.restitution:
+            raise InitialGuessError(
+                f"phase '{self.block.name}': restitution is given, but no pair determines anything in this simulation. "
+                "Leave out of controls={...} what pairs are to find, or name it in unknown=[...]."
+            )
+        return None
+
+    def element(self, i: int, by_rows: bool, options: SimulationOptions) -> tuple[float, str] | None:
+        """Find one element; returns time and reason of a failure."""
+        if self.steps is not None:
+            return self.by_contact(i, self.steps)
+        return self.by_rows(i) if by_rows else self.by_integration(i, options)
+
+    def by_contact(self, i: int, steps: ContactSteps) -> tuple[float, str] | None:
+        """Solve rows and pairs of one element; returns time and reason of a failure."""
+        block, record, grid = self.block, self.record, self.record.grid
+        if i == 0:
+            steps.begin(dict(zip(record.names_of_states, self.start.tolist(), strict=True)), block)
+        failure = steps.solve(i)
+        if failure is not None:
+            residual, where = failure
+            return (
+                self.grid.mesh.boundaries[i],
+                f"the contact problem of element {i} was not solved (residual {residual:.1e} in {where})",
+            )
+        names = record.names_of_states
+        nodes = {name: np.array([block.component(name)[time].value for time in grid.node_times[i]]) for name in names}
+        ends = np.array([block.component(name)[grid.mesh.boundaries[i + 1]].value for name in names])
+        for name in self.unknowns.algebraics:
+            component = block.component(name)
+            self.signals[name][i] = [float(value(component[time])) for time in grid.stage_times[i]]
+        for name in set(names) - record.discrete_states:
+            rates = block.derivative(name)
+            self.rates[name][i] = [float(value(rates[time])) for time in grid.stage_times[i]]
+        self._take(i, nodes, ends)
+        return None
+
+    @contextmanager
+    def on_model(self, by_rows: bool) -> Iterator[None]:
+        """Context in which the phase has what the simulation knows: what is given, the start, and then each element.
+
+        Rules may read other times than their own. What has not been simulated yet has no value meanwhile.
+        """
+        block, record, point = self.block, self.record, self.equations.point
+        with values_restored(block.component_data_objects(Var)):
+            if not by_rows:
+                check_rules_between_points(block, record, point, record.statements_of("ode"))
+                point.set_values(self.equations.parameters)
+            unknown = [*record.names_of_states, *self.unknowns.algebraics]
+            components = [block.component(record.nodes(name).component) for name in unknown]
+            components += [block.component(f"{name}_derivative") for name in sorted(record.kept_derivatives)]
+            for variable in (variable for component in components for variable in component.values()):
+                variable.set_value(None, skip_validation=True)
+            for name, values in self.given.items():
+                self._put(record.nodes(name).variables(block), values)
+            for name, number in zip(record.names_of_states, self.start.tolist(), strict=True):
+                block.component(name)[record.grid.times[0]].set_value(number, skip_validation=True)
+            point.asks_phase = by_rows
+            try:
+                with unfixed(self.steps.unknowns if self.steps is not None else ()):
+                    yield
+            finally:
+                point.leave_nodes()
+
+    def put_element(self, i: int) -> None:
+        """Let the phase have the values of an element."""
+        if self.steps is not None:
+            return  # it has them
+        self.equations.point.leave_nodes()
+        grid = self.record.grid
+        for j, name in enumerate(self.record.names_of_states):
+            variable = self.block.component(name)
+            self._put([variable[time] for time in grid.node_times[i]], self.states[name][i])
+            variable[grid.mesh.boundaries[i + 1]].set_value(float(self.ends[i, j]), skip_validation=True)
+        at_stages = {name: self.signals[name][i] for name in self.unknowns.algebraics}
+        at_stages |= {f"{name}_derivative": self.rates[name][i] for name in self.record.kept_derivatives}
+        for name, values in at_stages.items():
+            variable = self.block.component(name)
+            self._put([variable[time] for time in grid.stage_times[i]], values)
+
+    @staticmethod
+    def _put(variables: Sequence[Any], values: Array) -> None:
+        for variable, number in zip(variables, np.asarray(values).tolist(), strict=True):
+            variable.set_value(number, skip_validation=True)
 
     def by_integration(self, i: int, options: SimulationOptions) -> tuple[float, str] | None:
         """Integrate one element with SciPy; returns time and reason of a failure."""
@@ -176,8 +293,7 @@ class _Run:
         """Where Newton's method starts for the unknowns at a stage: the stage before, or what the phase holds."""
         near = {}
         for name in self.unknowns.algebraics:
-            data = self.block.component(name)[self.record.grid.stage_times[i][0]]
-            near[name] = float(self.signals[name][i - 1, -1]) if i else float(data.value or 0.0)
+            near[name] = float(self.signals[name][i - 1, -1]) if i else self.guesses[name]
         for name in self.unknowns.implicit:
             near[f"d {name}"] = float(self.rates[name][i - 1, -1]) if i else 0.0
         return near
@@ -196,7 +312,7 @@ class _Run:
             for name, rate in self.equations.rates(time, values).items():
                 self.rates[name][i, k] = rate
 
-    def trajectory(self, elements: int) -> Trajectory:
+    def trajectory(self, elements: int, pairs: Mapping[str, Array] | None = None) -> Trajectory:
         """The first elements as a trajectory."""
         grid = Grid(self.grid.scheme, Mesh(self.grid.mesh.boundaries[: elements + 1]))
         names = self.record.names_of_states
@@ -213,7 +329,7 @@ class _Run:
             states=states,
             signals={name: self._at_points(grid, self.signals[name]) for name in self.unknowns.order},
             parameters=self.equations.parameters,
-            pairs={},
+            pairs=pairs or {},
             rates={
                 name: self._at_points(grid, per_stage)
                 for name, per_stage in self.rates.items()
@@ -228,6 +344,10 @@ class _Run:
         for times, values in zip(grid.stage_times, per_stage, strict=False):
             at |= dict(zip(times, values.tolist(), strict=True))
         return np.array([at[t] for t in grid.points])
+
+
+def _number_or_zero(variable: Any) -> float:
+    return float(value(variable, exception=False) or 0.0)
 
 
 def given_values(

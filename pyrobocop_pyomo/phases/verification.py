@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +18,16 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
-from .companions import Companion, companions_of, indices_of, is_on_model, other_phases, put_on_model
+from .between_points import check_rules_between_points
+from .companions import (
+    Companion,
+    companions_of,
+    indices_of,
+    is_of_grid,
+    is_on_model,
+    other_phases,
+    put_on_model,
+)
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .element_integration import integrate_elements, integrate_horizon, signals_at
 from .point_model import PointModel
@@ -116,7 +126,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
     check = _TrajectoryCheck(block, record, trajectory, beside)
-    with put_on_model(check.values_of_phases):
+    with put_on_model(check.values_of_phases), check.rules_asked():
         check.remark_what_is_not_stated(block)
         defect, equations, natural, product = check.at_collocation_points()
         element_errors, horizon_error = check.reintegrate()
@@ -139,18 +149,21 @@ def element_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> A
     check = _TrajectoryCheck(block, record, trajectory)
     if check.remarks:
         raise TrajectoryError(" ".join(check.remarks))
-    return check.element_errors()
+    with put_on_model(check.values_of_phases), check.rules_asked():
+        check.check_between_points(record.statements_of("ode"))
+        return check.element_errors()
 
 
 class _TrajectoryCheck:
     def __init__(
         self, block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
     ) -> None:
-        self.record = record
+        self.block, self.record = block, record
         self.trajectory = trajectory
         self.grid = trajectory.grid
         # Rules are asked at time indices, which are normalised where something of the horizon was to be found.
-        self.indices = indices_of(record, trajectory.grid)
+        self.on_grid = is_of_grid(record, trajectory.grid)
+        self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
         companions = companions_of(block, self.indices.mesh.boundaries, beside)
         self.point = PointModel(block, record, self.indices, trajectory.grid, companions)
         self.point.set_values(trajectory.parameters)
@@ -161,7 +174,7 @@ class _TrajectoryCheck:
         others = other_phases(block)
         on_model = not others or is_on_model(block, trajectory)
         known = [(other.phase, other.trajectory) for other in companions if other.trajectory is not None]
-        self.values_of_phases = [*([] if on_model else [(block, trajectory)]), *known]
+        self.values_of_phases = [(block, trajectory), *known]
         self.statements = list(record.statements)
         if not on_model:
             given = [phase for phase, _ in known]
@@ -171,6 +184,22 @@ class _TrajectoryCheck:
                 f"trajectory '{trajectory.name}' is one of {self.grid.scheme.name}; the phase has step maps "
                 f"({', '.join(sorted(record.discrete_states))}), which lead from one element boundary to the next."
             )
+
+    @contextmanager
+    def rules_asked(self) -> Iterator[None]:
+        """Context for asking rules, with the values on the model: of the phase itself, where its grid is that."""
+        self.point.asks_phase = self.on_grid
+        try:
+            if not self.on_grid:
+                self.check_between_points(self.statements)
+            yield
+        finally:
+            self.point.leave_nodes()
+
+    def check_between_points(self, statements: Sequence[Statement]) -> None:
+        """Refuse what has no answer between the points of the phase's own grid."""
+        check_rules_between_points(self.block, self.record, self.point, statements)
+        self.point.set_values(self.trajectory.parameters)
 
     def _leave_out(self, unknown: Sequence[Any], companions: Sequence[Companion]) -> None:
         """Leave out the rules that read other phases whose values at the times of the trajectory nobody knows."""
@@ -200,6 +229,8 @@ class _TrajectoryCheck:
             )
         except Exception:  # said where the rule is checked
             return []
+        finally:
+            self.point.leave_nodes()
 
     def _stated(self, kind: str) -> list[Statement]:
         return [statement for statement in self.statements if statement.kind == kind]
@@ -329,6 +360,7 @@ class _TrajectoryCheck:
         if self._stated("ode") != self.record.statements_of("ode"):
             return None, None  # as remarked
         try:
+            self.check_between_points(self._stated("ode"))
             element_errors = self.element_errors()
             horizon_error = float(np.abs(integrate_horizon(self.trajectory, self._rate_function(names))).max())
         except TrajectoryError as error:
@@ -342,6 +374,7 @@ class _TrajectoryCheck:
 
     def element_errors(self) -> Array:
         """Largest error of a state at the end of each element, shape ``(N,)``."""
+        self.point.asks_phase = False  # an integration passes through the points with other values
         errors: Array = np.abs(integrate_elements(self.trajectory, self._rate_function(list(self.states)))).max(axis=1)
         return errors
 

@@ -159,11 +159,13 @@ def test_algebraics_that_pairs_determine_are_given_or_keep_their_guess() -> None
     assert b.simulate().x[-1] == pytest.approx(3)
     assert b.simulate({"force": 5.0}).x[-1] == pytest.approx(6)
     b.residual(height)
+    assert b.simulate().x[-1] == pytest.approx(1)  # equation and pair are as many as force and slack
+    b.other = rcp.Algebraic()
     with pytest.raises(
-        InitialGuessError, match=r"has 1 residual equations per point for 2 unknowns: force, slack\. Compl"
+        InitialGuessError, match=r"has 1 residual equations and 1 pairs per point for 3 unknowns: force, slack, other"
     ):
         b.simulate()
-    trajectory = b.simulate({"force": 2.0})
+    trajectory = b.simulate({"force": 2.0, "other": 0.0})
     np.testing.assert_allclose(trajectory.slack, trajectory(trajectory.points)["x"], atol=1e-9)
 
 

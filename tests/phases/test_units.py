@@ -92,3 +92,39 @@ def test_without_time_units_a_rate_in_metres_per_second_is_refused_by_pyomo() ->
     m = cart(duration=2, time_units=None)
     with pytest.raises(UnitsError):
         assert_units_consistent(m.p.x_collocation)
+
+
+def press(sides: str) -> pyo.ConcreteModel:
+    """A pair in newtons and metres, stated in one of several ways."""
+    m = pyo.ConcreteModel("press")
+    m.p = b = rcp.PhaseBlock(elements=2, time_units=U.s)
+    b.x, b.v = rcp.State(initial=1, units=U.m), rcp.State(initial=0, units=U.m / U.s)
+    b.f = rcp.Algebraic(bounds=(0, None), units=U.N)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.f[t] / (2 * U.kg)})
+
+    def touch(b: Any, t: float) -> Any:
+        return {
+            "variable": lambda: rcp.complements(b.f[t], b.x[t] >= 0),
+            "relations": lambda: rcp.complements(b.f[t] >= 0 * U.N, 2 * b.x[t] >= 1 * U.m),
+            "range": lambda: rcp.complements(pyo.inequality(-1 * U.N, b.f[t], 1 * U.N), b.v[t]),
+            "any sign": lambda: rcp.either_zero(b.x[t] >= 0, b.f[t]),
+            "wrong": lambda: rcp.complements(b.f[t] >= 0, b.x[t] + b.v[t] >= 0),
+        }[sides]()
+
+    b.complementarity(touch)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.f[t] ** 2))
+    return m
+
+
+@pytest.mark.parametrize("sides", ["variable", "relations", "range", "any sign"])
+@pytest.mark.parametrize("relaxation", [None, "scholtes", "fischer_burmeister", "two_sided", "penalty"])
+def test_pairs_are_consistent_relaxed_or_not(sides: str, relaxation: str | None) -> None:
+    m = press(sides)
+    if relaxation is not None:
+        pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, relaxation=relaxation, lift=True)
+    assert_units_consistent(m)
+
+
+def test_a_side_of_terms_that_do_not_fit_shows() -> None:
+    with pytest.raises(UnitsError, match="meter not compatible with meter / second"):
+        assert_units_consistent(press("wrong"))

@@ -1,0 +1,465 @@
+"""Every way of writing a rule is judged by what it says, or refused: never by something else.
+
+The catalogue states ``x' = -k x + u`` (or a relative of it) in all the ways that Pyomo allows. What a rule says at the
+points of the grid stands in the rows that were made of it, so these are the judge of the judges.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import PyRobocopError, SimulationFailed, TrajectoryError
+
+K = 0.7
+HORIZONS = {"fixed": 1.5, "free": rcp.Duration(bounds=(1.5, 1.5))}
+
+WRITINGS: dict[str, Callable[[Any, Any], Any]] = {}
+# These state other equations: they read other times.
+OTHER_TIMES = {"final value", "previous value", "delay", "delay by the set", "nearest", "mean"}
+
+
+def writing(name: str) -> Callable[..., Any]:
+    def keep(state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        WRITINGS[name] = state
+        return state
+
+    return keep
+
+
+def rate(x: Any, u: Any) -> Any:
+    return -K * x + u
+
+
+@writing("plain")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[t], b.u[t])}
+
+
+@writing("closure over the model")
+def _(m, b):
+    return lambda _, t: {m.p.x: rate(m.p.x[t], m.p.u[t])}
+
+
+@writing("closure over variables")
+def _(m, b):
+    x, u = b.x, b.u
+    return lambda _, t: {"x": rate(x[t], u[t])}
+
+
+@writing("default arguments")
+def _(m, b):
+    return lambda _, t, x=b.x, u=b.u: {"x": rate(x[t], u[t])}
+
+
+@writing("component by name")
+def _(m, b):
+    return lambda b, t: {b.component("x"): rate(b.component("x")[t], b.u[t])}
+
+
+@writing("find_component")
+def _(m, b):
+    return lambda b, t: {"x": rate(b.find_component("x")[t], b.model().find_component("p.u")[t])}
+
+
+@writing("component_map")
+def _(m, b):
+    return lambda b, t: {"x": rate(b.component_map()["x"][t], b.u[t])}
+
+
+@writing("dicts of variables")
+def _(m, b):
+    xs, us = {t: b.x[t] for t in b.time}, {t: b.u[t] for t in b.points}
+    return lambda _, t: {"x": rate(xs[t], us[t])}
+
+
+@writing("items")
+def _(m, b):
+    return lambda b, t: {b.x: rate(dict(b.x.items())[t], b.u[t])}
+
+
+@writing("a cache")
+def _(m, b):
+    x = functools.lru_cache(None)(lambda t: m.p.x[t])
+    return lambda b, t: {b.x: rate(x(t), b.u[t])}
+
+
+@writing("expression with a rule")
+def _(m, b):
+    b.e = pyo.Expression(b.points, rule=lambda b, t: rate(b.x[t], b.u[t]))
+    return lambda b, t: {b.x: b.e[t]}
+
+
+@writing("expression with a rule, by a closure")
+def _(m, b):
+    b.e = pyo.Expression(b.points, rule=lambda b, t: rate(b.x[t], b.u[t]))
+    return lambda _, t: {m.p.x: m.p.e[t]}
+
+
+@writing("expression on the model")
+def _(m, b):
+    m.e = pyo.Expression(b.points, rule=lambda m, t: rate(m.p.x[t], m.p.u[t]))
+    return lambda b, t: {b.x: b.model().e[t]}
+
+
+@writing("expression from a dict")
+def _(m, b):
+    b.e = pyo.Expression(b.points, initialize={t: rate(b.x[t], b.u[t]) for t in b.points})
+    return lambda b, t: {b.x: b.e[t]}
+
+
+@writing("expression by keys")
+def _(m, b):
+    b.e = pyo.Expression(b.points)
+    for t in b.points:
+        b.e[t] = rate(b.x[t], b.u[t])
+    return lambda b, t: {b.x: b.e[t]}
+
+
+@writing("expression with other values than its rule's")
+def _(m, b):
+    b.e = pyo.Expression(b.points, rule=lambda b, t: 0.0 * b.x[t])
+    for t in b.points:
+        b.e[t].set_value(rate(b.x[t], b.u[t]))
+    return lambda b, t: {b.x: b.e[t]}
+
+
+@writing("expression with another value at one point")
+def _(m, b):
+    odd = b.points.at(3)
+    b.e = pyo.Expression(b.points, rule=lambda b, t: rate(b.x[t], b.u[t]) + (9 if t == odd else 0))
+    b.e[odd].set_value(rate(b.x[odd], b.u[odd]))
+    return lambda b, t: {b.x: b.e[t]}
+
+
+@writing("reference")
+def _(m, b):
+    m.r = pyo.Reference(b.x[:])
+    return lambda b, t: {b.x: rate(m.r[t], b.u[t])}
+
+
+@writing("reference from a dict")
+def _(m, b):
+    b.r = pyo.Reference({t: b.x[t] for t in b.time})
+    return lambda b, t: {b.x: rate(b.r[t], b.u[t])}
+
+
+@writing("parameter over time")
+def _(m, b):
+    b.k = pyo.Param(b.points, initialize=K, mutable=True)
+    return lambda b, t: {b.x: -b.k[t] * b.x[t] + b.u[t]}
+
+
+@writing("parameter for anything")
+def _(m, b):
+    m.k = pyo.Param(pyo.Any, default=K, mutable=True)
+    return lambda b, t: {b.x: -m.k[t] * b.x[t] + b.u[t]}
+
+
+@writing("list of variables")
+def _(m, b):
+    m.k = pyo.VarList()
+    m.k.add().fix(K)
+    return lambda b, t: {b.x: -m.k[1] * b.x[t] + b.u[t]}
+
+
+@writing("variable of the user's over the points")
+def _(m, b):
+    b.k = pyo.Var(b.points, initialize=K)
+    return lambda b, t: {b.x: -b.k[t] * b.x[t] + b.u[t]}
+
+
+@writing("initial value")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[t], b.u[t]) * b.x[b.time.first()]}
+
+
+@writing("initial value by a closure")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[t], b.u[t]) * m.p.x[0]}
+
+
+@writing("duration by a closure")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[t], b.u[t]) * m.p.duration / 1.5}
+
+
+@writing("partial")
+def _(m, b):
+    def scaled(k, b, t):
+        return {b.x: -k * b.x[t] + b.u[t]}
+
+    return functools.partial(scaled, K)
+
+
+@writing("bound method")
+def _(m, b):
+    class Drag:
+        def __init__(self, phase):
+            self.phase = phase
+
+        def law(self, b, t):
+            return {self.phase.x: rate(self.phase.x[t], self.phase.u[t])}
+
+    return Drag(b).law
+
+
+@writing("decorated")
+def _(m, b):
+    def traced(rule):
+        return functools.wraps(rule)(lambda *arguments: rule(*arguments))
+
+    return traced(lambda _, t: {b.x: rate(b.x[t], b.u[t])})
+
+
+@writing("helper within")
+def _(m, b):
+    def right_hand_side(t):
+        return rate(m.p.x[t], m.p.u[t])
+
+    return lambda b, t: {b.x: (lambda s: right_hand_side(s))(t)}
+
+
+@writing("a value asked in the rule")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[t], b.u[t]) if pyo.value(b.x[t]) > -1e3 else 0}
+
+
+@writing("final value")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[b.final_time], b.u[t])}
+
+
+@writing("previous value")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[b.time.prev(t)], b.u[t])}
+
+
+@writing("delay")
+def _(m, b):
+    late = b.time.at(3)
+    return lambda b, t: {b.x: rate(b.x[t - late] if t - late in b.x else b.x[0.0], b.u[t])}
+
+
+@writing("delay by the set")
+def _(m, b):
+    late = b.time.at(3)
+    return lambda b, t: {b.x: rate(m.p.x[t - late] if t - late in m.p.time else 1.0, b.u[t])}
+
+
+@writing("nearest")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[max(s for s in b.time if s <= t)], b.u[t])}
+
+
+@writing("mean")
+def _(m, b):
+    return lambda b, t: {b.x: rate(b.x[t], b.u[t]) + sum(m.p.x[:]) / len(b.time)}
+
+
+def model(name: str, horizon: str = "fixed") -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel("writing")
+    m.p = b = rcp.PhaseBlock(duration=HORIZONS[horizon], elements=2, stages=2)
+    b.x = rcp.State(initial=1.0, initial_guess=lambda t: 1 - 0.3 * t)
+    b.u = rcp.Control(initial_guess=lambda t: 0.2 + 0.1 * t)
+    b.ode(WRITINGS[name](m, b))
+    return m
+
+
+def disturb(m: Any) -> None:
+    """Another plan on the model."""
+    for variable in (*m.p.x.values(), *m.p.u.values()):
+        if not variable.fixed:
+            variable.set_value(3 * variable.value - 2, skip_validation=True)
+
+
+def defect_of_rows(b: Any) -> float:
+    """What the rows that were made of the rule say about the values on the model."""
+    grid, width = b.grid, 1.5 / b.grid.mesh.elements
+    rates = b.derivative(b.x)
+    return max(
+        float(
+            np.abs(grid.scheme.D @ [b.x[t].value for t in nodes] / width - [pyo.value(rates[t]) for t in stages]).max()
+        )
+        for nodes, stages in zip(grid.node_times, grid.stage_times, strict=True)
+    )
+
+
+def values(m: Any) -> list[Any]:
+    return [(v.name, v.value, v.fixed, v.stale) for v in m.component_data_objects(pyo.Var)]
+
+
+every_writing = pytest.mark.parametrize("name", WRITINGS)
+
+
+@every_writing
+def test_a_verdict_is_what_the_rows_say_whatever_is_on_the_model(name: str) -> None:
+    horizon = "free" if len(name) % 2 else "fixed"
+    m = model(name, horizon)
+    trajectory, expected = m.p.trajectory(), defect_of_rows(m.p)
+    disturb(m)
+    before = values(m)
+    verdict = trajectory.verify()
+    assert verdict.defect == pytest.approx(expected, rel=1e-9)
+    assert values(m) == before
+    if verdict.element_error is None:
+        assert len(verdict.remarks) == 1
+        assert "rule" in verdict.remarks[0]
+    elif name not in OTHER_TIMES:
+        plain = model("plain", horizon).p.trajectory().verify()
+        assert (verdict.element_error, verdict.horizon_error) == pytest.approx(
+            (plain.element_error, plain.horizon_error), rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("method", ["DOP853", "scheme"])
+@every_writing
+def test_a_simulation_knows_nothing_of_what_is_on_the_model_or_says_what_it_lacks(name: str, method: str) -> None:
+    m = model(name)
+    disturb(m)
+    before = values(m)
+    found, reason = None, "rule"
+    try:
+        found = m.p.simulate({"u": 0.4}, method=method)
+    except (TrajectoryError, SimulationFailed) as error:
+        reason = str(error)
+    assert "rule" in reason or "knows no later value" in reason
+    assert values(m) == before
+    if found is not None and name not in OTHER_TIMES:
+        np.testing.assert_allclose(found.x, model("plain").p.simulate({"u": 0.4}, method=method).x, atol=1e-9)
+    elif found is not None:  # it is a solution of the rows
+        m.p.initialize(found)
+        assert defect_of_rows(m.p) < 1e-8
+
+
+@every_writing
+def test_errors_of_elements_are_those_of_the_rule_or_there_are_none(name: str) -> None:
+    m = model(name)
+    trajectory = m.p.trajectory()
+    disturb(m)
+    try:
+        errors = m.p.element_errors(trajectory)
+    except TrajectoryError:
+        return
+    if name not in OTHER_TIMES:
+        np.testing.assert_allclose(errors, model("plain").p.element_errors(), rtol=1e-6)
+
+
+@every_writing
+def test_rules_of_a_copy_read_the_copy(name: str) -> None:
+    m = model(name)
+    expected = defect_of_rows(m.p)
+    twin = copy.deepcopy(m) if len(name) % 2 else m.clone()
+    disturb(m)  # so that a look at the original shows
+    if name == "a cache":
+        with pytest.raises(TrajectoryError, match="another model"):
+            twin.p.trajectory().verify()
+    else:
+        assert twin.p.trajectory().verify().defect == pytest.approx(expected, rel=1e-9)
+
+
+@every_writing
+def test_on_another_mesh_a_rule_is_judged_by_one_formula_or_refused(name: str) -> None:
+    trajectory = model("plain").p.trajectory()
+    m = pyo.ConcreteModel("finer")
+    m.p = b = rcp.PhaseBlock(duration=1.5, elements=3, stages=2)
+    b.x, b.u = rcp.State(initial=1.0, initial_guess=1.0), rcp.Control(initial_guess=5.0)
+    b.ode(WRITINGS[name](m, b))
+    try:
+        verdict = trajectory.verify(m.p)
+    except TrajectoryError:
+        return
+    if name not in OTHER_TIMES:
+        assert verdict.defect == pytest.approx(trajectory.verify().defect, rel=1e-9)
+
+
+GLOBAL: Any = None
+
+
+def by_global(b: Any, t: float) -> Any:
+    return helper(t)
+
+
+def helper(t: float) -> Any:
+    return {GLOBAL.p.x: rate(GLOBAL.p.x[t], GLOBAL.p.u[t])}
+
+
+def test_a_model_that_is_a_variable_of_the_module_is_the_copy_in_a_copy() -> None:
+    global GLOBAL
+    GLOBAL = m = pyo.ConcreteModel("global")
+    m.p = b = rcp.PhaseBlock(duration=1.5, elements=3)
+    b.x = rcp.State(initial=1.0, initial_guess=lambda t: 1 - 0.3 * t)
+    b.u = rcp.Control(initial_guess=0.3)
+    b.ode(by_global)
+    twin = m.clone()
+    expected = twin.p.trajectory().verify().defect
+    disturb(m)
+    assert twin.p.trajectory().verify().defect == expected
+    assert twin.p.simulate().verify().element_error < 1e-8
+    GLOBAL = None  # names of the module are looked up when they are used, but for what was copied
+    assert twin.p.trajectory().verify().defect == expected
+
+
+KINDS = {
+    "residual": lambda b, t, x: x + b.z[t] == 2,
+    "constraint": lambda b, t, x: x <= 0.9,
+    "complementarity": lambda b, t, x: rcp.complements(x >= 0.5, b.z[t] >= 0),
+}
+READINGS = {
+    "plain": lambda b, t, m, kept: b.x[t],
+    "closure": lambda b, t, m, kept: m.p.x[t],
+    "component": lambda b, t, m, kept: b.component("x")[t],
+    "kept": lambda b, t, m, kept: kept[t],
+    "expression": lambda b, t, m, kept: m.p.e[t],
+    "expression of the phase": lambda b, t, m, kept: b.e[t],
+    "doubled expression": lambda b, t, m, kept: b.doubled[t],
+}
+
+
+@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_residuals_constraints_and_pairs_are_judged_by_what_they_say(kind: str, reading: str) -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=2, stages=2)
+    b.x = rcp.State(initial=1.0, initial_guess=lambda t: 1 + t)
+    b.z = rcp.Algebraic(initial_guess=lambda t: 0.25 * t)
+    b.ode(lambda b, t: {b.x: 1.0})
+    b.e = pyo.Expression(b.points, rule=lambda b, t: b.x[t])
+    b.doubled = pyo.Expression(b.points, rule=lambda b, t: 2 * b.x[t])
+    for t in b.points:
+        b.doubled[t].set_value(m.p.x[t])
+    kept = {t: b.x[t] for t in b.points}
+
+    def rule(b: Any, t: float) -> Any:
+        return KINDS[kind](b, t, READINGS[reading](b, t, m, kept))
+
+    getattr(b, kind)(rule)
+    trajectory = b.trajectory()
+    for variable in (*b.x.values(), *b.z.values()):
+        if not variable.fixed:
+            variable.set_value(-7.0, skip_validation=True)
+    verdict = trajectory.verify()
+    at_the_end = {
+        "residual": ("equations", 1 - 1.25 / 6),
+        "constraint": ("equations", 1.1),
+        "complementarity": ("product", 0.375),
+    }
+    name, expected = at_the_end[kind]
+    assert getattr(verdict, name) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_rule_of_another_model_is_refused() -> None:
+    other = model("plain")
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.5, elements=2, stages=2)
+    b.x = rcp.State(initial=1.0, initial_guess=1.0)
+    b.ode(lambda b, t: {b.x: other.p.x[t]})
+    with pytest.raises(PyRobocopError, match=r"rule '<lambda>' reads 'x\[.*\]' of another model"):
+        b.trajectory().verify()
