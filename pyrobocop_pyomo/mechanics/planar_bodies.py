@@ -315,7 +315,7 @@ def _ends(start: Place, goal: Place | None) -> tuple[list[Any], list[Any]]:
     return list(start), [None] * len(start) if goal is None else list(goal)
 
 
-def _middle(first: float, last: Any) -> float:
+def middle_of_goal(first: float, last: Any) -> float:
     """Where the initial guess ends."""
     if last is None:
         return first
@@ -325,9 +325,11 @@ def _middle(first: float, last: Any) -> float:
 def _lines(phase: Any, start: Place, goal: Place | None) -> list[np.ndarray]:
     times = np.array(list(phase.time))
     share = (times - times[0]) / (times[-1] - times[0])
-    return [first + share * (_middle(first, last) - first) for first, last in zip(*_ends(start, goal), strict=True)]
+    return [
+        first + share * (middle_of_goal(first, last) - first) for first, last in zip(*_ends(start, goal), strict=True)
+    ]
 
 
 def _mean_velocity(phase: Any, start: Place, goal: Place | None) -> list[float]:
     seconds = phase.final_time - phase.initial_time
-    return [(_middle(first, last) - first) / seconds for first, last in zip(*_ends(start, goal), strict=True)]
+    return [(middle_of_goal(first, last) - first) / seconds for first, last in zip(*_ends(start, goal), strict=True)]

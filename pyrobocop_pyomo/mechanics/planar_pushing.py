@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.core.expr import cos, sin
+from .limit_surfaces import LimitSurface
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,12 @@ class SquareSlider:
     gravity: float = 9.81
 
     @property
+    def limit_surface(self) -> LimitSurface:
+        """Of the whole square; any other outline has one too, `LimitSurface.of_polygon`."""
+        force = self.table_friction * self.mass * self.gravity
+        return LimitSurface(force, force * self.mean_distance)
+
+    @property
     def mean_distance(self) -> float:
         """Mean distance of the square's points from its centre, metres: the lever arm of table friction."""
         return 2 * self.half_side / 6 * (math.sqrt(2) + math.asinh(1))
@@ -47,7 +53,7 @@ class SquareSlider:
     @property
     def compliance(self) -> float:
         """``c``: speed per unit of force, in the units of the quasi-static model."""
-        return 1 / (self.table_friction * self.mass * self.gravity) ** 2
+        return 1 / self.limit_surface.force**2
 
     def velocity(self, theta: Any, contact: tuple[Any, Any], force: tuple[Any, Any]) -> tuple[Any, Any, Any]:
         """World velocity of the slider under a contact force.
@@ -68,8 +74,4 @@ class SquareSlider:
         (v_x, v_y, omega) : tuple
             Rates of the pose in the world frame.
         """
-        (p_x, p_y), (f_x, f_y) = contact, force
-        c = self.compliance
-        body_x, body_y = c * f_x, c * f_y
-        omega = c / self.mean_distance**2 * (p_x * f_y - p_y * f_x)
-        return cos(theta) * body_x - sin(theta) * body_y, sin(theta) * body_x + cos(theta) * body_y, omega
+        return self.limit_surface.velocity(theta, contact, force)

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Algebraic, Control, State
 
-from .planar_bodies import check_free, check_has, check_positive
+from .planar_bodies import check_free, check_has, check_positive, middle_of_goal
 from .rotations import (
     Matrix,
     Vector,
@@ -417,7 +417,11 @@ class _PoseGuess:
                 )
         turn = None if goal is None else list(goal)[3:]
         self.first = [float(value) for value in list(start)[:3]]
-        ends = self.first if goal is None else [_middle(f, g) for f, g in zip(self.first, list(goal)[:3], strict=True)]
+        ends = (
+            self.first
+            if goal is None
+            else [middle_of_goal(f, g) for f, g in zip(self.first, list(goal)[:3], strict=True)]
+        )
         begins = rotation_matrix(list(start)[3:])
         self.last = None if turn is None or turn == [None] * 3 else rotation_matrix(turn)
         whole = np.zeros(3) if self.last is None else rotation_vector(self.last @ begins.T)
@@ -428,10 +432,3 @@ class _PoseGuess:
         self.rotations = np.array([rotation_matrix(s * whole) @ begins for s in share])
         self.velocity = ((np.array(ends) - np.array(self.first)) / seconds).tolist()
         self.spin = (whole / seconds).tolist()
-
-
-def _middle(first: float, last: Any) -> float:
-    """Where the initial guess ends."""
-    if last is None:
-        return first
-    return float(np.mean(last)) if isinstance(last, tuple) else float(last)

@@ -1,0 +1,250 @@
+"""Dry friction along a line: Coulomb's law read both ways, and stiction that falls off with speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import copysign, exp
+from typing import Any, ClassVar
+
+from pyomo.core.expr import exp as exp_expression
+
+from pyrobocop_pyomo.complementarity import complements
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.phases.declarations import UNBOUNDED, Bounds
+
+from .signal_laws import NONNEGATIVE, Moment, Quantity, Rule, SignalLaw, Unknown, part_name
+
+_SLIP_PARTS = ("forward", "backward")
+
+
+def _parts(speed: float) -> dict[str, float]:
+    return {"forward": max(speed, 0.0), "backward": max(-speed, 0.0)}
+
+
+@dataclass(frozen=True)
+class CoulombFriction(SignalLaw):
+    """Friction that holds what it can, and opposes slip with all it has: ``F = -coefficient normal sign(slip)``.
+
+    With ``slip = forward - backward`` and the strength ``L = coefficient normal``::
+
+        0 <= forward   _|_  L + F >= 0
+        0 <= backward  _|_  L - F >= 0
+
+    While it sticks, F is whatever keeps the slip at zero, within ``-L <= F <= L``.
+
+    Attributes
+    ----------
+    slip : rule
+        Speed of what the force acts on relative to what it rubs on, metres per second.
+    normal : number or rule
+        Normal force, newtons; it must not be negative.
+    coefficient : number, rule, or parameter of the phase
+        Coulomb's coefficient.
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.slide = b = rcp.PhaseBlock(duration=1.0, elements=10, scheme="implicit_euler")
+    >>> b.v = rcp.State(initial=2.0)
+    >>> b.floor = rcp.mechanics.CoulombFriction(lambda b, t: b.v[t], normal=9.81, coefficient=0.5)
+    >>> @b.ode
+    ... def newton(b, t):
+    ...     return {b.v: b.floor[t]}
+
+    References
+    ----------
+    Stewart, Rigid-Body Dynamics with Friction and Impact, SIAM Review 42 (2000), doi:10.1137/S0036144599360110
+    """
+
+    positive: ClassVar = ("coefficient",)
+    nonnegative: ClassVar = ("normal",)
+
+    slip: Quantity
+    normal: Quantity
+    coefficient: Quantity
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The force, and the parts of the slip: ``<name>_forward``, ``<name>_backward``."""
+        return {"": Unknown(UNBOUNDED, _strength), **_slip_unknowns(NONNEGATIVE, lambda at: at.ask("slip"))}
+
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the slip."""
+        return at.ask("slip") == at["forward"] - at["backward"]
+
+    def pairs(self, at: Moment) -> Any:
+        """Slip only at full strength, and against the force."""
+        return {
+            "forward": complements(at["forward"] >= 0, _strength(at) + at.signal >= 0),
+            "backward": complements(at["backward"] >= 0, _strength(at) - at.signal >= 0),
+        }
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """Full strength against the slip."""
+        slip = asked("slip")
+        force = -copysign(asked("coefficient") * asked("normal"), slip) if slip else 0.0
+        return {"": force, **_parts(slip)}
+
+
+@dataclass(frozen=True)
+class StribeckFriction(SignalLaw):
+    """Stiction that falls off with speed, and viscous friction beside it.
+
+    ::
+
+        F = -normal c(w) sign(w) - viscous w,    c(w) = kinetic + (static - kinetic) exp(-(w / stribeck_speed)^2)
+
+    with the slip ``w = forward - backward``, ``0 <= forward _|_ normal c + F + viscous w >= 0`` and
+    ``0 <= backward _|_ normal c - F - viscous w >= 0``. What sticks holds up to ``static normal``; once it slips,
+    friction becomes weaker, and a body on a spring jerks along.
+
+    Attributes
+    ----------
+    slip : rule
+        ``w``: speed of what the force acts on relative to what it rubs on, metres per second.
+    normal : number or rule
+        Normal force, newtons; it must not be negative.
+    static, kinetic : number or rule
+        Coefficients at rest and at speed; the one at rest is not the smaller one.
+    stribeck_speed : number or rule
+        How fast stiction falls off, metres per second.
+    viscous : number or rule
+        Newton seconds per metre.
+
+    References
+    ----------
+    Armstrong-Hélouvry, Dupont & Canudas de Wit, A survey of models, analysis tools and compensation methods for the
+    control of machines with friction, Automatica 30 (1994), doi:10.1016/0005-1098(94)90209-7
+    """
+
+    positive: ClassVar = ("static", "kinetic", "stribeck_speed")
+    nonnegative: ClassVar = ("normal", "viscous")
+
+    slip: Quantity
+    normal: Quantity
+    static: Quantity
+    kinetic: Quantity
+    stribeck_speed: Quantity
+    viscous: Quantity = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        numbers = [given for given in (self.kinetic, self.static) if isinstance(given, (int, float))]
+        if len(numbers) == 2 and numbers[0] > numbers[1]:
+            raise DeclarationError(
+                f"{self._what}: static = {self.static!r} is below kinetic = {self.kinetic!r}. Friction at rest is the "
+                "stronger one: swap them."
+            )
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The force, and the parts of the slip: ``<name>_forward``, ``<name>_backward``."""
+        return {
+            "": Unknown(UNBOUNDED, lambda at: at.ask("kinetic") * at.ask("normal")),
+            **_slip_unknowns(NONNEGATIVE, lambda at: at.ask("slip")),
+        }
+
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the slip."""
+        return at.ask("slip") == at["forward"] - at["backward"]
+
+    def pairs(self, at: Moment) -> Any:
+        """Slip only at full strength, and against the force."""
+        slip = at["forward"] - at["backward"]
+        strength = self._strength(at.ask, slip, exp_expression)
+        dry = at.signal + at.ask("viscous") * slip
+        return {
+            "forward": complements(at["forward"] >= 0, strength + dry >= 0),
+            "backward": complements(at["backward"] >= 0, strength - dry >= 0),
+        }
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """Full strength against the slip."""
+        slip = asked("slip")
+        dry = copysign(self._strength(asked, slip, exp), slip) if slip else 0.0
+        return {"": -dry - asked("viscous") * slip, **_parts(slip)}
+
+    @staticmethod
+    def _strength(asked: Callable[[str], Any], slip: Any, exponential: Callable[[Any], Any]) -> Any:
+        fading = exponential(-((slip / asked("stribeck_speed")) ** 2))
+        kinetic = asked("kinetic")
+        return asked("normal") * (kinetic + (asked("static") - kinetic) * fading)
+
+
+@dataclass(frozen=True)
+class CoulombSlip(SignalLaw):
+    """Coulomb's law read the other way: the force is chosen, and slip follows where it is at the edge of its cone.
+
+    The signal is the speed of slip, the expression ``<name>_forward - <name>_backward``::
+
+        0 <= forward   _|_  coefficient normal - tangential >= 0
+        0 <= backward  _|_  coefficient normal + tangential >= 0
+
+    A finger that pushes with ``(normal, tangential)`` slips, relative to what it pushes, in the direction of its own
+    tangential force, and only at the edge of the cone. Both distances from the edges are nonnegative: the force stays
+    within its cone.
+
+    Attributes
+    ----------
+    normal, tangential : rule
+        Force of what slips on the other, newtons: the normal part, which must not be negative, and the part in the
+        direction of positive slip.
+    coefficient : number, rule, or parameter of the phase
+        Coulomb's coefficient.
+    fastest : float or None
+        Largest speed of slip, in the units of the slip; None where there is no bound.
+
+    References
+    ----------
+    Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
+    ICRA 2022, sec. V-C, doi:10.1109/ICRA46639.2022.9812069
+    """
+
+    positive: ClassVar = ("coefficient", "fastest")
+    nonnegative: ClassVar = ("normal",)
+
+    normal: Quantity
+    tangential: Quantity
+    coefficient: Quantity
+    fastest: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.fastest is not None and not isinstance(self.fastest, (int, float)):
+            raise DeclarationError(f"{self._what}: fastest = {self.fastest!r}; it is a bound, and has to be a number.")
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The parts of the slip: ``<name>_forward``, ``<name>_backward``."""
+        return _slip_unknowns((0.0, self.fastest), lambda at: 1.0 if self.units is None else self.units)
+
+    def expression_of(self, name: str) -> Rule:
+        """The slip: a variable of its own would only be a row more."""
+        return _Difference(part_name(name, "forward"), part_name(name, "backward"))
+
+    def pairs(self, at: Moment) -> Any:
+        """Slip only at the edge of the cone."""
+        tangential = at.ask("tangential")
+        return {
+            "forward": complements(_strength(at) - tangential >= 0, at["forward"] >= 0),
+            "backward": complements(_strength(at) + tangential >= 0, at["backward"] >= 0),
+        }
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """A rule that knows nothing but names, so that every pickle holds it."""
+
+    first: str
+    second: str
+
+    def __call__(self, phase: Any, time: float) -> Any:
+        return getattr(phase, self.first)[time] - getattr(phase, self.second)[time]
+
+
+def _strength(at: Moment) -> Any:
+    return at.ask("coefficient") * at.ask("normal")
+
+
+def _slip_unknowns(bounds: Bounds, like: Callable[[Moment], Any]) -> dict[str, Unknown]:
+    return {part: Unknown(bounds, like) for part in _SLIP_PARTS}

@@ -1,0 +1,258 @@
+"""Functions with a kink or a jump, as complementarity: exact at every solution, without smoothing.
+
+Each is assigned to a name of a phase: ``b.size = AbsoluteValue(lambda b, t: b.x[t])`` makes ``b.size[t]`` a variable
+that equals ``|x|``. The first side of each pair is the one that is continuous in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pyrobocop_pyomo.complementarity import complements
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.phases.declarations import UNBOUNDED
+
+from .signal_laws import NONNEGATIVE, Moment, Quantity, SignalLaw, Unknown
+
+
+@dataclass(frozen=True)
+class AbsoluteValue(SignalLaw):
+    """``|s|``: the v with ``0 <= v - s _|_ v + s >= 0``.
+
+    Attributes
+    ----------
+    of : rule
+        ``s``.
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.phase = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    >>> b.x = rcp.Control(initial_guess=-3)
+    >>> b.size = rcp.mechanics.AbsoluteValue(lambda b, t: b.x[t])
+    >>> b.size[1.0].value
+    3.0
+    """
+
+    of: Quantity
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The value."""
+        return {"": Unknown(NONNEGATIVE, lambda at: at.ask("of"))}
+
+    def pairs(self, at: Moment) -> Any:
+        """The value is one of the two."""
+        return complements(at.signal - at.ask("of") >= 0, at.signal + at.ask("of") >= 0)
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """The absolute value."""
+        return {"": abs(asked("of"))}
+
+
+@dataclass(frozen=True, init=False)
+class _Extremum(SignalLaw):
+    """The greatest or the least of several: the one of the first two, then that and the third, and so on."""
+
+    of: tuple[Quantity, ...]
+
+    def __init__(self, *of: Quantity, **options: Any) -> None:
+        # A frozen dataclass takes no positional arguments of any number by itself.
+        plain = SignalLaw.__dataclass_fields__
+        for name in options:
+            if name not in plain:
+                raise DeclarationError(f"{type(self).__name__} has no keyword '{name}'; it has {', '.join(plain)}.")
+        for name, entry in plain.items():
+            default = entry.default_factory() if callable(entry.default_factory) else entry.default
+            object.__setattr__(self, name, options.get(name, default))
+        several = of[0] if len(of) == 1 and isinstance(of[0], (list, tuple)) else of
+        object.__setattr__(self, "of", tuple(several))
+        self.__post_init__()
+
+    def __post_init__(self) -> None:
+        if len(self.of) < 2:
+            raise DeclarationError(f"{self._what}: {len(self.of)} quantities; give two or more, each as an argument.")
+        super().__post_init__()
+
+    @property
+    def _steps(self) -> list[str]:
+        """Names of the results after each further quantity; the last one is the signal."""
+        return [*(f"of_{count}" for count in range(2, len(self.of))), ""]
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The result, and those of the first two, three, ... quantities, ``<name>_of_2`` and so on."""
+        return {step: Unknown(UNBOUNDED, lambda at: at.ask("of")[0]) for step in self._steps}
+
+    def _results(self, quantities: list[float], choose: Callable[..., float]) -> Mapping[str, float]:
+        return {step: choose(quantities[: i + 2]) for i, step in enumerate(self._steps)}
+
+    def _sides(self, at: Moment) -> dict[str, tuple[Any, Any, Any]]:
+        """(result, result before, next quantity) by the name of the step."""
+        quantities, before = at.ask("of"), at.ask("of")[0]
+        sides = {}
+        for step, following in zip(self._steps, quantities[1:], strict=True):
+            sides[step or "last"] = at[step], before, following
+            before = at[step]
+        return sides
+
+
+class Maximum(_Extremum):
+    """The greatest of two or more: of a and b, the v with ``0 <= v - a _|_ v - b >= 0``.
+
+    ``Maximum(lambda b, t: b.x[t], 0)`` is the positive part.
+
+    Parameters
+    ----------
+    *of : rule or number
+        At least two, or one list of them.
+    **options
+        ``initial_guess``, as of every law.
+
+    Raises
+    ------
+    DeclarationError
+        When there are fewer.
+    """
+
+    def pairs(self, at: Moment) -> Any:
+        """Each result is one of two."""
+        return {step: complements(v - a >= 0, v - b >= 0) for step, (v, a, b) in self._sides(at).items()}
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """The greatest."""
+        return self._results(asked("of"), max)
+
+
+class Minimum(_Extremum):
+    """The least of two or more: of a and b, the v with ``0 <= a - v _|_ b - v >= 0``.
+
+    Parameters
+    ----------
+    *of : rule or number
+        At least two, or one list of them.
+    **options
+        ``initial_guess``, as of every law.
+
+    Raises
+    ------
+    DeclarationError
+        When there are fewer.
+    """
+
+    def pairs(self, at: Moment) -> Any:
+        """Each result is one of two."""
+        return {step: complements(a - v >= 0, b - v >= 0) for step, (v, a, b) in self._sides(at).items()}
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """The least."""
+        return self._results(asked("of"), min)
+
+
+@dataclass(frozen=True)
+class _Range(SignalLaw):
+    """Between two limits, and what is over the upper and under the lower one."""
+
+    of: Quantity
+    lower: Quantity
+    upper: Quantity
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        numbers = [limit for limit in (self.lower, self.upper) if isinstance(limit, (int, float))]
+        if len(numbers) == 2 and not numbers[0] < numbers[1]:
+            raise DeclarationError(
+                f"{self._what}: lower = {self.lower!r} is not below upper = {self.upper!r}. Set them apart."
+            )
+
+    def _excess(self, asked: Callable[[str], Any]) -> tuple[float, float]:
+        given = asked("of")
+        return max(given - asked("upper"), 0.0), max(asked("lower") - given, 0.0)
+
+    def _excess_unknowns(self) -> Mapping[str, Unknown]:
+        like = Unknown(NONNEGATIVE, lambda at: at.ask("of"))
+        return {"over": like, "under": like}
+
+
+class Saturation(_Range):
+    """A quantity cut off at two limits: ``min(max(s, lower), upper)``.
+
+    With what is over and under, ``s = v + over - under``, ``0 <= over _|_ upper - v >= 0`` and
+    ``0 <= under _|_ v - lower >= 0``. An end without a limit is a `Maximum` or a `Minimum`.
+
+    Attributes
+    ----------
+    of : rule
+        ``s``.
+    lower, upper : number or rule
+        In the units of s.
+
+    Raises
+    ------
+    DeclarationError
+        When the lower limit is not below the upper one.
+    """
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The value, and what was cut off: ``<name>_over``, ``<name>_under``."""
+        limits = [limit if isinstance(limit, (int, float)) else None for limit in (self.lower, self.upper)]
+        return {"": Unknown((limits[0], limits[1]), lambda at: at.ask("of")), **self._excess_unknowns()}
+
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the quantity."""
+        return at.ask("of") == at.signal + at["over"] - at["under"]
+
+    def pairs(self, at: Moment) -> Any:
+        """Cut off only at the limits."""
+        return {
+            "upper": complements(at["over"] >= 0, at.ask("upper") - at.signal >= 0),
+            "lower": complements(at["under"] >= 0, at.signal - at.ask("lower") >= 0),
+        }
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """The quantity without what is over and under."""
+        over, under = self._excess(asked)
+        return {"": asked("of") - over + under, "over": over, "under": under}
+
+
+class DeadZone(_Range):
+    """What a quantity has beyond two limits, and zero between them: ``max(s - upper, 0) - max(lower - s, 0)``.
+
+    The value is ``over - under``, with ``0 <= over _|_ over - (s - upper) >= 0`` and
+    ``0 <= under _|_ under - (lower - s) >= 0``: backlash in a gear, a valve with overlap, a tolerance in a cost.
+
+    Attributes
+    ----------
+    of : rule
+        ``s``.
+    lower, upper : number or rule
+        In the units of s.
+
+    Raises
+    ------
+    DeclarationError
+        When the lower limit is not below the upper one.
+    """
+
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The value, and its parts: ``<name>_over``, ``<name>_under``."""
+        return {"": Unknown(UNBOUNDED, lambda at: at.ask("of")), **self._excess_unknowns()}
+
+    def equations(self, at: Moment) -> Any:
+        """The parts make up the value."""
+        return at.signal == at["over"] - at["under"]
+
+    def pairs(self, at: Moment) -> Any:
+        """Each part is zero, or all that is beyond its limit."""
+        s = at.ask("of")
+        return {
+            "upper": complements(at["over"] >= 0, at["over"] - (s - at.ask("upper")) >= 0),
+            "lower": complements(at["under"] >= 0, at["under"] - (at.ask("lower") - s) >= 0),
+        }
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """What is beyond the limits."""
+        over, under = self._excess(asked)
+        return {"": over - under, "over": over, "under": under}

@@ -1,0 +1,348 @@
+"""`SignalLaw`: a law that gives one signal, such as a force or an absolute value, by equations and pairs.
+
+``phase.wall = SoftWall(...)`` makes ``phase.wall[t]`` a variable like any other, the force, and states what determines
+it. Whatever else the law needs is named after it: ``phase.wall_pairs``, ``phase.floor_forward``.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from numbers import Real
+from typing import Any, ClassVar, NamedTuple, Union
+
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.units_container import _PyomoUnit
+from pyomo.core.base.units_container import units as pyomo_units
+from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
+from pyomo.core.expr.visitor import identify_mutable_parameters
+
+from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.phases import Algebraic, Law
+from pyrobocop_pyomo.phases.declarations import Bounds
+from pyrobocop_pyomo.transcription import InitialGuess
+
+Rule = Callable[[Any, float], Any]
+Quantity = Union[float, Rule]  # noqa: UP007
+NONNEGATIVE: Bounds = (0.0, None)
+
+
+class Unknown(NamedTuple):
+    """A variable that a law needs.
+
+    Attributes
+    ----------
+    bounds : (lower, upper)
+    like : callable
+        ``like(at)`` is an expression at a `Moment`, in the units of the variable.
+    """
+
+    bounds: Bounds
+    like: Callable[[Moment], Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalLaw(Law):
+    """Base of the laws that give one signal.
+
+    A law of one's own says what it needs and what holds. Its fields are numbers or rules ``(phase, t) -> expression``;
+    ``at.ask("field")`` has their value at a point, ``at.signal`` the signal, ``at["part"]`` another unknown.
+
+    Attributes
+    ----------
+    positive, nonnegative : tuple of str
+        Names of the fields that must be so wherever they are numbers.
+    initial_guess : number, array, function of the time index, or None
+        Of the signal; by default, what the law makes of the values that the phase has when the law is stated.
+    units : Pyomo unit or None
+        Of the signal; by default those that follow from the rules, where declarations of the phase have units.
+    """
+
+    positive: ClassVar[tuple[str, ...]] = ()
+    nonnegative: ClassVar[tuple[str, ...]] = ()
+
+    initial_guess: InitialGuess = None
+    units: Any = None
+
+    @abstractmethod
+    def unknowns(self) -> Mapping[str, Unknown]:
+        """The variables, by what is added to the name of the law; the signal itself, where it is one, is ``""``."""
+
+    @abstractmethod
+    def pairs(self, at: Moment) -> Any:
+        """The complementarity at a point: what a complementarity rule of a phase returns."""
+
+    def equations(self, at: Moment) -> Any:
+        """The equations at a point, what a residual rule of a phase returns; None where the law has none."""
+        return None
+
+    def expression_of(self, name: str) -> Rule | None:
+        """A rule for the signal, where it is no variable but an expression in others, under a name."""
+        return None
+
+    def start(self, asked: Callable[[str], Any]) -> Mapping[str, float]:
+        """Values of the unknowns where the fields have known values: ``asked("field")`` is a number."""
+        return {}
+
+    def __post_init__(self) -> None:
+        for name in self._asked_fields():
+            self._check_field(name)
+
+    # ---------------------------------------------------------------- statement
+
+    def state(self, phase: Any, name: str) -> None:
+        """Declare the unknowns and state equations and pairs; see `Law.state`.
+
+        Raises
+        ------
+        DeclarationError
+            When a name is taken, or a rule gives no number and no expression.
+        """
+        law = self._with_rules(phase)
+        first = Moment(law, name, phase, phase.points.first())
+        unknowns = law.unknowns()
+        for field in law._asked_fields():
+            first.ask(field)
+        guesses = law._guesses(name, phase)
+        with_units = phase.record.time_units is not None or any(
+            declaration.units is not None for declaration in phase.record.declarations.values()
+        )
+        for suffix, unknown in unknowns.items():
+            own = self.units if suffix == "" else None
+            phase.declare(
+                part_name(name, suffix),
+                Algebraic(
+                    bounds=unknown.bounds,
+                    initial_guess=guesses[suffix],
+                    units=pyomo_units.get_units(unknown.like(first)) if with_units and own is None else own,
+                    declared_at=self.declared_at,
+                ),
+            )
+        formula = law.expression_of(name)
+        if formula is not None:
+            phase.add_component(name, Expression(phase.points, rule=formula))
+        if law.equations(first) is not None:
+            phase.residual(LawRule(law, name, "equations"))
+        phase.complementarity(LawRule(law, name, "pairs"))
+
+    def _asked_fields(self) -> list[str]:
+        """Fields that hold numbers or rules."""
+        own = {entry.name for entry in fields(SignalLaw)}
+        return [entry.name for entry in fields(self) if entry.name not in own and getattr(self, entry.name) is not None]
+
+    def _check_field(self, name: str) -> None:
+        given = getattr(self, name)
+        for one in given if isinstance(given, tuple) else (given,):
+            if isinstance(one, Real) and not isinstance(one, bool) and math.isfinite(one):
+                self._refuse_sign(name, float(one), f"{self._what}: {name} = {one!r}")
+            elif not (callable(one) or _is_of_model(one)):
+                raise DeclarationError(
+                    f"{self._what}: {name} = {one!r}; expected a finite number, a rule (phase, t) -> expression, or a "
+                    "component of the model."
+                )
+
+    def _refuse_sign(self, name: str, number: float, what: str) -> None:
+        if name in self.positive and not number > 0:
+            raise DeclarationError(f"{what}; expected a positive number.")
+        if name in self.nonnegative and not number >= 0:
+            raise DeclarationError(f"{what}; expected zero or a positive number.")
+
+    @property
+    def _what(self) -> str:
+        return f"{type(self).__name__} (declared at {self.declared_at})"
+
+    def _with_rules(self, phase: Any) -> SignalLaw:
+        """This law with rules in place of components: a clone of the model, and a verification, read their own."""
+        law = copy.copy(self)
+        for name in self._asked_fields():
+            given, what = getattr(self, name), f"{self._what}: {name}"
+            many = isinstance(given, tuple)
+            rules = tuple(_as_rule(one, phase, what) for one in (given if many else (given,)))
+            object.__setattr__(law, name, rules if many else rules[0])
+        return law
+
+    def _guesses(self, name: str, phase: Any) -> dict[str, Any]:
+        """Initial guesses of the unknowns over the points."""
+        rows: list[Mapping[str, float]] = []
+        for time in phase.points:
+            at = Moment(self, name, phase, time)
+            try:
+                rows.append(self.start(at.number))
+            except (ArithmeticError, ValueError):  # no value there, or none at all yet
+                rows.append({})
+        guesses: dict[str, Any] = {s: [float(row.get(s, 0.0)) for row in rows] for s in self.unknowns()}
+        if self.initial_guess is not None:
+            if "" not in guesses:
+                raise DeclarationError(
+                    f"{self._what}: '{name}' is an expression in {', '.join(part_name(name, s) for s in guesses)}, and "
+                    "has no initial guess of its own. Use phase.initialize for these."
+                )
+            guesses[""] = self.initial_guess
+        return guesses
+
+
+class Moment:
+    """A law at one collocation point of a phase.
+
+    Parameters
+    ----------
+    law : SignalLaw
+    name : str
+        Under which the law is stated.
+    phase : PhaseBlock, or its proxy
+    time : float
+    """
+
+    def __init__(self, law: SignalLaw, name: str, phase: Any, time: float) -> None:
+        self._law, self._name, self._phase, self._time = law, name, phase, time
+
+    @property
+    def signal(self) -> Any:
+        """The signal of the law."""
+        return self[""]
+
+    def __getitem__(self, part: str) -> Any:
+        """Another unknown of the law."""
+        return getattr(self._phase, part_name(self._name, part))[self._time]
+
+    def ask(self, field: str) -> Any:
+        """What a field is here: a number or an expression, or a list of them.
+
+        Raises
+        ------
+        DeclarationError
+            When a rule returns something else.
+        """
+        given = getattr(self._law, field)
+        return [self._one(field, each) for each in given] if isinstance(given, tuple) else self._one(field, given)
+
+    def number(self, field: str) -> Any:
+        """What a field is at the values of the variables.
+
+        Raises
+        ------
+        ValueError
+            When it has no value, or none that is finite.
+        """
+        asked = self.ask(field)
+        numbers = [value(each, exception=False) for each in (asked if isinstance(asked, list) else [asked])]
+        if any(number is None or not math.isfinite(number) for number in numbers):
+            raise ValueError(f"{field} has no value at t = {self._time:g}")
+        return [float(number) for number in numbers] if isinstance(asked, list) else float(numbers[0])
+
+    def _one(self, field: str, given: Any) -> Any:
+        if _is_of_model(given) or not callable(given):
+            return given
+        result = given(self._phase, self._time)
+        if result.__class__ in native_numeric_types:
+            self._law._refuse_sign(field, result, f"{self._where(field)} gives {result!r}")
+            return result
+        numeric = (
+            getattr(result, "is_numeric_type", lambda: False)() and not getattr(result, "is_indexed", lambda: False)()
+        )
+        if not numeric:
+            raise DeclarationError(
+                f"{self._where(field)} gives {result!r}; expected a number or an expression. Is the return statement, "
+                "or an index [t], missing?"
+            )
+        return result
+
+    def _where(self, field: str) -> str:
+        return f"phase '{self._phase.name}': '{self._name}', {self._law._what}: {field} at t = {self._time:g}"
+
+
+@dataclass(frozen=True)
+class LawRule:
+    """A rule of a phase that asks a law; a pickle holds it wherever it holds the law's own rules.
+
+    Attributes
+    ----------
+    law : SignalLaw
+    name : str
+    method : {"equations", "pairs"}
+    """
+
+    law: SignalLaw
+    name: str
+    method: str
+
+    @property
+    def __name__(self) -> str:
+        return f"{self.name}_{self.method}"
+
+    def __call__(self, phase: Any, time: float) -> Any:
+        """The rows at a point."""
+        return getattr(self.law, self.method)(Moment(self.law, self.name, phase, time))
+
+
+@dataclass(frozen=True)
+class SignalReader:
+    """A rule that reads a signal of the phase by its name.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    name: str
+
+    def __call__(self, phase: Any, time: float) -> Any:
+        """The signal at a point."""
+        return getattr(phase, self.name)[time]
+
+
+@dataclass(frozen=True)
+class _ComponentReader:
+    """A rule that reads a component by its names, from the phase or from the top of the model."""
+
+    names: tuple[str, ...]
+    from_phase: bool
+    over_time: bool
+
+    def __call__(self, phase: Any, time: float) -> Any:
+        found = phase if self.from_phase else phase.model()
+        for name in self.names:
+            found = getattr(found, name)
+        return found[time] if self.over_time else found
+
+
+def _is_of_model(given: Any) -> bool:
+    return hasattr(given, "ctype") or hasattr(given, "is_expression_type")
+
+
+def _parameters_in(expression: Any) -> list[Any]:
+    found = identify_mutable_parameters(expression)
+    return [parameter for parameter in found if not isinstance(parameter, _PyomoUnit)]
+
+
+def _as_rule(given: Any, phase: Any, what: str) -> Any:
+    """A number or rule as it is, a component as a rule that reads it."""
+    if given.__class__ in native_types or not _is_of_model(given):
+        return given
+    if not hasattr(given, "ctype") or given is not given.parent_component():
+        if not given.is_potentially_variable() and not _parameters_in(given):
+            return given  # a number with units
+        raise DeclarationError(
+            f"{what} = {given}, which belongs to this model alone, and to one point of it. Write it as a rule: "
+            "lambda phase, t: ..."
+        )
+    names, block = [given.local_name], given.parent_block()
+    while block is not None and block is not phase and block is not phase.model():
+        names.append(block.local_name)
+        block = block.parent_block()
+    if block is None:
+        raise DeclarationError(f"{what} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
+    if "[" in "".join(names) or (given.is_indexed() and phase.points.first() not in given):
+        raise DeclarationError(
+            f"{what} = {given}, which is within an indexed block, or not indexed by the times of phase '{phase.name}'. "
+            "Write it as a rule: lambda phase, t: ..."
+        )
+    return _ComponentReader(tuple(reversed(names)), from_phase=block is phase, over_time=given.is_indexed())
+
+
+def part_name(name: str, part: str) -> str:
+    """Name of an unknown of a law."""
+    return f"{name}_{part}" if part else name

@@ -1,0 +1,137 @@
+"""Motions under contact laws whose course is known: solved from a guess that is wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+LAWS = rcp.mechanics
+pytestmark = pytest.mark.ipopt
+
+
+def solved(b: rcp.PhaseBlock) -> rcp.Trajectory:
+    """The motion: everything that is free starts at a tenth."""
+    m = b.model()
+    m.nothing = pyo.Objective(expr=0)
+    for variable in b.component_data_objects(pyo.Var):
+        if not variable.fixed:
+            variable.set_value(0.1, skip_validation=True)
+    rcp.solve(m).raise_for_status()
+    trajectory = b.trajectory()
+    verified = trajectory.verify()
+    assert max(verified.natural_residual, verified.equations, verified.defect) < 1e-7
+    simulated = b.simulate()
+    for name in b.record.names_of_states:
+        assert getattr(simulated, name) == pytest.approx(getattr(trajectory, name), abs=1e-5), name
+    return trajectory
+
+
+def phase(duration: float, elements: int) -> rcp.PhaseBlock:
+    m = pyo.ConcreteModel("motion")
+    m.phase = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
+    return m.phase
+
+
+def test_nonsmooth_functions_of_a_signal_that_passes_all_their_kinks() -> None:
+    b = phase(1.0, 12)
+    b.x = rcp.State(initial=-1.05)
+    b.ode(lambda b, t: {b.x: 2.0})
+    s = lambda b, t: b.x[t]  # noqa: E731
+    b.size, b.cut, b.dead = LAWS.AbsoluteValue(s), LAWS.Saturation(s, -0.5, 0.4), LAWS.DeadZone(s, -0.5, 0.4)
+    b.top, b.low = LAWS.Maximum(s, 0, lambda b, t: 0.5 - b.x[t]), LAWS.Minimum(b.x, 0.3)
+    b.step, b.sign = LAWS.Step(s), LAWS.Sign(s)
+    found = solved(b)
+    x = np.linspace(-1.05, 0.95, 13)
+    expected = {
+        "size": np.abs(x),
+        "cut": np.clip(x, -0.5, 0.4),
+        "dead": x - np.clip(x, -0.5, 0.4),
+        "top": np.maximum(np.maximum(x, 0), 0.5 - x),
+        "low": np.minimum(x, 0.3),
+        "step": x > 0,
+        "sign": np.sign(x),
+    }
+    for name, values in expected.items():
+        assert getattr(found, name) == pytest.approx(values[1:].astype(float), abs=1e-6), name
+
+
+@pytest.mark.parametrize("push", [0.0, 3.0, 6.0])
+def test_a_block_slides_until_friction_holds_it(push: float) -> None:
+    """Friction bears 4 N: with less than that it comes to rest, with more it goes on faster and faster."""
+    b = phase(2.0, 10)
+    b.v = rcp.State(initial=1.5)
+    b.floor = LAWS.CoulombFriction(b.v, normal=8.0, coefficient=0.5)
+    b.ode(lambda b, t: {b.v: push + b.floor[t]})
+    found = solved(b)
+    times = np.linspace(0, 2, 11)
+    assert found.v == pytest.approx(np.maximum(1.5 + (push - 4.0) * times, 0), abs=1e-6)
+    if push < 4:
+        assert found.floor[-1] == pytest.approx(-push, abs=1e-6)  # what is needed, no more
+
+
+def test_stiction_lets_go_at_the_larger_and_slides_at_the_smaller_coefficient() -> None:
+    b = phase(1.0, 20)
+    b.v = rcp.State(initial=0.0)
+    b.floor = LAWS.StribeckFriction(b.v, normal=1.0, static=0.6, kinetic=0.3, stribeck_speed=0.02)
+    b.ode(lambda b, t: {b.v: t + b.floor[t]})
+    found = solved(b)
+    load = found.points
+    sticks = load < 0.6 - 1e-9
+    assert found.floor[sticks] == pytest.approx(-load[sticks], abs=1e-6)
+    assert found.floor[load > 0.75] == pytest.approx(-0.3, abs=1e-3)
+
+
+@pytest.mark.parametrize("stiffness", [None, 500.0])
+def test_a_stone_falls_on_a_floor_and_rubs_along_it(stiffness: float | None) -> None:
+    """Without friction it would go on; with it, it loses as much speed along as the coefficient times that across."""
+    b = phase(1.0, 20)
+    for name, initial in (("x", 0.0), ("z", 0.5), ("u", 3.0), ("w", 0.0)):
+        b.declare(name, rcp.State(initial=initial))
+    b.floor = LAWS.PointContact(b.z, b.u, coefficient=0.4, stiffness=stiffness)
+
+    @b.ode
+    def newton(b: Any, t: float) -> dict[Any, Any]:
+        return {b.x: b.u[t], b.z: b.w[t], b.u: b.floor_tangential[t], b.w: b.floor[t] - 9.81}
+
+    found = solved(b)
+    assert (found.floor_tangential >= -0.4 * found.floor - 1e-7).all()
+    pressed = float(found.floor.sum() * 0.05)
+    assert found.u[-1] == pytest.approx(max(3.0 - 0.4 * pressed, 0.0), abs=1e-6)
+    if stiffness is None:
+        assert found.z.min() >= -1e-7
+        assert found.w[-1] == pytest.approx(0.0, abs=1e-7)  # the impact of implicit Euler is inelastic
+        assert pressed == pytest.approx(9.81, abs=1e-6)  # over the second: all of its weight
+
+
+def test_a_disc_that_slides_and_spins_stops_both_at_once() -> None:
+    """Its direction of motion stays, and translation and rotation end together (Farkas et al. 2003)."""
+    b = phase(1.0, 20)
+    for name, initial in (("u", 1.2), ("w", 0.9), ("spin", 6.0)):
+        b.declare(name, rcp.State(initial=initial))
+    table = LAWS.LimitSurface.of_disc(0.15, mass=1.0, friction=0.4)
+    c = 0.4
+    b.table = LAWS.SlidingFriction((b.u, b.w, b.spin), normal=9.81, coefficients=(c, c, c * table.lever))
+    inertia = 0.5 * 0.15**2
+
+    @b.ode
+    def newton(b: Any, t: float) -> dict[Any, Any]:
+        return {b.u: b.table_1[t], b.w: b.table_2[t], b.spin: b.table_3[t] / inertia}
+
+    found = solved(b)
+    moving = np.hypot(found.u, found.w) > 1e-6
+    assert found.w[moving] / found.u[moving] == pytest.approx(0.75)
+    assert moving.sum() < len(moving)
+    # Whatever moves at an instant, the load stays within the surface, and reaches it while anything moves.
+    load = table.load(found.table_1, found.table_2, found.table_3)
+    assert (load <= 1 + 1e-7).all()
+    anything = moving | (np.abs(found.spin) > 1e-6)
+    assert load[anything[1:]] == pytest.approx(1.0, abs=1e-6)
+    energy = 0.5 * (found.u**2 + found.w**2 + inertia * found.spin**2)
+    assert (np.diff(energy) <= 1e-12).all()
+    assert math.isclose(energy[-1], 0.0, abs_tol=1e-9)
