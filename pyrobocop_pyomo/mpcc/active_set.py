@@ -22,6 +22,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 from .branch import Branch, nearest_branch, restricted
 from .linearisation import Linearisation
 from .lpec import Descent, steepest_branch
+from .multipliers import opposing_multipliers
 from .problem import ComplementarityProgram, violation
 
 
@@ -94,6 +95,8 @@ class Limits:
         Where looking for descent ends.
     rounds : int
         Most branches solved.
+    exchanges : int
+        Most branches solved by `ActiveSetSearch.exchange`.
     lpec_seconds : float
         For one linear program with complementarity constraints.
     exploring_radii : tuple of float
@@ -114,6 +117,7 @@ class Limits:
     radius: float = 1e-3
     smallest_radius: float = 1e-6
     rounds: int = 20
+    exchanges: int = 40
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
     exploring_nodes: int = 200
@@ -264,6 +268,41 @@ class ActiveSetSearch:
             return None
         finally:
             self.linear_seconds += time.perf_counter() - started
+
+    def exchange(self, best: BranchPoint, reach: float) -> BranchPoint:
+        """Change the branch of biactive pairs whose multipliers ask for it, as long as that is no worse.
+
+        Where the gradients of what is active are independent, this needs no linear program: each multiplier says by
+        itself whether its side should be released. It promises nothing; the multipliers at its end do.
+
+        Parameters
+        ----------
+        best : BranchPoint
+            The solution of its branch.
+        reach : float
+            A pair is biactive if its other side is at most this large.
+        """
+        tried: set[bytes] = set()
+        for _ in range(self.limits.exchanges):
+            if best.branch is None or self._late():
+                break
+            tried.add(best.branch.key())
+            point = Linearisation.at(self.program.nlp, best.x)
+            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+            against = opposing_multipliers(self.program, point, best.branch, best.point, reach)
+            asking = against > self.limits.feasibility * scale
+            better = None
+            for chosen in (asking, asking & (against == against.max(initial=0.0))):
+                branch = Branch(best.branch.a_zero ^ chosen, best.branch.b_zero ^ chosen)
+                if chosen.any() and branch.key() not in tried:
+                    tried.add(branch.key())
+                    better = self._go("exchange", branch, best, best.x)
+                    if better is not None:
+                        break
+            if better is None:
+                break
+            best = better
+        return best
 
     def descend(self, start: BranchPoint) -> BranchPoint:
         """Follow descending branches from a point that solves its own, until there is none; sets `certificate`."""

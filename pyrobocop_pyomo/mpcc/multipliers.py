@@ -229,6 +229,38 @@ def strong_multipliers(
     return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
 
 
+def opposing_multipliers(
+    program: ComplementarityProgram, point: Linearisation, branch: Branch, solved: PrimalDualPoint, reach: float
+) -> FloatArray:
+    """How strongly each biactive pair is held back by its branch: minus the multiplier of its held side, or 0.
+
+    Parameters
+    ----------
+    program : ComplementarityProgram
+    point : Linearisation
+    branch : Branch
+        Whose nonlinear program the point solves.
+    solved : PrimalDualPoint
+        The same point with the solver's multipliers.
+    reach : float
+        A pair is biactive if its other side is at most this large.
+
+    Returns
+    -------
+    float array, shape (k,)
+        Where it is positive, the objective decreases as that side becomes positive.
+    """
+    gradient = point.lagrangian_gradient(solved.complete(restricted(program, branch))[0])
+    found = np.zeros(program.pairs)
+    for sides, held, partner in (
+        (program.a, branch.a_zero & ~branch.b_zero, program.b.values(point.x)),
+        (program.b, branch.b_zero & ~branch.a_zero, program.a.values(point.x)),
+    ):
+        biactive = held & ~sides.constant & (partner <= reach)
+        found[biactive] = np.maximum(-sides.slopes(gradient)[biactive], 0.0)
+    return found
+
+
 def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
     """Where a variable is held at zero for several pairs, its multiplier is theirs together: the first one gets it."""
     numbers = np.flatnonzero(held)

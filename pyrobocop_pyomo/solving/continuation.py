@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -59,9 +60,15 @@ class Continuation:
         self._session, self._log, self._values = session, log, values
         self._settings, self._sign, self._options, self._exact = settings, sign, options, exact
         self._deadline = settings.deadline
+        self._on_the_way: dict[int, Iterate] = {}  # alive, so that no other object gets the same identity
 
     def run(
-        self, schedule: Schedule | None, *, start: Iterate | None = None, purpose: Mapping[str, Any] | None = None
+        self,
+        schedule: Schedule | None,
+        *,
+        start: Iterate | None = None,
+        purpose: Mapping[str, Any] | None = None,
+        leads_no_further: Callable[[Iterate], bool] = lambda iterate: False,
     ) -> Iterate:
         """Run the schedule and return the best point, which need not be the one on the model.
 
@@ -73,14 +80,23 @@ class Continuation:
             To start from, warm in primal and dual values; otherwise from the point on the model.
         purpose : mapping, optional
             Ipopt's options for all runs of a shrinking schedule.
+        leads_no_further : callable
+            Whether to end a shrinking schedule at a point, though it is not the last one.
         """
         if schedule is None:
             self._take(self._session.run(None, self._options.resolve(), self._deadline))
         elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule)
         else:
-            self._shrink(schedule, start, purpose or {})
+            self._shrink(schedule, start, purpose or {}, leads_no_further)
+            self._check_best()
         return self.best
+
+    def _check_best(self) -> None:
+        """Check the best point by the user's expressions, where that was put off."""
+        if id(self.best) in self._on_the_way and not self._session.approximate:
+            self._values.write(self.best.values)
+            self.best = self._log.checked(self.best)
 
     def _follow(self, schedule: BarrierSchedule) -> None:
         for iterate in self._session.follow(schedule, self._options, self._deadline):
@@ -90,7 +106,13 @@ class Continuation:
         if self.last.converged and self.last.largest_product > 10 * final:
             self._run(final, self.last, {})
 
-    def _shrink(self, schedule: Schedule, start: Iterate | None, purpose: Mapping[str, Any]) -> None:
+    def _shrink(
+        self,
+        schedule: Schedule,
+        start: Iterate | None,
+        purpose: Mapping[str, Any],
+        leads_no_further: Callable[[Iterate], bool],
+    ) -> None:
         """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
         wanted = list(schedule.steps())[::-1]
         final = wanted[0]
@@ -100,10 +122,12 @@ class Continuation:
         while wanted:
             delta = wanted.pop()
             on_the_way = {} if self._exact or delta == final else inexact(delta)
-            iterate = self._run(delta, start, {**on_the_way, **purpose})
+            iterate = self._run(delta, start, {**on_the_way, **purpose}, on_the_way=delta != final)
             if iterate.stop_reason.is_final or (iterate.converged and iterate.largest_natural_residual <= 1e-9):
                 return
             if iterate.converged:
+                if leads_no_further(iterate):
+                    return
                 start = iterate
             elif start is not None and _is_shorter(start, delta) and shortened < SHORTENED_STEPS:
                 assert start.delta is not None
@@ -115,20 +139,30 @@ class Continuation:
                 start = None
                 self._values.write(self.best.values)
 
-    def _run(self, delta: float, start: Iterate | None, purpose: Mapping[str, Any]) -> Iterate:
+    def _run(
+        self, delta: float, start: Iterate | None, purpose: Mapping[str, Any], *, on_the_way: bool = False
+    ) -> Iterate:
         warm = {} if start is None else warm_continuation(delta)
         return self._take(
-            self._session.run(delta, self._options.resolve(warm, purpose), self._deadline, start), start=start
+            self._session.run(delta, self._options.resolve(warm, purpose), self._deadline, start),
+            start=start,
+            on_the_way=on_the_way,
         )
 
-    def _take(self, iterate: Iterate, *, start: Iterate | None = None) -> Iterate:
+    def _take(self, iterate: Iterate, *, start: Iterate | None = None, on_the_way: bool = False) -> Iterate:
+        # What did not converge may be the last point that there is, and is checked in full.
+        on_the_way = self._session.approximate or (
+            on_the_way and iterate.converged and math.isfinite(iterate.constraint_violation)
+        )
         if start is not None and iterate.iterations == 0 and iterate.converged:
             # It was a solution before: the same point, which was checked already.
             self._values.write(start.values)
             iterate = self._log.add(iterate, at=start)
         else:
-            iterate = self._log.add(iterate)
+            iterate = self._log.add(iterate, on_the_way=on_the_way)
         self.last = iterate = replace(iterate, values=self._values.read())
+        if on_the_way:
+            self._on_the_way[id(iterate)] = iterate
         if not hasattr(self, "best") or not self.best.is_better_than(iterate, self._settings.tolerances, self._sign):
             self.best = iterate
         return iterate

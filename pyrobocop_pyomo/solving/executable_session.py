@@ -26,7 +26,9 @@ from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.programs.compiled_model import WRITER_OPTIONS, CompiledModel, checked_writing
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
+from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, IpoptOptions, warm_start
@@ -71,6 +73,8 @@ class ExecutableSession:
 
     derivatives = "ASL"
 
+    approximate = False
+
     def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = ()) -> None:
         path = find_ipopt_executable()
         if path is None:
@@ -78,6 +82,7 @@ class ExecutableSession:
         self.solver = f"{ipopt_executable_version(path) or 'Ipopt'} ({path})"
         self._ipopt = Ipopt(executable=path)
         model = self._model = relaxed.model
+        refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
         # Where the user has suffixes of the same names, theirs would be filled instead of ours.
         self._deactivated = [
@@ -179,6 +184,10 @@ class ExecutableSession:
             return CompiledModel(self._model)
         except SolverNotFoundError:
             return None
+
+    def coarsened(self, elements: int) -> None:
+        """See `Session.coarsened`; a file has the whole model."""
+        return
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
         """See `Session.primal_dual`."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TextIO
 
+import numpy as np
 from pyomo.common.collections import ComponentMap
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
@@ -15,6 +17,8 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.mpcc.problem import violation
+from pyrobocop_pyomo.programs.aggregated_program import AggregatedProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import (
     NonlinearProgram,
@@ -23,6 +27,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
     lagrangian_residual,
 )
 
+from .coarse_mesh import coarsen
 from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, IpoptOptions
 from .iterates import Iterate
@@ -53,14 +58,31 @@ class InProcessSession:
         self._relaxed, self._derivatives = relaxed, derivatives
         self._output, self._on_iteration = output, on_iteration
         self._compiled = CompiledModel(relaxed.model, derivatives)
-        self._nlp: NonlinearProgram = self._compiled.nlp
-        if relaxed.shifted_rows:
-            row_of = self._compiled.row_of
-            # A row without free variables is not in the program.
-            positions = [row_of[row] for row in relaxed.shifted_rows if row in row_of]
-            self._nlp = ShiftedRows(self._nlp, positions, base=relaxed.delta.value)
+        self._coarse: AggregatedProgram | None = None
+        self.approximate = False
+        self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
+
+    def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
+        if not self._relaxed.shifted_rows:
+            return nlp
+        row_of = self._compiled.row_of
+        # A row without free variables is not in the program.
+        positions: Any = np.array([row_of[row] for row in self._relaxed.shifted_rows if row in row_of], dtype=np.intp)
+        if isinstance(nlp, AggregatedProgram):
+            positions = nlp.numbers_of_rows(positions)
+        return ShiftedRows(nlp, positions, base=self._relaxed.delta.value)
+
+    def coarsened(self, elements: int) -> InProcessSession | None:
+        """See `Session.coarsened`."""
+        aggregated = coarsen(self._compiled, self._relaxed.block, elements) if self._relaxed.shifted_rows else None
+        if aggregated is None:
+            return None
+        coarse = copy.copy(self)
+        coarse._coarse, coarse._nlp = aggregated, self._shifted(aggregated)
+        coarse.approximate = True
+        return coarse
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -93,12 +115,14 @@ class InProcessSession:
         self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, on_iteration: OnIteration | None
     ) -> IpoptOutcome:
         point = starting_point(self._compiled)
+        if self._coarse is not None:
+            point = PrimalDualPoint(self._coarse.restrict(point.x))
         if start is not None:
             point = replace(start.multipliers, x=point.x)
         outcome = run_ipopt(
             self._nlp, options, point, deadline=deadline, on_iteration=on_iteration, output=self._output
         )
-        self._compiled.load_point(outcome.x)
+        self._compiled.load_point(outcome.x if self._coarse is None else self._coarse.at(outcome.x))
         return outcome
 
     def _iterate(self, label: str, delta: float | None, options: Mapping[str, Any], outcome: IpoptOutcome) -> Iterate:
@@ -107,7 +131,7 @@ class InProcessSession:
         except EvaluationError:
             stationarity = float("inf")
         return Iterate.of_run(
-            label,
+            label if self._coarse is None else "coarse mesh",
             outcome.status,
             delta=delta,
             mu=outcome.mu,
@@ -115,6 +139,7 @@ class InProcessSession:
             seconds=outcome.seconds,
             options=dict(options),
             stationarity=stationarity,
+            constraint_violation=violation(self._nlp, outcome.x),
             multipliers=outcome.point,
             load_suffixes=InProcessSolutionLoader(self._compiled, outcome).load_import_suffixes,
         )

@@ -61,6 +61,8 @@ POLISH = {**warm_start(1e-6, 1e-8), "s_max": 1e8}
 TIGHTENED = {"tol": 1e-10, "s_max": 1e8}
 # The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
 SOLVE_AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
+# The answer on a coarse mesh is nearly that on a fine one.
+FROM_COARSE_MESH = {"mu_init": 1e-6, "bound_push": 1e-6, "bound_frac": 1e-6}
 # Ipopt refuses more equations than variables that it may move, even where they agree.
 OVERDETERMINED = {"fixed_variable_treatment": "relax_bounds"}
 

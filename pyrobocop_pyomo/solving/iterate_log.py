@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
@@ -18,6 +19,7 @@ from pyrobocop_pyomo.complementarity import (
     active_sources,
     canonical_form,
     pair_residuals,
+    side_values,
 )
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
 
@@ -43,8 +45,8 @@ class ModelCheck:
     """
 
     def __init__(self, model: Any) -> None:
-        rows = (row.to_bounded_expression(True) for row in model.component_data_objects(Constraint, active=True))
-        self._rows = [(body, lower, upper) for lower, body, upper in rows if lower is not None or upper is not None]
+        self._constraints = list(model.component_data_objects(Constraint, active=True))
+        self.read_bounds()
         self._bounded = [
             variable
             for variable in model.component_data_objects(Var, active=True)
@@ -55,6 +57,11 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
+
+    def read_bounds(self) -> None:
+        """Read the bounds of the constraints again: mutable Params in them may have changed."""
+        rows = (row.to_bounded_expression(True) for row in self._constraints)
+        self._rows = [(body, lower, upper) for lower, body, upper in rows if lower is not None or upper is not None]
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
@@ -97,7 +104,7 @@ class IterateLog:
         self.steps: list[Iterate] = []
         self.seconds = 0.0
 
-    def add(self, iterate: Iterate, *, at: Iterate | None = None) -> Iterate:
+    def add(self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False) -> Iterate:
         """Check the point on the model, and log the run that ended there.
 
         Parameters
@@ -106,9 +113,12 @@ class IterateLog:
             Not checked yet.
         at : Iterate, optional
             One that was checked at the very same point: its residuals are taken over.
+        on_the_way : bool
+            Leave the violation as the session found it by the compiled functions: the user's own expressions are
+            evaluated where it counts.
         """
         if at is None:
-            iterate = self._checked(iterate)
+            iterate = self.checked(iterate, on_the_way=on_the_way)
         else:
             names = ("objective", "constraint_violation", "largest_product", "largest_natural_residual")
             iterate = replace(iterate, **{name: getattr(at, name) for name in names})
@@ -118,15 +128,17 @@ class IterateLog:
         logger.info("%s", iterate)
         return iterate
 
-    def _checked(self, iterate: Iterate) -> Iterate:
+    def checked(self, iterate: Iterate, *, on_the_way: bool = False) -> Iterate:
+        """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
-        residuals = self.residuals()
+        sides = np.array([side_values(pair) for pair in self.pairs]).reshape(-1, 2)
+        violation = iterate.constraint_violation if on_the_way else self._check.violation()
         checked = replace(
             iterate,
             objective=self._check.objective(),
-            constraint_violation=max(self._check.violation(), *(pair.infeasibility for pair in residuals), 0.0),
-            largest_product=max((abs(pair.product) for pair in residuals), default=0.0),
-            largest_natural_residual=max((abs(pair.natural) for pair in residuals), default=0.0),
+            constraint_violation=max(violation, float(-sides.min(initial=0.0))),
+            largest_product=float(np.abs(sides.prod(axis=1)).max(initial=0.0)),
+            largest_natural_residual=float(np.abs(sides.min(axis=1)).max(initial=0.0)),
         )
         self.seconds += time.perf_counter() - started
         return checked

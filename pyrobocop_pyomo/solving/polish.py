@@ -35,9 +35,13 @@ logger = logging.getLogger(__name__)
 
 # Far from feasible the nearest branch means nothing: that is for other strategies.
 POLISHED_VIOLATION = 1e-2
+# A pair this near to a change of its branch is looked at, as if it were there.
+NEARLY_BIACTIVE = 1e-3
 # Up to here exploration may take as long as the rest of the solve by default. The more pairs, the less a look beyond
 # the nearest solution pays: at twice as many there is none, unless it is asked for.
 EXPLORED_PAIRS = 100
+# For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
+LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
 
 @dataclass(eq=False)
@@ -54,12 +58,15 @@ class Exploration:
         Elapsed in exploring.
     branches : ExploredBranches
         What need not be tried again.
+    unsolved : set
+        Keys of branches that Ipopt did not solve from a point nearby.
     """
 
     factor: float | None
     started: float
     seconds: float = 0.0
     branches: ExploredBranches = field(default_factory=ExploredBranches)
+    unsolved: set[bytes] = field(default_factory=set)
 
     def budget(self, pairs: int) -> float:
         """Seconds that may be spent from now on in a problem with so many pairs."""
@@ -81,6 +88,10 @@ class Polish:
     values : VariableValues
         The user's variables.
     exploration : Exploration
+    biactive : float
+        A pair whose other side is at most this large has to be shown not to descend by changing its branch. By default
+        pairs near to a change are asked as well, by linear programs, which find better solutions nearby; with less,
+        branches are changed where multipliers ask for it before a linear program is solved.
 
     Attributes
     ----------
@@ -96,7 +107,10 @@ class Polish:
         log: IterateLog,
         values: VariableValues,
         exploration: Exploration,
+        *,
+        biactive: float = NEARLY_BIACTIVE,
     ) -> None:
+        self._biactive = biactive
         self._settings, self._compiled, self._log = settings, compiled, log
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
@@ -110,7 +124,7 @@ class Polish:
         """Whether Ctrl-C ended the search."""
         return self._search.interrupted
 
-    def improve(self, iterate: Iterate, point: PrimalDualPoint) -> Iterate:
+    def improve(self, iterate: Iterate, point: PrimalDualPoint, *, reach: float = POLISHED_VIOLATION) -> Iterate:
         """Solve the nearest branch, follow descending ones, and certify where that ends.
 
         Parameters
@@ -119,6 +133,8 @@ class Polish:
             Its point is on the model.
         point : PrimalDualPoint
             The same in the order of the compiled model.
+        reach : float
+            Largest violation from which the nearest branch is tried.
 
         Returns
         -------
@@ -129,7 +145,13 @@ class Polish:
         try:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
             start = BranchPoint.at(self._program, replace(point, g_multipliers=rows))
-            found = self._search.polish(start) if start.violation <= POLISHED_VIOLATION else start
+            nearest = nearest_branch(self._program, start.x).key()
+            certified = iterate.is_certified(self._settings.tolerances, polished=True)
+            if certified and nearest in self._exploration.unsolved:
+                return iterate  # as good as it can be shown to be
+            found = self._search.polish(start) if start.violation <= reach else start
+            if found is start or not self._solved[id(found)][0].converged:
+                self._exploration.unsolved.add(nearest)
             return self._better(iterate, self._examined(iterate, found, start))
         except EvaluationError as error:
             logger.info("strategy '%s': its point cannot be polished or certified: %s", iterate.strategy, error)
@@ -173,6 +195,7 @@ class Polish:
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
+        self._search.limits = self._limits_at(found)
         best, certificate = self._certified(found)
         if best is not start:
             iterate = self._at(best, iterate.strategy)
@@ -190,6 +213,13 @@ class Polish:
             iterate = replace(iterate, certificate=Certificate.PROVEN)
         return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
 
+    def _limits_at(self, found: BranchPoint) -> Limits:
+        """How long linear programs may take at a point."""
+        solved = self._solved.get(id(found))
+        if solved is None or solved[0].converged:
+            return self._limits
+        return replace(self._limits, lpec_seconds=LINEAR_SECONDS_WITHOUT_SOLUTION)
+
     def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
         """Follow descending branches, unless the multipliers show already that there are none."""
         if found.branch is None or found.violation > self._limits.feasibility:
@@ -198,6 +228,10 @@ class Polish:
             return found, Certificate.PROVEN
         if found is self._search.certified:
             return found, Certificate.PROVEN
+        if self._biactive < NEARLY_BIACTIVE:
+            found = self._search.exchange(found, self._biactive)
+            if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
+                return found, Certificate.PROVEN
         descended = self._search.descend(found)
         self._add_linear_programs("certificate", descended)
         return descended, self._search.certificate
@@ -209,14 +243,14 @@ class Polish:
         point = Linearisation.at(self._program.nlp, found.x)
         multipliers = self._strong(found, point)
         if multipliers is None:
-            seconds, deadline = self._limits.lpec_seconds, self._settings.deadline
+            seconds, deadline = self._limits_at(found).lpec_seconds, self._settings.deadline
             multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
         return None if multipliers is None else without_crossed(multipliers, self._crossed)
 
     def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
         if found.branch is None or found.violation > self._limits.feasibility:
             return None
-        return strong_multipliers(self._program, point, found.branch, found.point)
+        return strong_multipliers(self._program, point, found.branch, found.point, self._biactive)
 
     def _at(self, found: BranchPoint, strategy: str) -> Iterate:
         """The iterate of the run that solved a branch, its point on the model."""
@@ -264,7 +298,9 @@ class Polish:
         if seconds > 0.0:
             self._compiled.load_point(at.x)
             label = f"{purpose} (linear)"
-            self._log.add(Iterate(label=label, delta=None, mu=None, status=None, iterations=0, seconds=seconds))
+            known = self._solved.get(id(at), (None, None))[0]
+            step = Iterate(label=label, delta=None, mu=None, status=None, iterations=0, seconds=seconds)
+            self._log.add(step, at=known)
 
     def _linear_seconds(self) -> float:
         seconds, self._search.linear_seconds = self._search.linear_seconds, 0.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Geometric
-from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError, ModelError, PyRobocopError
+from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError, FunctionError, ModelError, PyRobocopError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
@@ -22,7 +22,7 @@ from pyrobocop_pyomo.programs.repetition import repeats_large_rows
 from .continuation import Continuation
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
-from .ipopt_options import DEFAULT_WITH_PAIRS, TIGHTENED
+from .ipopt_options import DEFAULT_WITH_PAIRS, FROM_COARSE_MESH, TIGHTENED
 from .iterate_log import IterateLog, ModelCheck
 from .iterates import STEP_HEADER, Iterate, StopReason
 from .polish import Exploration, Polish
@@ -31,13 +31,17 @@ from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
 from .session import OnIteration, Session
 from .settings import Settings
 from .solve_result import SolveResult
-from .strategies import CONTINUATION, DEFAULT_SEQUENCE, PROJECTION, TIGHT, Strategy
+from .strategies import BARRIER, CONTINUATION, DEFAULT_SEQUENCE, PROJECTION, TIGHT, Strategy
 
 logger = logging.getLogger(__name__)
 
 # Up to here a second solve from the user's initial guess costs little, and finds the better optimum now and then.
 # Where it does, it is quick; where it is not, it rarely does.
 CROSS_CHECKED_PAIRS = 100
+# Objectives that differ by less, relative to their size, are those of one solution.
+SAME_OBJECTIVE = 1e-4
+# From so many pairs on, a problem is solved on a coarse mesh of about so many elements first, where it can be.
+COARSENED_PAIRS, COARSE_ELEMENTS = 1000, 400
 # Where the polish fails: a smaller delta makes the pairs nearly as exact as a branch would.
 TIGHTENED_SCHEDULE = Geometric(first=1e-10, factor=1e-2, last=1e-12)
 
@@ -82,6 +86,7 @@ class _Procedure:
         self._best: Iterate | None = None
         self._cut: StopReason | None = None  # by the clock or by Ctrl-C
         self._decided = 0
+        self._coarse_mesh_led = False
         self._solver = self._derivatives = ""
 
     def solve(self) -> SolveResult:
@@ -168,9 +173,39 @@ class _Procedure:
             return self._projected(place)
         if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
             return None
+        if strategy is BARRIER and self._settings.strategies is None and self._find_start_on_coarse_mesh(place):
+            iterate = self._polished(place, replace(strategy, options=FROM_COARSE_MESH))
+            self._coarse_mesh_led = iterate.is_certified(self._settings.tolerances, self._settings.polish)
+            if self._coarse_mesh_led or self._cut is not None:
+                return iterate
+            self._keep(iterate)
         if strategy.from_initial_guess:
             place.values.write(place.start)
         return self._polished(place, strategy)
+
+    def _find_start_on_coarse_mesh(self, place: _Workplace) -> bool:
+        """Solve a large problem on a coarse mesh, in two ways; put the better answer on the model."""
+        if len(place.relaxed.pairs) < COARSENED_PAIRS:
+            return False
+        session = place.session.coarsened(COARSE_ELEMENTS)
+        if session is None:
+            return False
+        found: list[Iterate] = []
+        for strategy in (BARRIER, CONTINUATION):
+            place.values.write(place.start)
+            continuation = self._continuation(place, strategy, session)
+            continuation.run(strategy.schedule)
+            if self._settings.deadline.has_passed or continuation.last.stop_reason.is_final:
+                break
+            if continuation.last.converged:
+                found.append(continuation.last)
+        place.values.write(place.start)
+        if not found:
+            return False
+        best = min(found, key=lambda iterate: self._check.sign * iterate.objective)
+        place.values.write(best.values)
+        place.relaxed.start_lifted()
+        return True
 
     def _not_evaluated(self, strategy: Strategy, why: str) -> Iterate | None:
         """Another backend may know the derivatives at this point; where there is none, the point itself is reported."""
@@ -180,7 +215,7 @@ class _Procedure:
             self._leave()
             try:
                 return self._run(strategy)
-            except EvaluationError as error:
+            except (EvaluationError, FunctionError) as error:  # another process cannot call what is in Python
                 return self._not_evaluated(strategy, str(error))
         if self._best is not None:
             return None
@@ -192,7 +227,10 @@ class _Procedure:
     def _polished(self, place: _Workplace, strategy: Strategy) -> Iterate:
         """Run the strategy's schedule and polish the best point of it."""
         continuation = self._continuation(place, strategy)
-        relaxed = continuation.run(strategy.schedule)
+        relaxed = continuation.run(strategy.schedule, leads_no_further=self._leads_no_further)
+        if self._leads_no_further(continuation.last):
+            place.values.write(relaxed.values)
+            return replace(relaxed, strategy=strategy.name, values=self._values.read())
         iterate = self._improved(place, strategy, relaxed)
         if not (self._settings.polish and place.relaxed.shifted_rows and self._is_loose(iterate)):
             return iterate
@@ -201,9 +239,9 @@ class _Procedure:
         tightened = self._improved(place, strategy, tightened)
         return tightened if self._is_better(tightened, iterate) else iterate
 
-    def _continuation(self, place: _Workplace, strategy: Strategy) -> Continuation:
+    def _continuation(self, place: _Workplace, strategy: Strategy, session: Session | None = None) -> Continuation:
         self._last = continuation = Continuation(
-            place.session,
+            session or place.session,
             self._log,
             place.values,
             self._settings,
@@ -325,11 +363,14 @@ class _Procedure:
         return session
 
     def _prefer_vectorised(self, relaxed: RelaxedModel) -> None:
-        """Take the vectorised backend first, where the caller chose none and the rows repeat large expressions."""
+        """Take the vectorised backend first, where the caller chose none and the rows repeat large expressions.
+
+        Also where a coarse mesh comes first: each of its iterations evaluates the functions of the whole mesh.
+        """
         vectorised = Backend.IN_PROCESS_VECTORISED
         if self._solver or vectorised not in self._backends[1:]:
             return  # decided by the first session, or by the caller
-        if repeats_large_rows(relaxed.model):
+        if len(relaxed.pairs) >= COARSENED_PAIRS or repeats_large_rows(relaxed.model):
             logger.info("'%s': its rows repeat large expressions: %s", self._model.name, vectorised.value)
             self._backends.remove(vectorised)
             self._backends.insert(0, vectorised)
@@ -352,6 +393,18 @@ class _Procedure:
 
     def _is_better(self, first: Iterate, second: Iterate) -> bool:
         return first.is_better_than(second, self._settings.tolerances, self._check.sign)
+
+    def _leads_no_further(self, relaxed: Iterate) -> bool:
+        """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.
+
+        The products that are left flatter its objective: with them it falls, and does not rise.
+        """
+        settings, best = self._settings, self._best
+        if best is None or not best.is_certified(settings.tolerances, settings.polish):
+            return False
+        loss = self._check.sign * (relaxed.objective - best.objective)
+        feasible = relaxed.converged and relaxed.constraint_violation <= settings.tolerances.feasibility
+        return feasible and loss >= -SAME_OBJECTIVE * max(1.0, abs(best.objective))
 
     def _is_loose(self, iterate: Iterate) -> bool:
         tolerances = self._settings.tolerances
@@ -378,6 +431,8 @@ class _Procedure:
         # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
         # disagreed or the second one failed, the slow way down from delta = 1 is worth its time: it finds the better
         # solution more often than not.
+        if self._coarse_mesh_led:
+            return False  # both ways were gone there
         return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
 
     def _disagree(self) -> bool:
@@ -386,7 +441,7 @@ class _Procedure:
         feasible = [iterate.objective for iterate in self._found if iterate.excess(tolerances) <= 1.0]
         if len(feasible) < len(self._found):
             return True
-        return len(feasible) > 1 and max(feasible) - min(feasible) > 1e-4 * max(1.0, *map(abs, feasible))
+        return len(feasible) > 1 and max(feasible) - min(feasible) > SAME_OBJECTIVE * max(1.0, *map(abs, feasible))
 
     def _classify(self, best: Iterate) -> None:
         """Look for the multipliers of the pairs; what has no derivatives has none."""

@@ -17,13 +17,13 @@ from pyrobocop_pyomo.complementarity import (
     delta_of,
     has_penalty,
     lifted_pairs_of,
-    pair_residuals,
     pairs_of,
     relax,
     relaxation_rows_of,
     reset_parameters,
     revert,
     shifted_rows_of,
+    side_values,
     update_parameters,
     without_penalty,
 )
@@ -91,8 +91,10 @@ class RelaxedModel:
     def start_lifted(self) -> None:
         """Give generated variables the values of what they stand for."""
         for lifted in self.lifted:
-            (values,) = pair_residuals([lifted.pair])
-            for side, number in ((lifted.a, values.a), (lifted.b, values.b)):
+            sides = (lifted.a, lifted.b)
+            if not any(side.variable.parent_block() is self.block for side in sides):
+                continue
+            for side, number in zip(sides, side_values(lifted.pair), strict=True):
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 

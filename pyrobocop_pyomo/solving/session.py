@@ -20,16 +20,19 @@ OnIteration = Callable[[IterationRecord], Any]
 class Session(Protocol):
     """Two ways to do the same: in process, or through the executable.
 
-    The iterates that it returns are not checked yet, and their point is on the model.
+    The iterates that it returns are not checked yet by what the user stated, and their point is on the model.
 
     Attributes
     ----------
     solver, derivatives : str
         Which Ipopt, and which derivatives, for people to read.
+    approximate : bool
+        Whether it solves a problem that only resembles the model: its points violate the model's constraints.
     """
 
     solver: str
     derivatives: str
+    approximate: bool
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -46,6 +49,10 @@ class Session(Protocol):
 
         It may have been compiled before, unless it is asked for as it is now.
         """
+        ...
+
+    def coarsened(self, elements: int) -> Session | None:
+        """A session of the same model on about so many elements; None where there is no such program."""
         ...
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:

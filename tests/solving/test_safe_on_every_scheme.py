@@ -11,7 +11,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.programs import compiled_model
+from pyrobocop_pyomo.programs import compositions
 from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 
 pytestmark = pytest.mark.casadi
@@ -125,7 +125,7 @@ def test_what_vectorised_expressions_do_not_know_is_left_to_asl(monkeypatch: pyt
         def __init__(self, *_: Any) -> None:
             raise ModelError("an expression holds an external function")
 
-    monkeypatch.setattr(compiled_model, "VectorisedProgram", Refusing)
+    monkeypatch.setattr(compositions, "VectorisedProgram", Refusing)
     result = rcp.solve(build(elements=6, stages=2), progress=False)
     assert "ASL" in result.derivatives
     assert result.safe

@@ -1,0 +1,117 @@
+"""Models with Python functions go through all that other models go through."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+
+def pull(X: np.ndarray) -> np.ndarray:
+    return -9.81 * np.sin(X[:, 0]) - 0.1 * X[:, 1]
+
+
+def pull_slopes(X: np.ndarray) -> np.ndarray:
+    return np.column_stack([-9.81 * np.cos(X[:, 0]), np.full(len(X), -0.1)])
+
+
+PULL = rcp.Function(pull, pull_slopes, inputs=["angle", "rate"])
+SQUARE = rcp.Function(lambda X: X[:, 0] ** 2, lambda X: 2 * X, lambda X: np.full((len(X), 1, 1), 2.0), name="square")
+LOGARITHM = rcp.Function(lambda X: np.log(X[:, 0]), lambda X: 1 / X, lambda X: -1 / X[:, :, None] ** 2, name="ln")
+
+
+def in_pyomo(angle, rate):
+    return -9.81 * pyo.sin(angle) - 0.1 * rate
+
+
+def pendulum(f, elements: int = 15) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="pendulum")
+    m.swing = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme="radau", stages=2)
+    b.angle = rcp.State(initial=0, final=1.0)
+    b.rate = rcp.State(initial=0, final=0)
+    b.torque = rcp.Control(bounds=(-12, 12))
+
+    @b.ode
+    def dynamics(b, t):
+        return {b.angle: b.rate[t], b.rate: f(b.angle[t], b.rate[t]) + b.torque[t]}
+
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.torque[t] ** 2))
+    return m
+
+
+@pytest.mark.casadi
+def test_a_phase_is_solved_verified_simulated_cloned_and_drawn_alike() -> None:
+    called, written_out = pendulum(PULL), pendulum(in_pyomo)
+    first, second = rcp.solve(called), rcp.solve(written_out, backend="vectorised")
+    assert first.quality is rcp.Quality.OPTIMAL
+    assert "'pull' (second derivatives by differences) in Python" in first.derivatives
+    assert first.objective == pytest.approx(second.objective, rel=1e-9)
+    assert first.steps[0].iterations == second.steps[0].iterations
+    for m in (called, called.clone()):
+        verification = m.swing.trajectory().verify()
+        assert verification.defect < 1e-8
+    for name in ("angle", "rate"):
+        np.testing.assert_allclose(
+            getattr(called.swing.simulate(), name), getattr(written_out.swing.simulate(), name), atol=1e-6
+        )
+    assert not rcp.diagnose(called).errors
+
+
+@pytest.mark.casadi
+def test_sides_of_pairs_may_call_functions() -> None:
+    def model(square):
+        m = pyo.ConcreteModel(name="pairs")
+        m.x = pyo.Var([0, 1, 2], bounds=(0, None), initialize=0.5)
+        m.pairs = rcp.Complementarity([0, 1], rule=lambda m, i: rcp.complements(m.x[i] >= 0, square(m.x[i + 1]) >= 1))
+        m.cost = pyo.Objective(expr=sum((m.x[i] - 0.3 * (i + 1)) ** 2 for i in m.x) + square(m.x[2]))
+        return m
+
+    first, second = rcp.solve(model(SQUARE)), rcp.solve(model(lambda x: x**2))
+    assert first.solved
+    assert first.objective == pytest.approx(second.objective, abs=1e-7)
+    assert first.certificate is second.certificate
+
+
+@pytest.mark.casadi
+def test_a_persistent_solve_reads_numbers_again_and_notices_structure() -> None:
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
+    m.goal = pyo.Param(initialize=2.0, mutable=True)
+    m.row = pyo.Constraint(expr=LOGARITHM(m.x * m.goal) + m.y == 1.0)
+    m.cost = pyo.Objective(expr=(m.x - m.goal) ** 2 + m.y**2)
+    nlp = rcp.studies.PersistentNLP(m)
+    for goal in (2.0, 1.5):
+        m.goal = goal
+        assert nlp.solve().status.solved
+        assert pyo.value(m.row.body) == pytest.approx(1.0, abs=1e-8)
+    assert nlp.preparations == 1
+    m.y.fix(0.25)
+    assert nlp.solve().status.solved
+    assert m.x.value == pytest.approx(np.exp(0.75) / 1.5, abs=1e-7)
+    assert nlp.preparations == 2
+
+
+@pytest.mark.casadi
+def test_a_function_outside_of_its_domain_shortens_the_step_and_is_named_at_the_first_point(caplog) -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=3.0)
+    m.cost = pyo.Objective(expr=m.x + 0.01 * m.x**2 - 0.1 * LOGARITHM(m.x))  # Newton's first step leads below zero
+    assert rcp.solve(m, backend="vectorised").solved
+    m.x.set_value(-1.0)
+    with caplog.at_level(logging.WARNING):
+        assert not rcp.solve(m, backend="vectorised").solved
+    assert "'ln': its value is nan at (input 0 = -1)" in caplog.text
+
+
+@pytest.mark.casadi
+def test_pyomo_solvers_of_this_package_call_functions() -> None:
+    for name in ("pyrobocop.ipopt", "pyrobocop.mpcc"):
+        m = pyo.ConcreteModel()
+        m.x = pyo.Var(initialize=1.0)
+        m.cost = pyo.Objective(expr=SQUARE(m.x - 3) + 1)
+        pyo.SolverFactory(name).solve(m)
+        assert m.x.value == pytest.approx(3.0, abs=1e-6)
