@@ -1,7 +1,7 @@
-"""Studies around a solve: many starts, paths of data, sensitivity, mesh refinement, sequences, receding horizons.
+"""Studies around a solve: many starts or data, paths of data, sensitivity, refinement, sequences, receding horizons.
 
-`multistart`, `homotopy`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence of outcomes that prints
-as a table. Its members mean the same in all of them:
+`multistart`, `homotopy`, `sweep`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence of outcomes
+that prints as a table. Its members mean the same in all of them:
 
 * ``best``: the outcome that answers the study; its point is the one on the model;
 * ``result``: the `SolveResult` of that outcome;
@@ -14,6 +14,7 @@ as a table. Its members mean the same in all of them:
 
 from pyrobocop_pyomo.solving import PersistentNLP
 
+from .case_solver import SweepOutcome
 from .homotopy import HomotopyResult, HomotopyStep, homotopy
 from .multistart import MultistartResult, StartOutcome, multistart
 from .outcomes import Outcome, StudyResult
@@ -21,6 +22,8 @@ from .receding_horizon import HorizonStep, RecedingHorizon
 from .refinement import RefinedResult, RefinementEnd, RefinementStep, solve_refined
 from .sensitivity import Sensitivity, sensitivity
 from .sequences import SequenceOutcome, SequenceRanking, mode_sequences, solve_sequences
+from .sweep import SweepResult
+from .sweep_cases import SweepCase
 
 __all__ = [
     "HomotopyResult",
@@ -38,6 +41,9 @@ __all__ = [
     "SequenceRanking",
     "StartOutcome",
     "StudyResult",
+    "SweepCase",
+    "SweepOutcome",
+    "SweepResult",
     "homotopy",
     "mode_sequences",
     "multistart",

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import pickle
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, TimeoutError, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.errors import ModelError, SolveFailed, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
@@ -25,6 +18,7 @@ from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left
+from .worker_pool import Task, check_picklable, check_workers, run_in_processes
 
 ModeSequence = tuple[str, ...]
 Allowed = Callable[[str, str], bool] | Mapping[str, Iterable[str]]
@@ -197,8 +191,6 @@ Build = Callable[[ModeSequence], Any]
 SolveOne = Callable[[int, ModeSequence], "SequenceOutcome | None"]
 Take = Callable[[SequenceOutcome], bool]
 
-SECONDS_TO_ANSWER = 0.5
-
 
 def solve_sequences(
     build: Build,
@@ -248,8 +240,7 @@ def solve_sequences(
     tasks = [(sequence,) if isinstance(sequence, str) else tuple(sequence) for sequence in sequences]
     if not tasks:
         raise ModelError("no sequences to solve; mode_sequences(...) makes them.")
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        raise ModelError(f"workers = {workers!r}; expected a number of processes of at least 1.")
+    check_workers(workers)
     best_backend()  # raises with the remedies where there is none, once and not for every sequence
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     bar = Progress(progress)
@@ -272,8 +263,15 @@ def solve_sequences(
     if workers == 1:
         _solve_here(solve_one, tasks, take)
     else:
-        _check_picklable(build, options)
-        _solve_in_processes(solve_one, tasks, deadline, min(workers, len(tasks)), take)
+        check_picklable({"build": build, "the options": dict(options)})
+
+        def take_any(outcome: SequenceOutcome | None) -> tuple[Task, ...]:
+            if outcome is not None:
+                take(outcome)
+            return ()
+
+        calls = [Task(number, solve_one, (number, task)) for number, task in enumerate(tasks)]
+        run_in_processes(calls, take_any, workers=min(workers, len(tasks)), deadline=deadline)
     bar.live("")
     return SequenceRanking(
         name="sequences",
@@ -320,76 +318,3 @@ def _solve_here(solve_one: SolveOne, tasks: list[ModeSequence], take: Take) -> N
                 return
     except KeyboardInterrupt:
         return
-
-
-def _check_picklable(build: Build, options: Mapping[str, Any]) -> None:
-    for what, sent in (("build", build), ("the options", dict(options))):
-        try:
-            pickle.dumps(sent)
-        except Exception as error:
-            raise ModelError(
-                f"{what} cannot be sent to another process ({error}). Define functions at the top level of a module "
-                "(functools.partial fills in arguments), or use workers=1."
-            ) from error
-
-
-def _solve_in_processes(
-    solve_one: SolveOne, tasks: list[ModeSequence], deadline: Deadline, workers: int, take: Take
-) -> None:
-    # Spawned, not forked: a forked child would share the state of threads and solver libraries.
-    context = multiprocessing.get_context("spawn")
-    stop = context.Event()
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(stop,))
-    futures: list[Future[SequenceOutcome | None]] = []
-    taken: set[int] = set()
-
-    def take_finished(future: Future[SequenceOutcome | None]) -> None:
-        taken.add(id(future))
-        outcome = future.result()
-        if outcome is not None:
-            take(outcome)
-
-    in_time = True
-    try:
-        futures += [executor.submit(solve_one, number, task) for number, task in enumerate(tasks)]
-        # A process ends its solve at the time limit by itself; how long it may take to say so is limited here.
-        timeout = None if deadline.left is None else max(deadline.left, 0.0) + SECONDS_TO_ANSWER
-        for future in as_completed(futures, timeout=timeout):
-            take_finished(future)
-    except TimeoutError:
-        in_time = False
-    except KeyboardInterrupt:
-        stop.set()
-        executor.shutdown(wait=True, cancel_futures=True)
-        for future in futures:
-            if id(future) not in taken and not future.cancelled() and future.exception() is None:
-                take_finished(future)
-    except BrokenProcessPool as error:
-        raise PyRobocopError(
-            "a worker process ended abruptly. A script must keep its work under 'if __name__ == \"__main__\":', since "
-            "each worker imports it; workers=1 needs no other process."
-        ) from error
-    finally:
-        stop.set()
-        # A process that is still starting needs what the executor holds: it is kept until all have ended.
-        closing = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True})
-        closing.start()
-        if in_time:
-            closing.join()
-
-
-def _start_worker(stop: Any) -> None:
-    """Let a request to stop reach the solve that runs here, as Ctrl-C would."""
-    # On a terminal Ctrl-C reaches every process; here it means something to a running solve only, which puts its own
-    # handler in place of this one.
-    signal.signal(signal.SIGINT, lambda number, frame: None)
-    # One thread each: the processes are the parallelism, and thread pools would fight over the cores.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    threading.Thread(target=_pass_on, args=(stop,), daemon=True).start()
-
-
-def _pass_on(stop: Any) -> None:
-    stop.wait()
-    while True:
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(0.1)

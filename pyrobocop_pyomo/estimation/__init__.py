@@ -1,0 +1,21 @@
+"""Parameters from data: data sets, estimates with their uncertainty, and what measurements can say at all.
+
+`rcp.estimate` is the way in; these are the types that it takes and gives, and `EstimationProblem`, which is the same
+problem with data that may be exchanged, for `rcp.sweep`.
+"""
+
+from .data_sets import DataSet
+from .estimation_result import EstimationResult
+from .fit_statistics import FitStatistics, statistics_of
+from .problem import EstimatedNumber, EstimationProblem
+from .profiles import Profile
+
+__all__ = [
+    "DataSet",
+    "EstimatedNumber",
+    "EstimationProblem",
+    "EstimationResult",
+    "FitStatistics",
+    "Profile",
+    "statistics_of",
+]

@@ -1,0 +1,158 @@
+"""`FitStatistics`: what a fit is worth, from the residuals and the sensitivities at its point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import EvaluationError, SensitivityError
+from pyrobocop_pyomo.numerics import Array
+
+from .problem import EstimationProblem
+from .statistics import correlation_of, covariance_of, quantile
+
+# An unknown this near to a bound, relative to its size, is held by it.
+_AT_BOUND = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class FitStatistics:
+    """Estimates with their uncertainty, to first order at the point of the fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+    estimates : array, shape (unknowns,)
+    covariance : array, shape (unknowns, unknowns)
+        NaN for what a bound holds, infinite where the data do not see the unknowns.
+    residuals : array, shape (measurements,)
+        Measured less predicted; NaN where nothing was measured.
+    freedom : int or None
+        Degrees of freedom of the estimated variance; None where standard deviations were given.
+    sum_of_squares : float
+        Of the residuals, weighted: each over its standard deviation where these were given.
+    matrix : array, shape (measurements, unknowns)
+        Derivatives of the predictions.
+    at_bound : tuple of str
+        Unknowns that are held by a bound.
+    remarks : tuple of str
+        What limits these statistics.
+    """
+
+    names: tuple[str, ...]
+    estimates: Array
+    covariance: Array
+    residuals: Array
+    freedom: int | None
+    sum_of_squares: float
+    matrix: Array
+    at_bound: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def standard_errors(self) -> Array:
+        """Of the estimates, shape (unknowns,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Array:
+        """Of the estimates, shape (unknowns, unknowns)."""
+        return correlation_of(self.covariance)
+
+    def intervals(self, level: float = 0.95) -> Array:
+        """Confidence intervals, shape (unknowns, 2): normal, or Student's t where the variance is estimated.
+
+        Parameters
+        ----------
+        level : float
+            Between 0 and 1.
+        """
+        reach = quantile(level, self.freedom) * self.standard_errors
+        return np.column_stack([self.estimates - reach, self.estimates + reach])
+
+
+def statistics_of(problem: EstimationProblem) -> FitStatistics:
+    """Statistics at the values that stand on the model.
+
+    Parameters
+    ----------
+    problem : EstimationProblem
+        At a fit.
+    """
+    remarks: list[str] = []
+    estimates = problem.estimates()
+    residuals = problem.measured - problem.predictions()
+    present = np.isfinite(residuals)
+    squares = float((problem.weights[present] * residuals[present] ** 2).sum())
+    at_bound = np.array([_is_at_bound(unknown.variable) for unknown in problem.unknowns], dtype=bool)
+    count = len(problem.unknowns)
+    covariance = np.full((count, count), np.nan)
+    matrix = np.full((len(residuals), count), np.nan)
+    free = ~at_bound
+    freedom = int(present.sum()) - int(free.sum())
+    variances, known = _variances(problem, residuals, present, freedom, squares)
+    try:
+        derivatives = problem.sensitivities.at_current_values()
+    except (SensitivityError, EvaluationError) as error:
+        remarks.append(f"no standard errors: {error}")
+    else:
+        matrix = derivatives.matrix
+        if derivatives.biactive:
+            remarks.append(
+                f"{len(derivatives.biactive)} pairs have both sides at zero, among them {derivatives.biactive[0]}: "
+                "standard errors hold to one side of the estimates"
+            )
+        if derivatives.undetermined:
+            remarks.append(
+                f"{derivatives.undetermined} variables are determined by the data alone; standard errors are those for "
+                "known values of them"
+            )
+        covariance[np.ix_(free, free)] = covariance_of(
+            matrix[present][:, free], problem.weights[present], variances[present]
+        )
+    if not known and freedom <= 0:
+        covariance[np.ix_(free, free)] = np.nan
+        remarks.append(
+            f"no standard errors: {present.sum()} measurements say nothing of their scatter with {free.sum()} "
+            "unknowns; give error="
+        )
+    names = tuple(problem.names)
+    return FitStatistics(
+        names=names,
+        estimates=estimates,
+        covariance=covariance,
+        residuals=residuals,
+        freedom=None if known else max(freedom, 0),
+        sum_of_squares=squares,
+        matrix=matrix,
+        at_bound=tuple(name for name, held in zip(names, at_bound, strict=True) if held),
+        remarks=tuple(remarks),
+    )
+
+
+def _variances(
+    problem: EstimationProblem, residuals: Array, present: Array, freedom: int, squares: float
+) -> tuple[Array, bool]:
+    """Variances of the errors, and whether they were given."""
+    if np.isfinite(problem.deviations[present]).all():
+        return problem.deviations**2, True
+    share = max(freedom, 1) / max(int(present.sum()), 1)
+    if problem.criterion == "least squares":
+        # One variance for all, as the plain sum of squares assumes.
+        return np.full(len(residuals), squares / max(freedom, 1)), False
+    variances = np.ones(len(residuals))
+    outputs = np.array([output for _, output in problem.output_of])
+    for output in problem.outputs:
+        places = (outputs == output) & present
+        if places.any():
+            variances[outputs == output] = float((residuals[places] ** 2).mean()) / share
+    return variances, False
+
+
+def _is_at_bound(variable: object) -> bool:
+    number = variable.value  # type: ignore[attr-defined]
+    return any(
+        bound is not None and abs(number - bound) <= _AT_BOUND * max(abs(number), abs(bound), 1e-6)
+        for bound in variable.bounds  # type: ignore[attr-defined]
+    )

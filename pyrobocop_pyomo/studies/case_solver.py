@@ -1,0 +1,354 @@
+"""`CaseSolver`: solves one case after the other, each from the model as it was, warm where there is a neighbour."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.block import BlockData
+from pyomo.core.base.param import Param
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import native_numeric_types
+
+from pyrobocop_pyomo.complementarity import active_sources, pairs_of
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError, SolverNotFoundError
+from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.programs.casadi_program import casadi_available
+from pyrobocop_pyomo.solving import Quality, SolveResult
+from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
+from pyrobocop_pyomo.solving.iterates import Tolerances
+from pyrobocop_pyomo.solving.persistent_solve import PersistentSolve, is_certified
+from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.settings import Settings
+
+from .outcomes import Column, Outcome, seconds_left
+from .sweep_cases import SweepCase, put_mapping
+
+Put = Callable[[Any, Any], object]
+Read = Callable[[Any, SolveResult], Mapping[str, Any]]
+
+# Options of `solve` that a warm solve understands as well; with any other every case is solved cold.
+WARM_OPTIONS = frozenset({"options", "feasibility_tolerance", "complementarity_tolerance"})
+
+
+@dataclass(frozen=True, eq=False)
+class SweepOutcome(Outcome):
+    """What became of one case.
+
+    Attributes
+    ----------
+    case : SweepCase
+    numbers : mapping of str to number or list
+        What `read` gave.
+    started_from : int or None
+        Number of the case whose solution led to this one; None where it was solved from the initial guess.
+    """
+
+    case: SweepCase
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    started_from: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the case."""
+        return self.case.name
+
+
+class ModelState:
+    """All numbers of a model that a case may change: Params, and values, bounds and fixings of variables.
+
+    Parameters
+    ----------
+    model : Block
+    """
+
+    def __init__(self, model: Any) -> None:
+        self.variables = list(model.component_data_objects(Var))
+        self._of_variables = [self._facts(variable) for variable in self.variables]
+        self._params = [
+            (member, member.value)
+            for param in model.component_objects(Param)
+            if param.mutable and not param.is_reference()
+            for member in param.values()
+            if member.value.__class__ in native_numeric_types or member.value is None
+        ]
+
+    @staticmethod
+    def _facts(variable: Any) -> tuple[Any, ...]:
+        # The stored bounds: the public ones are joined with the domain's.
+        return variable.value, variable.fixed, variable._lb, variable._ub, variable.stale
+
+    @property
+    def values(self) -> Values:
+        """Of all variables, as they were."""
+        return [facts[0] for facts in self._of_variables]
+
+    def restore(self) -> None:
+        """Put all back."""
+        for member, number in self._params:
+            if member.value is not number and number is not None:
+                member.set_value(number)
+        for variable, (number, fixed, lower, upper, stale) in zip(self.variables, self._of_variables, strict=True):
+            variable.set_value(number, skip_validation=True)
+            variable.fixed, variable.stale = fixed, stale
+            variable._lb, variable._ub = lower, upper
+
+    def write(self, values: Values) -> None:
+        """Give the free variables values, in the order of `variables`."""
+        for variable, number in zip(self.variables, values, strict=True):
+            if not variable.fixed:
+                variable.set_value(number, skip_validation=True)
+
+    def read(self) -> Values:
+        """The values now."""
+        return [variable.value for variable in self.variables]
+
+    def structure(self) -> tuple[Any, ...]:
+        """What decides which program the model is: fixings and bounds."""
+        fixed = np.array([variable.fixed for variable in self.variables], dtype=bool)
+        bounds = [
+            bound if bound.__class__ in native_numeric_types or bound is None else id(bound)
+            for variable in self.variables
+            for bound in (variable._lb, variable._ub)
+        ]
+        return fixed.tobytes(), tuple(bounds)
+
+
+class CaseSolver:
+    """Solves cases one by one.
+
+    Parameters
+    ----------
+    source : Block or callable
+        A model, or what builds one: for each case where there is no `put`, otherwise once.
+    put : callable, optional
+        ``put(target, data)`` puts the data of a case on the model (or on the object that the builder gave).
+    read : callable, optional
+        ``read(target, result)`` gives numbers to keep.
+    options : mapping
+        Of `solve`.
+    """
+
+    def __init__(self, source: Any, put: Put | None, read: Read | None, options: Mapping[str, Any]) -> None:
+        self._put, self._read, self._options = put, read, {"progress": False, **options}
+        self._build = source if not isinstance(source, BlockData) else None
+        self._target: Any = source if self._build is None else None
+        self._state: ModelState | None = None
+        self._persistent: PersistentSolve | None = None
+        self._structure: tuple[Any, ...] = ()
+        self._open = contextlib.ExitStack()
+        if self._build is not None and put is not None:
+            self._target, self._build = source(), None
+        if self._target is not None:
+            self._model = model_of(self._target)
+            self._state = ModelState(self._model)
+
+    @property
+    def state(self) -> ModelState | None:
+        """Of the model that all cases share, as it was; None where each has its own."""
+        return self._state
+
+    def check(self, data: Any) -> None:
+        """Put the data of a case on the model and take them off again, to see whether they fit; nothing is solved."""
+        if self._state is not None and self._put is None:
+            try:
+                put_mapping(self._model, data)
+            finally:
+                self._state.restore()
+
+    def close(self) -> None:
+        """Leave the model as it was."""
+        self._leave()
+        if self._state is not None:
+            self._state.restore()
+
+    def put(self, data: Any) -> ModelState:
+        """Make the model that of a case; returns the state before its data."""
+        if self._build is not None:
+            self._leave()
+            self._target = self._build(data)
+            self._model = model_of(self._target)
+            return ModelState(self._model)
+        assert self._state is not None
+        if self._persistent is not None and self._persistent.decided_pairs:
+            self._leave()  # it has changed bounds
+        self._state.restore()
+        if self._put is not None:
+            self._put(self._target, data)
+        else:
+            put_mapping(self._model, data)
+        return self._state
+
+    def solve(self, case: SweepCase, near: tuple[int, Values] | None, deadline: Deadline) -> SweepOutcome:
+        """Solve a case; whatever goes wrong is in the outcome.
+
+        Parameters
+        ----------
+        case : SweepCase
+        near : (int, list), optional
+            Number of another case, and its solution.
+        deadline : Deadline
+
+        Raises
+        ------
+        SolverNotFoundError
+            When there is no Ipopt, so that no case can be solved.
+        """
+        started = time.perf_counter()
+        try:
+            state = self.put(case.data)
+            result, from_neighbour = self._solve(state, near, deadline)
+            values = state.read()
+            # What was solved stays so when reading it fails.
+            numbers, failure = self._numbers(result)
+        except SolverNotFoundError:
+            raise
+        except Exception as error:  # whatever goes wrong with one case must not lose the others
+            self._leave()
+            seconds = time.perf_counter() - started
+            return SweepOutcome(case=case, error=_in_a_line(error), seconds=seconds)
+        return SweepOutcome(
+            case=case,
+            result=result,
+            error=failure,
+            numbers=numbers,
+            started_from=near[0] if from_neighbour and near is not None else None,
+            seconds=time.perf_counter() - started,
+            values=values,
+        )
+
+    def _numbers(self, result: SolveResult) -> tuple[Mapping[str, Any], str]:
+        if self._read is None:
+            return {}, ""
+        try:
+            return plain_numbers(self._read(self._target, result)), ""
+        except Exception as error:
+            return {}, f"read: {_in_a_line(error)}"
+
+    def _solve(
+        self, state: ModelState, near: tuple[int, Values] | None, deadline: Deadline
+    ) -> tuple[SolveResult, bool]:
+        initial = state.read()
+        warm = None
+        if near is not None and len(near[1]) == len(state.variables):
+            warm = self._warm(state, near[1], deadline)
+            if warm is not None and (is_certified(warm) or warm.stop_reason.is_final):
+                return warm, True
+        found = state.read() if warm is not None else []
+        self._leave()
+        state.write(initial)
+        cold = solve(self._model, **{**self._options, "time_limit": seconds_left(deadline)})
+        if warm is None or warm.quality is Quality.INFEASIBLE or not warm.standing.is_better_than(cold.standing):
+            return cold, False
+        state.write(found)
+        return warm, True
+
+    def _warm(self, state: ModelState, near: Values, deadline: Deadline) -> SolveResult | None:
+        """Solve from a neighbour's solution; None where that cannot be done."""
+        model = self._model
+        if not WARM_OPTIONS | {"progress"} >= self._options.keys() or find_ipopt_library() is None:
+            return None
+        structure = state.structure()
+        if self._persistent is not None and structure != self._structure:
+            self._leave()
+        try:
+            if self._persistent is None:
+                if not casadi_available() or not _warm_possible(model):
+                    return None
+                self._persistent = self._open.enter_context(PersistentSolve(model, self._settings()))
+                self._structure = structure
+            values = [number for variable, number in zip(state.variables, near, strict=True) if not variable.fixed]
+            return self._persistent.solve(values, deadline)
+        except PyRobocopError:  # a cold solve says better what is wrong
+            self._leave()
+            return None
+
+    def _settings(self) -> Settings:
+        tolerances = Tolerances(
+            feasibility=self._options.get("feasibility_tolerance", Tolerances.feasibility),
+            product=self._options.get("complementarity_tolerance", Tolerances.product),
+        )
+        return Settings(
+            relaxation="scholtes",
+            grouping="pair",
+            backend=Backend.IN_PROCESS_VECTORISED,
+            options=IpoptOptions(user=dict(self._options.get("options") or {})),
+            tolerances=tolerances,
+            progress=Progress(False),
+        )
+
+    def _leave(self) -> None:
+        self._persistent = None
+        self._open.close()
+
+
+def model_of(target: Any) -> Any:
+    """The model of what a builder gave: the object itself, or its attribute ``model``.
+
+    Raises
+    ------
+    ModelError
+        When it is neither.
+    """
+    found = target if isinstance(target, BlockData) else getattr(target, "model", None)
+    if not isinstance(found, BlockData) or not found.is_constructed():
+        raise ModelError(f"the builder returned {type(target).__name__}; expected a model, or an object with a model.")
+    return found
+
+
+def plain_numbers(found: Any) -> dict[str, Any]:
+    """Numbers as a file and a table can keep them.
+
+    Raises
+    ------
+    ModelError
+        When it is no mapping of names to numbers, texts and arrays of numbers.
+    """
+    if not isinstance(found, Mapping):
+        raise ModelError(f"read returned {type(found).__name__}; expected a mapping of names to numbers.")
+    plain: dict[str, Any] = {}
+    for name, number in found.items():
+        if isinstance(number, (bool, str)) or number is None:
+            plain[str(name)] = number
+        elif np.ndim(number) == 0:
+            plain[str(name)] = float(number)
+        else:
+            plain[str(name)] = np.asarray(number, dtype=float).tolist()
+    return plain
+
+
+def own_numbers(outcomes: Any) -> tuple[Column, ...]:
+    """A column for each single number that `read` gave."""
+    names: dict[str, None] = {}
+    for outcome in outcomes:
+        names.update(
+            (name, None)
+            for name, number in outcome.numbers.items()
+            if isinstance(number, (int, float)) and not isinstance(number, bool)
+        )
+    return tuple(Column(name, max(12, len(name)), partial(_number_of, name), ".6g") for name in names)
+
+
+def _number_of(name: str, outcome: SweepOutcome) -> Any:
+    return outcome.numbers.get(name, np.nan)
+
+
+def _warm_possible(model: Any) -> bool:
+    """Obstacles need whole plans, and a relaxation that the user applied is the user's."""
+    if any(isinstance(block, (ContainmentData, ObstacleAvoidanceBlockData)) for block in model.block_data_objects()):
+        return False
+    return len(list(active_sources(model))) > 0 or not pairs_of(model)
+
+
+def _in_a_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -1,0 +1,156 @@
+"""`OutcomeFile`: outcomes of a sweep, each appended at once to a file of JSON lines, so that a sweep can go on."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import CheckpointError
+from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving.iterates import Iterate, Standing
+
+_FORMAT = 1
+_KIND = "outcomes of a sweep"
+
+
+class OutcomeFile:
+    """A file of outcomes.
+
+    A line is written by one call of the operating system: a program that is killed leaves whole lines, and at most one
+    broken one at the end, which is cut off. Nothing in it is unpickled.
+
+    Parameters
+    ----------
+    path : str or Path
+        Made where it does not exist, together with its folder.
+    sweep : mapping
+        What a sweep that goes on has to share with the one that made the file: facts that fit into JSON.
+
+    Attributes
+    ----------
+    records : dict of key to mapping
+        What was in the file, by the key of the case.
+
+    Raises
+    ------
+    CheckpointError
+        When the file is something else, or of another sweep.
+    """
+
+    def __init__(self, path: str | Path, sweep: Mapping[str, Any]) -> None:
+        self._path = Path(path)
+        self.records: dict[str, Mapping[str, Any]] = {}
+        head = {"kind": _KIND, "format": _FORMAT, **sweep}
+        if self._path.exists() and self._path.stat().st_size:
+            self._read(head)
+        else:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._append(head)
+
+    def _read(self, head: Mapping[str, Any]) -> None:
+        content = self._path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        try:
+            lines = [json.loads(line) for line in content[:whole].splitlines()]
+            found = lines[0] if lines else {}
+            records = {line["key"]: line for line in lines[1:]}
+        except (ValueError, KeyError, TypeError) as error:
+            raise CheckpointError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
+        if not lines and not content.startswith(b'{"kind": "outcomes of a sweep"'[: len(content)]):
+            raise CheckpointError(f"{self._path}: is no file of outcomes. Name another file.")
+        if lines and found != json.loads(json.dumps(head)):
+            different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
+            raise CheckpointError(
+                f"{self._path}: is of another sweep: {different[0]!r} is {found.get(different[0])!r} there and "
+                f"{head.get(different[0])!r} here. Remove the file, or name another one."
+            )
+        if whole < len(content):
+            with self._path.open("rb+") as file:
+                file.truncate(whole)
+        if not lines:
+            self._append(head)
+        self.records = records
+
+    def append(self, key: str, record: Mapping[str, Any]) -> None:
+        """Write the outcome of a case."""
+        self._append({"key": key, **record})
+
+    def _append(self, facts: Mapping[str, Any]) -> None:
+        line = (json.dumps(facts) + "\n").encode()
+        descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        try:
+            os.write(descriptor, line)
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+_SHORT = ("label", "delta", "mu", "iterations", "seconds", "objective", "constraint_violation", "largest_product",
+          "largest_natural_residual", "strategy", "number", "stationarity")  # fmt: skip
+
+
+def result_to_json(result: SolveResult) -> dict[str, Any]:
+    """What a file keeps of a result: everything but its steps, pairs and multipliers."""
+    return {
+        "name": result.name,
+        "stop_reason": result.stop_reason.name,
+        "quality": result.quality.name,
+        "certificate": result.certificate.name,
+        "iterations": result.iterations,
+        "best": {name: getattr(result.best, name) for name in _SHORT},
+        "standing": asdict(result.standing),
+        "decided_pairs": result.decided_pairs,
+        "solver": result.solver,
+        "derivatives": result.derivatives,
+        "checking_seconds": result.checking_seconds,
+        "seconds": result.seconds,
+    }
+
+
+def result_from_json(facts: Mapping[str, Any]) -> SolveResult:
+    """The result again; one step stands for all."""
+    best = Iterate(
+        status=None,
+        stop_reason=StopReason[facts["stop_reason"]],
+        certificate=Certificate[facts["certificate"]],
+        **facts["best"],
+    )
+    all_steps = Iterate(
+        "all steps", delta=None, mu=None, status=None, iterations=facts["iterations"], seconds=facts["seconds"]
+    )
+    return SolveResult(
+        name=facts["name"],
+        stop_reason=StopReason[facts["stop_reason"]],
+        quality=Quality[facts["quality"]],
+        best=best,
+        multipliers=None,
+        residuals=[],
+        steps=[all_steps],
+        standing=Standing(**{part.name: facts["standing"][part.name] for part in fields(Standing)}),
+        decided_pairs=facts["decided_pairs"],
+        solver=facts["solver"],
+        derivatives=facts["derivatives"],
+        checking_seconds=facts["checking_seconds"],
+        seconds=facts["seconds"],
+    )
+
+
+def values_to_text(values: Values) -> str:
+    """Values of variables as text, bit by bit; None as NaN."""
+    numbers = np.array([np.nan if value is None else value for value in values], dtype="<f8")
+    return base64.b64encode(numbers.tobytes()).decode()
+
+
+def values_from_text(text: str) -> Values:
+    """The values again."""
+    numbers = np.frombuffer(base64.b64decode(text), dtype="<f8").tolist()
+    return [None if number != number else number for number in numbers]

@@ -1,0 +1,379 @@
+"""`sweep`: solve a model for many data, warm, in several processes, and so that it can go on after a stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pyomo.core.base.block import BlockData
+
+from pyrobocop_pyomo.errors import ModelError, SolveFailed
+from pyrobocop_pyomo.ipopt.backends import best_backend
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.solving import Quality, SolveResult
+from pyrobocop_pyomo.solving.progress import Progress
+
+from .case_solver import CaseSolver, Put, Read, SweepOutcome, own_numbers
+from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
+from .outcomes import Column, StudyResult, ranked
+from .sweep_cases import SweepCase, key_of, numbers_of, read_cases, starting_cases
+from .worker_pool import Task, check_picklable, check_workers, common_to_tasks, run_in_processes
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SweepResult(StudyResult[SweepOutcome]):
+    """Outcomes in the order of the cases; those that a time limit or Ctrl-C left undone are in `remaining`.
+
+    `best` is the best solved case, as `Standing` compares results. The table has a column for each single number of the
+    cases and for each that `read` gave.
+    """
+
+    _solver: CaseSolver | None = field(default=None, repr=False)
+
+    item = "case"
+    numbered_by = "case"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Numbers of the cases, numbers that were read, then the columns of all studies."""
+        found = [numbers_of(outcome.case.data) for outcome in self.outcomes]
+        names = list(dict.fromkeys(name for numbers in found for name in numbers))
+        if names and all(len(numbers) == len(names) for numbers in found) and len(names) <= 6:
+            given: tuple[Column, ...] = tuple(
+                Column(name, max(10, len(name)), partial(_given_number, name), ".6g") for name in names
+            )
+        else:
+            width = max([len("name"), *(len(outcome.name) for outcome in self.outcomes)])
+            given = (Column("name", width, lambda outcome: outcome.name),)
+        return (*given, *own_numbers(self.outcomes), *super().columns)
+
+    @property
+    def best(self) -> SweepOutcome:
+        """The best case of all.
+
+        Raises
+        ------
+        SolveFailed
+            When no case has a point.
+        """
+        order = ranked(self.outcomes)
+        if order and order[0].result is not None:
+            return order[0]
+        why = order[0].reason if order else "Nothing was tried."
+        raise SolveFailed(f"'{self.name}': no case could be solved. {why}", self)
+
+    @property
+    def reached(self) -> bool:
+        """Whether every case was solved."""
+        return not self.remaining and not self.failed
+
+    @property
+    def failed(self) -> tuple[SweepOutcome, ...]:
+        """Cases that were not solved, or whose numbers could not be read."""
+        return tuple(
+            outcome for outcome in self.outcomes if outcome.error or outcome.result is None or not outcome.result.solved
+        )
+
+    def raise_for_status(self) -> None:
+        """Do nothing when every case was solved.
+
+        Raises
+        ------
+        SolveFailed
+            Otherwise, with the first that was not.
+        """
+        if not self.reached:
+            first = f" The first is {self.failed[0].name}: {self.failed[0].reason}" if self.failed else ""
+            raise SolveFailed(
+                f"'{self.name}': {len(self.failed)} cases were not solved, {len(self.remaining)} not tried.{first}",
+                self,
+            )
+
+    def load(self, number: int) -> SolveResult:
+        """Put the data and the point of a case on the model, and return its result.
+
+        Parameters
+        ----------
+        number : int
+            Of the case, from 0.
+
+        Raises
+        ------
+        SolveFailed
+            When it has no point, or a builder made a model of its own for it.
+        """
+        chosen = next((outcome for outcome in self.outcomes if outcome.case.number == number), None)
+        if chosen is None or chosen.result is None:
+            raise SolveFailed(f"'{self.name}': case {number} has no point. {chosen.reason if chosen else ''}", self)
+        if self._solver is None:
+            raise SolveFailed(f"'{self.name}': a builder makes the model of case {number}; build it again.", self)
+        self._solver.put(chosen.case.data).write(chosen.values)
+        return chosen.result
+
+    def __str__(self) -> str:
+        undone = f"\n{len(self.remaining)} cases were left undone" if self.remaining else ""
+        return self.table() + undone
+
+
+def sweep(
+    model: Any,
+    cases: Iterable[Any] | Mapping[str, Any],
+    *,
+    put: Put | None = None,
+    read: Read | None = None,
+    start_from: str | Callable[[int], int | None] | None = "nearest",
+    workers: int = 1,
+    file: str | Path | None = None,
+    time_limit: float | None = None,
+    time_limit_per_case: float | None = None,
+    progress: bool | None = None,
+    **options: Any,
+) -> SweepResult:
+    """Solve a model for many data.
+
+    Each case begins with the model as it was given, so that no case leaves anything behind. It starts from the solution
+    of a neighbour that is certified, on whose branch it goes on; where that does not end in a certified point, or where
+    there is no such neighbour, it is solved from the initial guess as `solve` does it. A case that fails stays alone:
+    those that would have started from it start from the neighbour before.
+
+    Parameters
+    ----------
+    model : Block or callable
+        A model; or a function that makes the model of a case, ``model(data)``; or, together with `put`, one without
+        arguments that makes the model for all of them. A function may also return an object with an attribute
+        ``model``, which `put` and `read` then get.
+    cases : iterable, or mapping of name to case
+        For a model: mappings such as ``{"mass": 2.0}`` (or pairs ``[(m.mass, 2.0)]``) of mutable Params and Vars, which
+        are fixed; values are numbers, arrays in the order of the members, or mappings by index. For `put` and for
+        builders: anything.
+    put : callable, optional
+        ``put(model, data)`` puts a case on the model: Params, values of fixed variables, bounds, fixings.
+    read : callable, optional
+        ``read(model, result)`` returns a mapping of names to numbers or arrays that are kept of the case.
+    start_from : "nearest", callable or None
+        From whose solution a case starts: by default that of the nearest case, along the shortest tree over the
+        numbers of the cases; every eighth one in a row starts from the initial guess. Or a function from the number of
+        a case to that of another one, or to None. With None, all cases start from the initial guess.
+    workers : int
+        Number of processes; with 1 all is done in this one. More need a model that can be pickled, or a builder that
+        stands at the top level of a module (or a `functools.partial` of such), the same for `put` and `read`, and a
+        script whose work stands under ``if __name__ == "__main__":``. In a notebook these functions have to be
+        imported from a file.
+    file : str or Path, optional
+        Where outcomes are written as they come. A sweep that finds its file goes on behind what is in it, also after a
+        crash, and gives the same table.
+    time_limit, time_limit_per_case : float, optional
+        Seconds.
+    progress : bool, optional
+        Show how far it is; by default only on a terminal.
+    **options
+        Passed to `solve`. With others than ``options`` and tolerances no case starts from a neighbour's branch.
+
+    Returns
+    -------
+    SweepResult
+        Errors of single cases are in it, as their reason. The model is as it was.
+
+    Raises
+    ------
+    ModelError
+        When the arguments make no sense; nothing was solved then.
+    CheckpointError
+        When the file is of another sweep.
+    SolverNotFoundError
+        When there is no Ipopt.
+    """
+    check_workers(workers)
+    listed = read_cases(cases)
+    if not isinstance(model, BlockData) and not callable(model):
+        raise ModelError(f"expected a model or a function that builds one, not {type(model).__name__}.")
+    if "time_limit" in options or "progress" in options:
+        raise ModelError("time_limit and progress are the sweep's own.")
+    parents = starting_cases(listed, start_from)
+    best_backend()  # raises with the remedies where there is none, once and not for every case
+    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, Progress(progress), file, options)
+    local = CaseSolver(model, put, read, options) if workers == 1 or isinstance(model, BlockData) else None
+    try:
+        if local is not None:
+            for case in listed:
+                local.check(case.data)
+        if workers == 1:
+            assert local is not None
+            study.run_here(local)
+        else:
+            check_picklable({"the model": model, "put": put, "read": read, "the options": options})
+            study.run_in_processes(partial(CaseSolver, model, put, read, options), min(workers, len(listed)))
+    finally:
+        if local is not None:
+            local.close()
+    shared = local if local is not None and local.state is not None else None
+    name = model.name if isinstance(model, BlockData) else getattr(model, "__name__", "sweep")
+    return study.result(name, shared)
+
+
+class _Sweep:
+    """The state of one sweep, in the process that was asked for it."""
+
+    def __init__(
+        self,
+        cases: list[SweepCase],
+        parents: list[int | None],
+        deadline: Deadline,
+        limit: float | None,
+        progress: Progress,
+        file: str | Path | None,
+        options: Mapping[str, Any],
+    ) -> None:
+        self._cases, self._parents, self._deadline, self._limit = cases, parents, deadline, limit
+        self._progress, self._started = progress, time.perf_counter()
+        self._done: dict[int, SweepOutcome] = {}
+        self._keys: list[str] = []
+        self._file: OutcomeFile | None = None
+        if file is not None:
+            self._keys = [f"{key_of(case.data)}.{case.number}" for case in cases]
+            self._file = OutcomeFile(file, {"options": key_of({**options})})
+            for case, key in zip(cases, self._keys, strict=True):
+                if key in self._file.records:
+                    self._done[case.number] = _outcome_from_json(case, self._file.records[key])
+            if self._done:
+                progress.line(f"{len(self._done)} of {len(cases)} cases are in {file}")
+        self._children: dict[int | None, list[int]] = {}
+        for number, parent in enumerate(parents):
+            self._children.setdefault(parent, []).append(number)
+
+    # ---------------------------------------------------------------- the order of work
+
+    def _ready(self, after: int | None) -> list[int]:
+        """Cases that can be solved once another is done; what is done itself lets those behind it go on."""
+        ready: list[int] = []
+        asked = list(self._children.get(after, []))
+        while asked:
+            number = asked.pop(0)
+            if number in self._done:
+                asked = [*self._children.get(number, []), *asked]
+            else:
+                ready.append(number)
+        return ready
+
+    def _near(self, number: int) -> tuple[int, Values] | None:
+        """The solution to start from: that of the neighbour, or where it failed, of the neighbour's."""
+        parent = self._parents[number]
+        while parent is not None:
+            outcome = self._done.get(parent)
+            if outcome is not None and outcome.result is not None and outcome.result.quality is Quality.OPTIMAL:
+                return parent, outcome.values
+            parent = self._parents[parent]
+        return None
+
+    def run_here(self, solver: CaseSolver) -> None:
+        """Solve in this process, until all is done, the time is over or somebody presses Ctrl-C."""
+        waiting = self._ready(None)
+        try:
+            while waiting:
+                number = waiting.pop(0)
+                if self._done and self._deadline.has_passed:
+                    return
+                outcome = solver.solve(self._cases[number], self._near(number), self._deadline.within(self._limit))
+                if not self._take(outcome):
+                    return
+                waiting = [*self._ready(number), *waiting]
+        except KeyboardInterrupt:
+            return
+
+    def run_in_processes(self, make: Callable[[], CaseSolver], workers: int) -> None:
+        """Solve in several processes, each case as soon as its neighbour is done."""
+
+        def task(number: int) -> Task:
+            call = (self._cases[number], self._near(number), self._deadline.left, self._limit)
+            return Task(number, solve_in_worker, call)
+
+        def take(outcome: SweepOutcome | None) -> list[Task]:
+            if outcome is None or not self._take(outcome):
+                return []
+            return [task(number) for number in self._ready(outcome.case.number)]
+
+        def given_up(task_of: Task) -> list[Task]:
+            return take(SweepOutcome(case=self._cases[task_of.key], error="its process ended abruptly, several times"))
+
+        first = [task(number) for number in self._ready(None)]
+        run_in_processes(first, take, workers=workers, deadline=self._deadline, given_up=given_up, common=make)
+
+    def _take(self, outcome: SweepOutcome) -> bool:
+        """Keep an outcome that nobody cut short; returns whether to go on."""
+        if outcome.cut_short and (self._deadline.has_passed or outcome.result.stop_reason.name == "INTERRUPTED"):  # type: ignore[union-attr]
+            return False
+        self._done[outcome.case.number] = outcome
+        if self._file is not None:
+            self._file.append(self._keys[outcome.case.number], _outcome_to_json(outcome))
+        done, count = len(self._done), len(self._cases)
+        if outcome.error or not outcome.feasible:
+            self._progress.line(f"{outcome.name}: {outcome.verdict}, {outcome.reason}")
+        elapsed = time.perf_counter() - self._started
+        failures = sum(1 for each in self._done.values() if each.result is None or not each.result.solved)
+        left = elapsed / done * (count - done)
+        self._progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
+        return True
+
+    def result(self, name: str, solver: CaseSolver | None) -> SweepResult:
+        """What was found."""
+        self._progress.live("")
+        return SweepResult(
+            name=name,
+            outcomes=tuple(self._done[number] for number in sorted(self._done)),
+            remaining=tuple(case.name for case in self._cases if case.number not in self._done),
+            seconds=time.perf_counter() - self._started,
+            _solver=solver,
+        )
+
+
+def _given_number(name: str, outcome: SweepOutcome) -> float:
+    return numbers_of(outcome.case.data)[name]
+
+
+class _SolverHere:
+    """The solver of a worker process: its model is built, or sent, once."""
+
+    solver: CaseSolver | None = None
+
+
+def solve_in_worker(
+    case: SweepCase,
+    near: tuple[int, Values] | None,
+    left: float | None,
+    limit: float | None,
+) -> SweepOutcome:
+    """Solve a case in a worker process."""
+    if _SolverHere.solver is None:
+        _SolverHere.solver = common_to_tasks()()
+    outcome = _SolverHere.solver.solve(case, near, Deadline.after(left).within(limit))
+    # Neither multipliers nor pairs are worth their way; the sides stand on the model.
+    return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, rounds=()))
+
+
+def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:
+    return {
+        "name": outcome.name,
+        "result": None if outcome.result is None else result_to_json(outcome.result),
+        "error": outcome.error,
+        "seconds": outcome.seconds,
+        "numbers": dict(outcome.numbers),
+        "started_from": outcome.started_from,
+        "values": values_to_text(outcome.values),
+    }
+
+
+def _outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> SweepOutcome:
+    return SweepOutcome(
+        case=case,
+        result=None if facts["result"] is None else result_from_json(facts["result"]),
+        error=facts["error"],
+        seconds=facts["seconds"],
+        numbers=facts["numbers"],
+        started_from=facts["started_from"],
+        values=values_from_text(facts["values"]),
+    )

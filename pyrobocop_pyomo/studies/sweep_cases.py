@@ -1,0 +1,282 @@
+"""The cases of a sweep: what each puts on a model, what tells it apart, and from whose solution it starts."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.param import Param
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.numerics import Array
+
+from .named_data import by_component
+
+# So many cases may start one from the other before one starts cold: what goes wrong at one does not go on forever, and
+# a long row of cases is divided among processes.
+LONGEST_CHAIN = 8
+# Up to here the distances of all cases from each other are computed; beyond, each starts from the one before.
+NEAREST_IS_SOUGHT = 3000
+
+
+@dataclass(frozen=True, eq=False)
+class SweepCase:
+    """One case.
+
+    Attributes
+    ----------
+    number : int
+        Its place, from 0.
+    name : str
+    data : object
+        As the user gave it.
+    """
+
+    number: int
+    name: str
+    data: Any
+
+
+def read_cases(cases: Any) -> list[SweepCase]:
+    """Number and name the cases.
+
+    Parameters
+    ----------
+    cases : iterable, or mapping of name to case
+
+    Raises
+    ------
+    ModelError
+        When there are none.
+    """
+    if isinstance(cases, Mapping):
+        found = [SweepCase(number, str(name), data) for number, (name, data) in enumerate(cases.items())]
+    elif isinstance(cases, Iterable) and not isinstance(cases, str):
+        found = [SweepCase(number, _name_of(data, number), data) for number, data in enumerate(cases)]
+    else:
+        raise ModelError(f"cases is {type(cases).__name__}; expected a list of cases, or a mapping of names to cases.")
+    if not found:
+        raise ModelError(
+            "no cases to solve. A case is a mapping such as {'mass': 2.0}, or what put= or a builder takes."
+        )
+    return found
+
+
+def _name_of(data: Any, number: int) -> str:
+    """Short data stand for themselves."""
+    numbers = numbers_of(data)
+    if isinstance(data, Mapping) and numbers and len(numbers) == len(data):
+        return ", ".join(f"{name}={value:.6g}" for name, value in numbers.items())[:60]
+    if isinstance(data, (int, float, str)):
+        return f"{data:.6g}" if isinstance(data, float) else str(data)
+    if isinstance(data, tuple) and all(isinstance(entry, (int, float, str)) for entry in data):
+        return ", ".join(f"{entry:.6g}" if isinstance(entry, float) else str(entry) for entry in data)[:60]
+    return f"case {number + 1}"
+
+
+def numbers_of(data: Any) -> dict[str, float]:
+    """The single numbers of a case by name: columns of its table."""
+    if not isinstance(data, Mapping):
+        return {}
+    return {
+        str(name): float(value)
+        for name, value in data.items()
+        if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    }
+
+
+def put_mapping(model: Any, data: Any) -> None:
+    """Put the numbers of a case on a model: values of mutable Params, and values at which Vars are fixed.
+
+    Parameters
+    ----------
+    model : Block
+    data : mapping or iterable of pairs
+        From components or their names to a number for all members, an array in their order, or a mapping by index.
+
+    Raises
+    ------
+    ModelError
+        When a component does not exist or cannot change, or a value is no finite number.
+    """
+    for component, given in by_component(data, model):
+        for member, number in _member_values(component, given):
+            if member.ctype is Var:
+                member.fix(number, skip_validation=True)
+            else:
+                member.set_value(number)
+
+
+def _member_values(component: Any, given: Any) -> list[tuple[Any, float]]:
+    kind, name = getattr(component, "ctype", None), getattr(component, "name", repr(component))
+    if kind is Param:
+        if not component.parent_component().mutable:
+            raise ModelError(f"'{name}': is not mutable, so expressions hold its number. Declare mutable=True.")
+    elif kind is not Var:
+        raise ModelError(f"'{name}': a case sets mutable Params and Vars; this is a {type(component).__name__}.")
+    indexed = component.is_indexed()
+    members = dict(component.items()) if indexed else {None: component}
+    if indexed and kind is Param:
+        members = {index: component[index] for index in component.index_set()}
+    if isinstance(given, Mapping):
+        unknown = [index for index in given if index not in members]
+        if unknown:
+            raise ModelError(f"'{name}': has no index {unknown[0]!r}; it has {_few(members)}.")
+        return [(members[index], _number(value, f"{name}[{index}]")) for index, value in given.items()]
+    if np.ndim(given) == 0:
+        number = _number(given, name)
+        return [(member, number) for member in members.values()]
+    values = np.asarray(given, dtype=object).ravel()
+    if values.size != len(members):
+        raise ModelError(f"'{name}': a case has {values.size} values for its {len(members)} members.")
+    return [(member, _number(value, name)) for member, value in zip(members.values(), values.tolist(), strict=True)]
+
+
+def _number(given: Any, name: str) -> float:
+    try:
+        number = float(given)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ModelError(f"'{name}': a case gives it {given!r}; expected a finite number.")
+    return number
+
+
+def _few(members: Mapping[Any, Any]) -> str:
+    names = [repr(index) for index in members]
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+
+
+def key_of(data: Any) -> str:
+    """What tells a case apart from others, in another run of the program as well.
+
+    Raises
+    ------
+    ModelError
+        When the data are of a kind that is not the same again: an object without a value of its own.
+    """
+    digest = hashlib.sha256()
+    _digest(data, digest.update)
+    return digest.hexdigest()[:24]
+
+
+def _digest(data: Any, add: Callable[[bytes], None]) -> None:
+    if isinstance(data, np.ndarray) and not data.dtype.hasobject:
+        add(f"array{data.shape}{data.dtype}".encode() + np.ascontiguousarray(data).tobytes())
+    elif isinstance(data, (np.integer, np.floating)):
+        _digest(data.item(), add)
+    elif data is None or isinstance(data, (bool, int, float, complex, str, bytes)):
+        add(f"{type(data).__name__}:{data!r};".encode())
+    elif isinstance(data, Mapping):
+        add(f"mapping{len(data)};".encode())
+        for name, value in data.items():
+            _digest(name, add)
+            _digest(value, add)
+    elif isinstance(data, (list, tuple)):
+        add(f"sequence{len(data)};".encode())
+        for value in data:
+            _digest(value, add)
+    elif hasattr(data, "name") and hasattr(data, "ctype"):
+        add(f"component:{data.name};".encode())
+    elif hasattr(data, "to_dict") and hasattr(data, "to_numpy"):  # a data frame or a series
+        _digest(data.to_dict(), add)
+    elif hasattr(data, "__dataclass_fields__"):
+        _digest({"": type(data).__name__, **{name: getattr(data, name) for name in data.__dataclass_fields__}}, add)
+    else:
+        raise ModelError(
+            f"a case holds a {type(data).__name__}, which a file of outcomes cannot tell from another one. Let cases "
+            "be made of numbers, texts, arrays, lists and mappings, or go without file=."
+        )
+
+
+def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | None]:
+    """From whose solution each case starts; None for a cold start.
+
+    Parameters
+    ----------
+    cases : sequence of SweepCase
+    start_from : "nearest", callable or None
+        A callable is asked for each number.
+
+    Raises
+    ------
+    ModelError
+        When it is none of these, names no case or goes round in a circle.
+    """
+    if start_from is None:
+        return [None] * len(cases)
+    if callable(start_from):
+        return _checked([start_from(case.number) for case in cases])
+    if start_from != "nearest":
+        raise ModelError(f"start_from = {start_from!r}; expected 'nearest', a function of the case's number, or None.")
+    parents = _nearest(_coordinates(cases))
+    depth: dict[int, int] = {}
+    for number, parent in parents:
+        depth[number] = 0 if parent is None else depth[parent] + 1
+    chosen: list[int | None] = [None] * len(cases)
+    for number, parent in parents:
+        chosen[number] = None if depth[number] % LONGEST_CHAIN == 0 else parent
+    return chosen
+
+
+def _checked(chosen: list[Any]) -> list[int | None]:
+    for number, parent in enumerate(chosen):
+        known = parent is None or (isinstance(parent, (int, np.integer)) and 0 <= parent < len(chosen))
+        if not known:
+            raise ModelError(f"start_from({number}) is {parent!r}; expected the number of another case, or None.")
+    for number in range(len(chosen)):
+        seen: set[int] = set()
+        here: int | None = number
+        while here is not None:
+            if here in seen:
+                raise ModelError(f"start_from: case {number} would start from itself, by way of others.")
+            seen.add(here)
+            here = chosen[here]
+    return [None if parent is None else int(parent) for parent in chosen]
+
+
+def _coordinates(cases: Sequence[SweepCase]) -> Array:
+    """A point per case, each number relative to its range over the cases; the place in the list where that fails."""
+    rows = [_flat(case.data) for case in cases]
+    usable = len(cases) <= NEAREST_IS_SOUGHT and len({row.size for row in rows}) == 1 and rows[0].size > 0
+    if not usable or (isinstance(cases[0].data, Mapping) and len({tuple(map(str, case.data)) for case in cases}) > 1):
+        return np.arange(len(cases), dtype=float)[:, None]
+    points = np.array(rows)
+    ranges = np.ptp(points, axis=0)
+    return points / np.where(ranges > 0.0, ranges, 1.0)
+
+
+def _flat(data: Any) -> Array:
+    values = list(data.values()) if isinstance(data, Mapping) else data
+    try:
+        if isinstance(values, (list, tuple)):
+            parts = [
+                _flat(entry) if not np.isscalar(entry) else np.atleast_1d(np.asarray(entry, float)) for entry in values
+            ]
+            return np.concatenate(parts) if parts else np.zeros(0)
+        flat = np.asarray(values, dtype=float).ravel()
+    except (TypeError, ValueError):
+        return np.zeros(0)
+    return flat if np.isfinite(flat).all() else np.zeros(0)
+
+
+def _nearest(points: Array) -> list[tuple[int, int | None]]:
+    """The shortest tree over the points, from the first one on (Prim's method): pairs of a case and its neighbour."""
+    count = len(points)
+    distance, neighbour = np.full(count, np.inf), np.zeros(count, dtype=int)
+    left = np.ones(count, dtype=bool)
+    here = 0
+    found: list[tuple[int, int | None]] = [(0, None)]
+    for _ in range(count - 1):
+        left[here] = False
+        away = np.linalg.norm(points - points[here], axis=1)
+        closer = away < distance
+        distance[closer], neighbour[closer] = away[closer], here
+        here = int(np.where(left, distance, np.inf).argmin())
+        found.append((here, int(neighbour[here])))
+    return found

@@ -1,0 +1,306 @@
+"""`sweep`: cases do not touch each other, go on where they were stopped, and are the same in several processes."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import CheckpointError, ModelError, SolveFailed
+from pyrobocop_pyomo.studies.sweep_cases import LONGEST_CHAIN, key_of, read_cases, starting_cases
+
+case_solver = importlib.import_module("pyrobocop_pyomo.studies.case_solver")
+
+
+def spring(pull: float = 1.0) -> pyo.ConcreteModel:
+    """A mass that is pulled against a wall at 1: x = min(pull, 1), and the wall pushes with the rest."""
+    m = pyo.ConcreteModel(name="spring")
+    m.pull = pyo.Param(initialize=pull, mutable=True, within=pyo.Reals)
+    m.least = pyo.Param(initialize=-10.0, mutable=True, within=pyo.Reals)
+    m.x = pyo.Var(initialize=0.3, bounds=(-10, 10))
+    m.wall = pyo.Var(initialize=0.2, bounds=(0, None))
+    m.balance = pyo.Constraint(expr=m.x + m.wall == m.pull)
+    m.above = pyo.Constraint(expr=m.x >= m.least)
+    m.contact = rcp.Complementarity(expr=rcp.complements(m.wall >= 0, 1 - m.x >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 0.5) ** 2)
+    return m
+
+
+def expected(pull: float) -> float:
+    return (min(pull, 1.0) - 0.5) ** 2
+
+
+def numbers(m: Any, result: Any) -> dict[str, float]:
+    return {"x": m.x.value, "wall": m.wall.value}
+
+
+def facts(m: Any) -> list[Any]:
+    variables = [(v.value, v.fixed, v.lb, v.ub) for v in m.component_data_objects(pyo.Var)]
+    return [variables, m.pull.value, m.least.value, [c.name for c in m.component_objects()]]
+
+
+PULLS = [0.2, 0.7, 1.4, 2.0]
+
+
+@pytest.mark.casadi
+def test_each_case_has_its_own_solution_and_the_model_is_as_it_was() -> None:
+    m = spring()
+    before = facts(m)
+    found = rcp.sweep(m, [{"pull": pull} for pull in PULLS], read=numbers)
+    assert [outcome.objective for outcome in found] == pytest.approx([expected(pull) for pull in PULLS], abs=1e-7)
+    assert [outcome.numbers["x"] for outcome in found] == pytest.approx([min(p, 1) for p in PULLS], abs=1e-6)
+    assert found.reached
+    assert found.best.case.number == 1
+    assert facts(m) == before
+    frame = found.to_pandas()
+    assert frame["pull"].tolist() == PULLS
+    assert frame["x"].tolist() == pytest.approx([min(p, 1) for p in PULLS], abs=1e-6)
+    assert found.load(3) is found[3].result
+    assert (m.pull.value, m.x.value) == pytest.approx((2.0, 1.0), abs=1e-6)
+
+
+@pytest.mark.casadi
+def test_a_neighbour_is_gone_on_from_and_gives_what_a_cold_solve_gives() -> None:
+    m = spring()
+    warm = rcp.sweep(m, [{"pull": pull} for pull in PULLS])
+    cold = rcp.sweep(m, [{"pull": pull} for pull in PULLS], start_from=None)
+    assert [outcome.started_from for outcome in warm] == [None, 0, 1, 2]
+    assert [outcome.started_from for outcome in cold] == [None] * 4
+    assert warm.iterations < cold.iterations / 2
+    for one, other in zip(warm, cold, strict=True):
+        assert one.objective == pytest.approx(other.objective, abs=1e-7)
+        assert one.certificate == other.certificate == "proven"
+
+
+@pytest.mark.casadi
+def test_an_infeasible_case_spoils_no_other() -> None:
+    m = spring()
+    cases = [{"pull": 0.4}, {"pull": 0.5, "least": 3.0}, *({"pull": 0.6 + 0.05 * k} for k in range(5))]
+    found = rcp.sweep(m, cases)
+    assert [outcome.verdict for outcome in found] == ["optimal", "infeasible", *["optimal"] * 5]
+    assert [outcome.case.number for outcome in found.failed] == [1]
+    assert 1 not in [outcome.started_from for outcome in found]
+    with pytest.raises(SolveFailed, match="1 cases were not solved, 0 not tried. The first is"):
+        found.raise_for_status()
+
+
+@pytest.mark.casadi
+def test_a_failed_neighbour_is_passed_over() -> None:
+    cases = [{"pull": 0.4}, {"pull": 0.5, "least": 3.0}, {"pull": 0.6}]
+    found = rcp.sweep(spring(), cases, start_from=lambda number: number - 1 if number else None)
+    assert [outcome.started_from for outcome in found] == [None, None, 0]
+
+
+@pytest.mark.casadi
+def test_a_case_that_raises_is_told_and_the_others_go_on() -> None:
+    def put(m: Any, pull: float) -> None:
+        if pull < 0:
+            raise ArithmeticError("negative pull")
+        m.pull = pull
+
+    def read(m: Any, result: Any) -> dict[str, Any]:
+        return {"inverse": 1 / (m.pull.value - 0.7)}
+
+    found = rcp.sweep(spring(), {"good": 0.2, "broken": -1.0, "unread": 0.7}, put=put, read=read)
+    assert [outcome.name for outcome in found] == ["good", "broken", "unread"]
+    assert found[1].reason == "ArithmeticError: negative pull"
+    assert found[2].feasible
+    assert found[2].error.startswith("read: ZeroDivisionError")
+    assert len(found.failed) == 2
+    assert "negative pull" in str(found)
+
+
+@pytest.mark.casadi
+def test_a_builder_makes_the_model_of_each_case() -> None:
+    found = rcp.sweep(spring, PULLS, read=numbers)
+    assert [outcome.numbers["x"] for outcome in found] == pytest.approx([min(p, 1) for p in PULLS], abs=1e-6)
+    assert [outcome.started_from for outcome in found] == [None, 0, 1, 2]
+    with pytest.raises(SolveFailed, match="a builder makes the model"):
+        found.load(1)
+
+
+@pytest.mark.casadi
+def test_a_free_variable_is_fixed_for_its_case_only() -> None:
+    m = pyo.ConcreteModel(name="valley")
+    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var([1, 2], initialize=1.0)
+    m.cost = pyo.Objective(expr=(m.x - 2) ** 2 + sum((m.y[i] - m.x) ** 2 for i in m.y))
+    found = rcp.sweep(m, [{"x": 0.0}, {"y": {1: 0.0}}, {"y": [0.0, 3.0]}, [(m.x, 1.0)]])
+    assert [outcome.objective for outcome in found] == pytest.approx([4.0, 2.0, 14 / 3, 1.0], abs=1e-7)
+    assert not m.x.fixed
+    assert not m.y[1].fixed
+
+
+@pytest.mark.parametrize(
+    ("cases", "changes", "message"),
+    [
+        ([], {}, "no cases to solve"),
+        (5, {}, "cases is int"),
+        ([{"push": 1.0}], {}, "has no component 'push'"),
+        ([{"pull": float("nan")}], {}, "'pull': a case gives it nan; expected a finite number"),
+        ([{"balance": 1.0}], {}, "'balance': a case sets mutable Params and Vars"),
+        ([{"pull": [1.0, 2.0]}], {}, "'pull': a case has 2 values for its 1 members"),
+        ([{"pull": {3: 1.0}}], {}, "'pull': has no index 3"),
+        ([{"pull": 1.0}], {"workers": 0}, "workers = 0; expected a number of processes"),
+        ([{"pull": 1.0}], {"start_from": "best"}, "start_from = 'best'"),
+        ([{"pull": 1.0}] * 2, {"start_from": lambda number: 1 - number}, "case 0 would start from itself"),
+        ([{"pull": 1.0}], {"start_from": lambda number: 7}, r"start_from\(0\) is 7"),
+        ([object()], {"file": "x", "put": print}, "a case holds a object"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_any_solve(
+    cases: Any, changes: Any, message: str, monkeypatch: Any, tmp_path: Path
+) -> None:
+    def never(*_: Any, **__: Any) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(case_solver, "solve", never)
+    monkeypatch.chdir(tmp_path)
+    m = spring()
+    before = facts(m)
+    with pytest.raises(ModelError, match=message):
+        rcp.sweep(m, cases, **changes)
+    assert facts(m) == before
+
+
+# ---------------------------------------------------------------- which case starts from which
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40))
+@settings(max_examples=40)
+def test_every_chain_of_neighbours_ends_and_is_short(points: list[float]) -> None:
+    parents = starting_cases(read_cases([{"p": point} for point in points]), "nearest")
+    assert parents[0] is None
+    for number in range(len(points)):
+        length, here = 0, parents[number]
+        while here is not None:
+            length, here = length + 1, parents[here]
+        assert length < LONGEST_CHAIN
+
+
+def test_the_neighbour_is_the_nearest_case() -> None:
+    order = [0.5, 0.1, 0.9, 0.2, 0.8]
+    parents = starting_cases(read_cases([{"p": p, "same": 1.0} for p in order]), "nearest")
+    assert parents == [None, 3, 4, 0, 0]
+
+
+def test_keys_of_cases_hold_what_they_say() -> None:
+    data = {"a": np.arange(3.0), "b": [1, 2.5, "x", None]}
+    assert key_of(data) == key_of({"a": np.arange(3.0), "b": (1, 2.5, "x", None)})
+    for other in ({**data, "a": np.arange(4.0)}, {**data, "b": [1, 2.5, "y", None]}, {"b": data["b"]}):
+        assert key_of(other) != key_of(data)
+
+
+# ---------------------------------------------------------------- a file of outcomes
+
+
+@pytest.mark.casadi
+def test_a_sweep_goes_on_behind_what_is_in_its_file(tmp_path: Path) -> None:
+    cases, file = [{"pull": pull} for pull in PULLS], tmp_path / "new" / "outcomes.jsonl"
+    whole = rcp.sweep(spring(), cases, read=numbers)
+    first = rcp.sweep(spring(), cases[:2], read=numbers, file=file)
+    with file.open("ab") as broken:
+        broken.write(b'{"key": "half a li')
+    solved: list[Any] = []
+    second = rcp.sweep(spring(), cases, read=lambda m, r: solved.append(1) or numbers(m, r), file=file)
+    assert len(solved) == 2
+    assert [outcome.seconds for outcome in second][:2] == [outcome.seconds for outcome in first]
+    for one, other in zip(second, whole, strict=True):
+        assert (one.objective, one.numbers, one.values) == (other.objective, other.numbers, other.values)
+        assert (one.iterations, one.verdict, one.certificate) == (other.iterations, other.verdict, other.certificate)
+        assert one.result.standing == other.result.standing
+    assert second.reached
+    third = rcp.sweep(spring(), cases, read=numbers, file=file)
+    assert str(third) == str(second)
+
+
+@pytest.mark.casadi
+def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
+    cases, file = [{"pull": 0.5}], tmp_path / "outcomes.jsonl"
+    rcp.sweep(spring(), cases, file=file)
+    with pytest.raises(CheckpointError, match="is of another sweep: 'options'"):
+        rcp.sweep(spring(), cases, file=file, options={"tol": 1e-9})
+    for content in ("a table\n", '{"kind": "something"}\n', "no line at all"):
+        file.write_text(content)
+        with pytest.raises(CheckpointError, match=r"outcomes\.jsonl"):
+            rcp.sweep(spring(), cases, file=file)
+        assert file.read_text() == content
+
+
+# ---------------------------------------------------------------- several processes
+
+
+def put_pull(m: Any, pull: float) -> None:
+    if pull == 0.123:
+        os.kill(os.getpid(), signal.SIGKILL)
+    m.pull = pull
+
+
+@pytest.mark.casadi
+@pytest.mark.slow
+def test_processes_give_the_same_and_one_that_dies_takes_no_other_case_with_it() -> None:
+    pulls = [*PULLS, 0.123]
+    found = rcp.sweep(spring, pulls, put=put_pull, read=numbers, workers=2, start_from=lambda n: 0 if n else None)
+    here = rcp.sweep(spring, PULLS, put=put_pull, read=numbers, start_from=lambda n: 0 if n else None)
+    assert [outcome.objective for outcome in found][:4] == [outcome.objective for outcome in here]
+    assert [outcome.iterations for outcome in found][:4] == [outcome.iterations for outcome in here]
+    assert found[4].reason == "its process ended abruptly, several times"
+
+
+def test_what_cannot_be_sent_to_a_process_is_said() -> None:
+    with pytest.raises(ModelError, match="put cannot be sent to another process"):
+        rcp.sweep(spring, PULLS, put=lambda m, pull: None, workers=2)
+
+
+SLOWLY = np.linspace(0, 2, 12).tolist()
+
+
+def put_slowly(m: Any, pull: float) -> None:
+    m.pull = pull
+    time.sleep(0.05)
+
+
+KILLED = """
+    import pyrobocop_pyomo as rcp
+    from tests.studies.test_sweep import SLOWLY, numbers, put_slowly, spring
+
+    if __name__ == "__main__":
+        found = rcp.sweep(spring(), SLOWLY, put=put_slowly, read=numbers, file="outcomes.jsonl")
+        print([(outcome.objective, outcome.numbers) for outcome in found])
+"""
+
+
+@pytest.mark.casadi
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_a_sweep_that_was_killed_gives_the_same_table(tmp_path: Path) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(textwrap.dedent(KILLED))
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, str(script)]
+    running = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE)
+    file, deadline = tmp_path / "outcomes.jsonl", time.monotonic() + 60
+    while (not file.exists() or file.read_bytes().count(b"\n") < 4) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    running.kill()
+    running.communicate()
+    kept = file.read_bytes().count(b"\n") - 1
+    assert 0 < kept < 12
+    after = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
+    lines = [json.loads(line) for line in file.read_bytes().splitlines()[1:]]
+    assert len(lines) == 12
+    whole = rcp.sweep(spring(), SLOWLY, put=put_slowly, read=numbers)
+    assert after.strip() == str([(outcome.objective, outcome.numbers) for outcome in whole])
