@@ -1,34 +1,34 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
-What nearly every script uses is here. The rest is in namespaces: `drawing`, `engines`, `errors`, `formulations`,
-`geometry`, `groupings`, `initial_guesses`, `ipopt`, `mechanics`, `relaxations`, `results`, `schedules`, `schemes` and
-`studies`.
+What nearly every script uses is here. The rest is in namespaces: `drawing`, `engines`, `errors`, `estimation`,
+`formulations`, `geometry`, `groupings`, `initial_guesses`, `ipopt`, `learning`, `mechanics`, `relaxations`, `results`,
+`schedules`, `schemes` and `studies`.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from pyrobocop_pyomo import (
     drawing,
-    engines,
     errors,
     formulations,
     geometry,
     groupings,
     initial_guesses,
     ipopt,
-    mechanics,
     relaxations,
     results,
     schedules,
     schemes,
     studies,
-    teams,
 )
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements, either_zero
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import diagnose
-from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
-from pyrobocop_pyomo.distributed.team import Team
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
+from pyrobocop_pyomo.modeling.expression_arrays import array
+from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.motion import Body
 from pyrobocop_pyomo.obstacles import Containment, ObstacleAvoidanceBlock
 from pyrobocop_pyomo.phases import (
@@ -45,7 +45,27 @@ from pyrobocop_pyomo.phases import (
 )
 from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
+from pyrobocop_pyomo.studies.sweep import sweep
 from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
+
+if TYPE_CHECKING:
+    from pyrobocop_pyomo import engines, estimation, learning, mechanics, teams
+    from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
+    from pyrobocop_pyomo.distributed.team import Team
+    from pyrobocop_pyomo.estimation.estimate import estimate
+    from pyrobocop_pyomo.problem_classes import from_pyrobocop, solution_arrays
+
+# What many scripts do without is loaded when it is first asked for: together it takes as long as a quarter of the rest.
+_NAMESPACES_ON_DEMAND = {"engines", "estimation", "learning", "mechanics", "teams"}
+_HOMES_ON_DEMAND = {
+    "Agent": "distributed.agents",
+    "KeepApart": "distributed.agents",
+    "Shared": "distributed.agents",
+    "Team": "distributed.team",
+    "estimate": "estimation.estimate",
+    "from_pyrobocop": "problem_classes",
+    "solution_arrays": "problem_classes",
+}
 
 __all__ = [
     "Agent",
@@ -55,6 +75,7 @@ __all__ = [
     "Containment",
     "Control",
     "Duration",
+    "Function",
     "KeepApart",
     "Link",
     "ObstacleAvoidanceBlock",
@@ -72,6 +93,7 @@ __all__ = [
     "Trajectory",
     "__version__",
     "active_pairs",
+    "array",
     "complements",
     "dae_trajectory",
     "diagnose",
@@ -79,13 +101,17 @@ __all__ = [
     "either_zero",
     "engines",
     "errors",
+    "estimate",
+    "estimation",
     "formulations",
+    "from_pyrobocop",
     "geometry",
     "groupings",
     "initial_guesses",
     "ipopt",
     "join_trajectories",
     "label_measurements",
+    "learning",
     "mechanics",
     "phases_of",
     "planar_pose",
@@ -93,11 +119,23 @@ __all__ = [
     "results",
     "schedules",
     "schemes",
+    "solution_arrays",
     "solve",
     "spatial_pose",
     "studies",
+    "sweep",
     "teams",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name that is loaded on demand."""
+    if name in _NAMESPACES_ON_DEMAND:
+        return import_module(f"{__name__}.{name}")
+    if name not in _HOMES_ON_DEMAND:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)
+    return found
 
 
 def __dir__() -> list[str]:

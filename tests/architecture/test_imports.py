@@ -11,7 +11,8 @@ from .sources import folder_trees, imported_files, nodes, trees
 ORDER = [
     "errors", "optional_imports", "modeling", "numerics", "geometry", "plotting", "complementarity", "catalogue",
     "trajectories", "transcription", "continuous", "phases", "motion", "car_paths", "obstacles", "mechanics",
-    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "distributed",
+    "problem_classes", "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "estimation",
+    "distributed",
 ]  # fmt: skip
 IMPORTS = (ast.Import, ast.ImportFrom)
 

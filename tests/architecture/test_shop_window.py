@@ -20,17 +20,16 @@ import pyrobocop_pyomo as rcp
 ROOT = Path(rcp.__file__).parent
 
 NAMESPACES = """
-    drawing engines errors formulations geometry groupings initial_guesses ipopt mechanics relaxations results schedules
-    schemes studies teams
+    drawing engines errors estimation formulations geometry groupings initial_guesses ipopt learning mechanics
+    relaxations results schedules schemes studies teams
 """
 
 PUBLIC = {
     "": """
-        Agent Algebraic Body Complementarity Containment Control Duration KeepApart Link ObstacleAvoidanceBlock
+        Agent Algebraic Body Complementarity Containment Control Duration Function KeepApart Link ObstacleAvoidanceBlock
         Parameter PhaseBlock Polytope Quality Shared SolveResult Start State StopReason Strategy Team Trajectory
-        __version__ active_pairs complements dae_trajectory diagnose either_zero join_trajectories label_measurements
-        phases_of planar_pose solve
-        spatial_pose
+        __version__ active_pairs array complements dae_trajectory diagnose either_zero estimate from_pyrobocop
+        join_trajectories label_measurements phases_of planar_pose solution_arrays solve spatial_pose sweep
     """,
     "drawing": """
         BodyPath animate_avoidance animate_scene draw_avoidance draw_linkage draw_planar_pushing draw_scene
@@ -39,12 +38,18 @@ PUBLIC = {
         AgentFailure Checkpoint DaskEngine Engine HostedProblem HostedSpec MpiEngine ProcessEngine SerialEngine
         find_engine fingerprint
     """,
+    "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
     "formulations": "Dual Formulation Mixed Offset Optimality Plane",
     "geometry": "Pose SignedDistance decompose signed_distance",
     "groupings": "AllPairs Crossed Grouping PerElement PerPair PerPhase",
     "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_initial_guess",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable",
-    "mechanics": "PhysicalScore ScoreLimits SquareSlider planar spatial",
+    "learning": "GaussianProcessMean",
+    "mechanics": """
+        AbsoluteValue CoulombFriction CoulombSlip DeadZone HardWall LimitSurface Maximum Minimum PhysicalScore
+        PointContact Saturation ScoreLimits Sign SignalLaw SlidingFriction SoftWall SquareSlider Step StribeckFriction
+        planar spatial
+    """,
     "mechanics.planar": """
         Capsule Contact Disc DiscRobot GroundFriction PlanarGap RigidBody RoundedBox Score ViscousDrag
     """,
@@ -67,7 +72,8 @@ PUBLIC = {
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
         HomotopyResult HomotopyStep HorizonStep MultistartResult Outcome PersistentNLP RecedingHorizon RefinedResult
-        RefinementEnd RefinementStep Sensitivity SequenceOutcome SequenceRanking StartOutcome StudyResult homotopy
+        RefinementEnd RefinementStep Sensitivity SequenceOutcome SequenceRanking StartOutcome StudyResult SweepCase
+        SweepOutcome SweepResult homotopy
         mode_sequences multistart sensitivity solve_refined solve_sequences
     """,
 }
@@ -132,6 +138,20 @@ def test_namespaces_only_show_what_folders_define() -> None:
         assert isinstance(names, ast.Assign)
     sources = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("*/**/*.py"))
     assert modules & set(re.findall(r"^from pyrobocop_pyomo\.(\w+) import", sources, re.MULTILINE)) == set()
+
+
+@pytest.mark.heavy
+def test_what_many_scripts_do_without_is_loaded_on_demand() -> None:
+    ended = in_a_fresh_process("""
+        import sys
+        import pyrobocop_pyomo as rcp
+        later = ("distributed", "estimation", "mechanics", "problem_classes")
+        print(any(f"pyrobocop_pyomo.{name}" in sys.modules for name in later))
+        from pyrobocop_pyomo import Team, estimate
+        print(rcp.Team is Team, rcp.mechanics.SoftWall.__name__, hasattr(rcp, "nothing"))
+        print(all(getattr(rcp, name) is not None for name in rcp.__all__))
+    """)
+    assert ended.stdout.split() == ["False", "True", "SoftWall", "False", "True"]
 
 
 @pytest.mark.heavy

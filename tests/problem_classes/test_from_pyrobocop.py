@@ -1,0 +1,315 @@
+"""A class with PyRoboCOP's methods is the model that the same problem has in this package."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import pickle
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ProblemClassError
+from pyrobocop_pyomo.problem_classes import solution_arrays
+
+from . import native_models, problem_styles
+
+EQUAL = {
+    "smooth": (problem_styles.Pendulum, {}, native_models.pendulum),
+    "explicit Euler": (problem_styles.Pendulum, {"roots": "explicit"}, native_models.explicit_pendulum),
+    "midpoint": (problem_styles.Pendulum, {"roots": "legendre"}, native_models.midpoint_pendulum),
+    "least time": (problem_styles.QuickCart, {}, native_models.quick_cart),
+    "parameter": (problem_styles.ParameterCurve, {}, native_models.parameter_curve),
+    "pairs at lower bounds": (problem_styles.OneSided, {}, native_models.one_sided),
+    "pairs at lower and upper bounds": (problem_styles.DeadZone, {}, native_models.dead_zone),
+    "modes in time": (problem_styles.ModeSequence, {}, native_models.mode_sequence),
+    "learned": (problem_styles.LearnedFriction, {}, native_models.learned_friction),
+    "mass matrix of the states": (problem_styles.Arm, {}, native_models.arm),
+    "constant mass matrix": (problem_styles.CoupledMasses, {}, native_models.coupled_masses),
+    "nonlinear in the derivative": (problem_styles.RollingBall, {}, native_models.rolling_ball),
+    "varying bounds": (problem_styles.Corridor, {}, native_models.corridor),
+    "objects": (problem_styles.Car, {}, native_models.car),
+}
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize(("problem", "arguments", "native"), EQUAL.values(), ids=EQUAL)
+def test_a_class_is_the_native_model(problem, arguments, native):
+    m, expected = rcp.from_pyrobocop(problem(), **arguments), native()
+    m.phase.check()
+    solution, of_native = rcp.solve(m), rcp.solve(expected)
+    assert solution.solved
+    assert of_native.solved
+    assert solution.safe is of_native.safe
+    assert solution.objective == pytest.approx(of_native.objective, rel=1e-6, abs=1e-7)
+    assert m.phase.trajectory().verify().largest_violation < 1e-6
+
+
+# -------------------------------------------------------------------- what comes out
+
+
+@pytest.mark.ipopt
+def test_values_come_in_the_shapes_of_the_original():
+    m = rcp.from_pyrobocop(problem_styles.OneSided(), 2)
+    rcp.solve(m)
+    x, xdot, y, u, _ = arrays = solution_arrays(m)
+    assert [part.shape for part in arrays] == [(13, 1, 3), (12, 1, 2), (12, 2, 2), (12, 1, 2), (0,)]
+    assert x[0, 0, 0] == 1.0
+    assert x[1:, :, 0] == pytest.approx(x[:-1, :, -1])  # Radau: an element ends where the next one starts
+    assert xdot == pytest.approx(3 * x[:-1, :, 1:] - 0.5 * y[:, :1] + 3 * u, abs=1e-6)
+    assert y[:, 1] == pytest.approx(y[:, 0] - 2 * u[:, 0], abs=1e-6)
+    with pytest.raises(ProblemClassError, match="was not made by from_pyrobocop"):
+        solution_arrays(pyo.ConcreteModel(name="other"))
+
+
+@pytest.mark.ipopt
+def test_models_survive_copies_and_pickles():
+    m = rcp.from_pyrobocop(problem_styles.OneSided(), compl=1, compladapt=1)
+    again = [copy.deepcopy(m), m.clone(), pickle.loads(pickle.dumps(m))]
+    objectives = [rcp.solve(one, exploration=0.0).objective for one in (m, *again)]
+    assert objectives == pytest.approx([objectives[0]] * 4, rel=1e-9)
+    assert again[-1].phase.trajectory().verify().largest_violation < 1e-6
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize("treatment", [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0)])
+def test_the_treatment_of_pairs_can_be_that_of_the_arguments(treatment):
+    m = rcp.from_pyrobocop(problem_styles.OneSided(), 1, "radau", *treatment)
+    relaxed = rcp.solve(m, polish=False, exploration=0.0, **m.problem.solve_options)
+    largest = {0: 1e-4, 1: 1e-6}[treatment[1]] if treatment[0] < 2 else 1e-8
+    arrays = solution_arrays(m)
+    assert (arrays.y[:, 0] * arrays.y[:, 1]).max() <= 1.01 * largest
+    assert relaxed.objective == pytest.approx(0.66647, rel=1e-3)
+
+
+def test_without_a_wish_pairs_are_treated_as_everywhere():
+    assert rcp.from_pyrobocop(problem_styles.OneSided()).problem.solve_options == {}
+
+
+def test_derivatives_by_hand_are_ignored_with_a_notice(caplog):
+    with caplog.at_level(logging.WARNING):
+        rcp.from_pyrobocop(problem_styles.QuickCart(), autodiff=0)
+    assert "gradient, jacobian, hessian are ignored" in caplog.text
+
+
+def test_guesses_are_those_of_the_class_or_straight_lines():
+    published = rcp.from_pyrobocop(problem_styles.Car())
+    assert solution_arrays(published).x[10, 0, 0] == pytest.approx(3 - 3 * np.cos(np.pi / 4))
+    lines = rcp.from_pyrobocop(problem_styles.Car(), guess="straight line")
+    assert solution_arrays(lines).x[10, 0, 0] == pytest.approx(1.5)
+    with pytest.raises(ProblemClassError, match="guess = 'mine'"):
+        rcp.from_pyrobocop(problem_styles.Car(), guess="mine")
+
+
+def test_rows_are_solved_for_the_derivatives_where_they_can_be():
+    def implicit(problem):
+        return rcp.from_pyrobocop(problem()).problem.implicit
+
+    assert implicit(problem_styles.Arm) == []
+    assert implicit(problem_styles.CoupledMasses) == []
+    assert implicit(problem_styles.RollingBall) == [0]
+
+    class Singular(problem_styles.Pendulum):
+        def constraint(self, c, t, x, xdot, y, u, p):
+            c[0] = x[0] * xdot[0] - x[1]  # a coefficient that changes its sign
+            c[1] = xdot[1] - u[0]
+
+    assert implicit(Singular) == [0]
+
+
+# -------------------------------------------------------------------- objects
+
+
+def bodies_of(problem):
+    return rcp.from_pyrobocop(problem()).phase.avoid.record.scene.bodies
+
+
+class SwappingBoxes(problem_styles.Car):
+    """Two moving shapes, one of them a triangle around no centre; corners by products of arrays."""
+
+    def get_objects_info(self):
+        return 2, np.ones((2, 1)), np.array([[4], [3]])
+
+    def get_object_vertices(self, V, ind, x, xdot, y, u):
+        corners = [
+            np.array([[0.3, -0.3, -0.3, 0.3], [0.2, 0.2, -0.2, -0.2]]),
+            np.array([[0.3, -0.2, -0.2], [0, 0.3, -0.3]]),
+        ]
+        angle = x[2] if ind == 0 else 0.3 + 2 * x[2]
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        V[0:2, :] = turn @ corners[ind] + np.array([x[0] + 5 * ind, x[1]]).reshape(2, 1)
+        V[2, :] = 0
+
+
+class Links(problem_styles.Car):
+    """An arm: the second link turns about a point that no affine function gives."""
+
+    def get_object_vertices(self, V, ind, x, xdot, y, u):
+        if ind == 0:
+            problem_styles.Car.get_object_vertices(self, V, ind, x, xdot, y, u)
+            return
+        base, angle = np.array([np.cos(x[0]), np.sin(x[0])]), x[0] + x[2]
+        for k, (along, across) in enumerate([(0.1, -0.05), (0.9, -0.05), (0.9, 0.05), (0.1, 0.05)]):
+            V[0, k] = base[0] + along * np.cos(angle) - across * np.sin(angle)
+            V[1, k] = base[1] + along * np.sin(angle) + across * np.cos(angle)
+
+
+class FlyingBox(problem_styles.Car):
+    """A box in space that yaws, and a flat plate that only shifts."""
+
+    def get_objects_info(self):
+        return 2, [1, 1], [8, 4]
+
+    def get_object_vertices(self, V, ind, x, xdot, y, u):
+        signs = np.array([[sx, sy, sz] for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]).T
+        if ind == 0:
+            c, s = np.cos(x[2]), np.sin(x[2])
+            turn = np.array([[c, -s, 0 * c], [s, c, 0 * c], [0 * c, 0 * c, 1 + 0 * c]])
+            V[:, :] = turn @ (signs * [[0.3], [0.2], [0.1]]) + np.array([x[0], x[1], 0.5 + x[3]]).reshape(3, 1)
+        else:
+            V[:, :] = np.array([[0, 1, 1, 0], [0, 0, 1, 1], [0, 0, 0, 0]]) + np.array([x[0], 0.0, -4.0]).reshape(3, 1)
+
+
+@pytest.mark.parametrize("problem", [problem_styles.Car, SwappingBoxes, Links, FlyingBox])
+def test_shape_and_pose_give_the_corners_back(problem):
+    made = problem()
+    m = rcp.from_pyrobocop(made)
+    generator = np.random.default_rng(1)
+    numbers = generator.uniform(-1, 1, 4)
+    t = m.phase.points.at(3)
+    for j, number in enumerate(numbers):
+        m.phase.component(f"x{j}")[t].set_value(number, skip_validation=True)
+    count, _, corner_counts = made.get_objects_info()
+    for k in range(count):
+        expected = np.zeros((3, int(np.ravel(corner_counts)[k])))
+        made.get_object_vertices(expected, k, numbers, np.zeros(4), np.zeros(0), np.zeros(2))
+        body = m.phase.avoid.record.scene.bodies[f"object{k}"]
+        corners = np.array(body.shape.vertices).T
+        if body.moves:
+            rotation, translation = body.pose(m.phase, t).numbers()
+            corners = rotation @ corners + translation[:, None]
+        distances = np.linalg.norm(corners[:, :, None] - expected[: len(corners), None, :], axis=0)
+        assert distances.min(axis=0).max() < 1e-9
+        assert distances.min(axis=1).max() < 1e-9
+
+
+def test_poses_are_affine_where_they_can_be():
+    kinds = [type(body.pose).__name__ for body in bodies_of(SwappingBoxes).values()]
+    assert kinds == ["AffinePose", "AffinePose"]
+    assert type(bodies_of(Links)["object1"].pose).__name__ == "PoseOfCorners"
+
+
+# -------------------------------------------------------------------- what is refused
+
+
+class Stretching(problem_styles.Car):
+    def get_object_vertices(self, V, ind, x, xdot, y, u):
+        super().get_object_vertices(V, ind, x, xdot, y, u)
+        V[0, 0] = V[0, 0] + x[3]
+
+
+class Steered(problem_styles.Car):
+    def get_object_vertices(self, V, ind, x, xdot, y, u):
+        super().get_object_vertices(V, ind, x, xdot, y, u)
+        V[0, 0] = V[0, 0] + u[0]
+
+
+class Branching(problem_styles.Pendulum):
+    def constraint(self, c, t, x, xdot, y, u, p):
+        c[0] = xdot[0] - x[1]
+        c[1] = xdot[1] - (u[0] if x[0] > 0 else -u[0])
+
+
+class Unfinished(problem_styles.Pendulum):
+    def constraint(self, c, t, x, xdot, y, u, p):
+        c[0] = xdot[0] - x[1]
+
+
+class Overfilled(problem_styles.Pendulum):
+    def constraint(self, c, t, x, xdot, y, u, p):
+        c[0], c[1], c[2] = xdot[0] - x[1], xdot[1] - u[0], x[0]
+
+
+class FloatsInside(problem_styles.Pendulum):
+    def constraint(self, c, t, x, xdot, y, u, p):
+        rates = np.zeros(2)
+        rates[0] = x[1]
+
+
+class NoCost(problem_styles.Pendulum):
+    def objective(self, t, x, xdot, y, u, p):
+        x[0] ** 2
+
+
+class VectorCost(problem_styles.Pendulum):
+    def objective(self, t, x, xdot, y, u, p):
+        return x**2
+
+
+class Contradictory(problem_styles.QuickCart):
+    bounds_params = None
+
+    def bounds(self, i):
+        return np.zeros(3), np.ones(3)
+
+    def initialcondition(self):
+        return np.zeros(3)
+
+    def objective(self, t, x, xdot, y, u):
+        return 0
+
+
+class OneTimeTooFew(problem_styles.Pendulum):
+    def get_info(self):
+        return 2, 0, 1, 0, 0, 10, np.linspace(0, 1, 10), 0, 0
+
+
+class WithoutBound(problem_styles.OneSided):
+    def bounds(self, i):
+        lower, upper = super().bounds(i)
+        lower[1 + 1] = -1e30
+        return lower, upper
+
+
+REFUSED = {
+    "nothing there": (object, "no method get_info, bounds, initialpoint, initialcondition, objective, constraint"),
+    "all at once": (
+        Contradictory,
+        r"bounds_params.*no place for the 1 parameters p.*bounds\(0\).*\[3, 3\].*initialcondition\(\) returned 3",
+    ),
+    "times": (OneTimeTooFew, r"10 times for 10 elements; N \+ 1 = 11"),
+    "a side without bound": (WithoutBound, r"pair 0 uses the lower bound of y\[0\], which bounds\(0\) leaves infinite"),
+    "a branch on a state": (Branching, "constraint.*cannot branch on variables"),
+    "a row left out": (Unfinished, "row 1 of 2"),
+    "a row too many": (Overfilled, r"IndexError.*n_d \+ n_a - n_cc rows"),
+    "floats": (FloatsInside, "dtype=object"),
+    "no cost": (NoCost, "returned None"),
+    "several costs": (VectorCost, r"shape \(2,\).*Sum it"),
+    "an object that is not rigid": (Stretching, "object 0 .*distances between its corners change"),
+    "an object that a control moves": (Steered, r"reads u\[0\]"),
+}
+
+
+@pytest.mark.parametrize(("problem", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_contradicts_itself_is_refused_by_name(problem, message):
+    with pytest.raises(ProblemClassError, match=message):
+        rcp.from_pyrobocop(problem())
+
+
+ARGUMENTS = [
+    ({"ncolloc": 0}, "ncolloc = 0"),
+    ({"roots": "lobatto"}, "roots = 'lobatto'"),
+    ({"roots": "explicit", "ncolloc": 2}, "explicit Euler"),
+    ({"compl": 3}, "compl = 3"),
+    ({"compladapt": 2}, "compladapt = 2"),
+    ({"compleps": 0.0}, "compleps = 0"),
+    ({"autodiff": 2}, "autodiff = 2"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), ARGUMENTS)
+def test_unknown_arguments_are_refused(arguments, message):
+    with pytest.raises(ProblemClassError, match=message):
+        rcp.from_pyrobocop(problem_styles.Pendulum(), **arguments)
