@@ -43,3 +43,26 @@ def show_progress(text: str) -> None:
     """Overwrite one line on a terminal, and say nothing elsewhere."""
     if sys.stderr.isatty():
         print(f"\r\x1b[2K{text}", end="", file=sys.stderr, flush=True)
+
+
+def markdown(titles: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
+    """The rows as a table of a page.
+
+    Parameters
+    ----------
+    titles : sequence of str
+    rows : sequence of sequences of str
+    left : int
+        How many columns are aligned to the left; numbers follow.
+    """
+    rule = ["---" if i < left else "---:" for i in range(len(titles))]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (titles, rule, *rows))
+
+
+def cells_of(rows: Sequence[Sequence[object]], columns: Sequence[tuple[str, str]]) -> list[list[str]]:
+    """Values as text, in the formats of a `Table` without their widths."""
+    formats = [style.lstrip("<>").lstrip("0123456789") for _, style in columns]
+    return [
+        ["-" if value is None else format(value, style) for value, style in zip(row, formats, strict=True)]
+        for row in rows
+    ]

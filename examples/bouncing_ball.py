@@ -4,8 +4,10 @@ Each impact turns the vertical speed around and takes a part of it: ``v+ = -e v-
 position continue. When the impacts happen is not given: every flight lasts until the ball is back on the floor.
 
 ``drop`` lets the ball fall from a height; nothing is left to choose, and the times of all impacts are known in
-closed form. ``throw`` seeks the slowest throw from the floor whose ball, after a number of impacts, lands at a given
-distance: the first flight then lasts ``T = 2 v / g``, each other ``e`` times as long as the one before.
+closed form. The picture compares them with a simulation that knows no flights: one phase with the floor as a pair,
+which finds its impacts step by step. ``throw`` seeks the slowest throw from the floor whose ball, after a number of
+impacts, lands at a given distance: the first flight then lasts ``T = 2 v / g``, each other ``e`` times as long as the
+one before.
 """
 
 from __future__ import annotations
@@ -55,6 +57,21 @@ def impact(pre, post):
     return post.v_y == -RESTITUTION * pre.v_y
 
 
+def step_through(duration: float, elements: int = 500) -> rcp.Trajectory:
+    """The dropped ball in one phase, simulated with the floor as a pair of height and force."""
+    m = pyo.ConcreteModel(name="stepped ball")
+    m.ball = b = rcp.PhaseBlock(duration=duration, elements=elements, scheme="implicit_euler")
+    b.height, b.v_y = rcp.State(initial=HEIGHT), rcp.State(initial=0)
+    b.push = rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.height: b.v_y[t], b.v_y: b.push[t] - GRAVITY})
+
+    @b.complementarity
+    def floor(b, t):
+        return rcp.complements(b.height[t] >= 0, b.push[t] >= 0)
+
+    return b.simulate(restitution={"floor": RESTITUTION})
+
+
 def impact_times(bounces: int) -> np.ndarray:
     """When the dropped ball meets the floor, in closed form."""
     fall = sqrt(2 * HEIGHT / GRAVITY)
@@ -80,6 +97,11 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     axis.axhline(0, color="0.4", linewidth=1)
     axis.set(xlabel="x [m]", ylabel="height [m]", title=f"{m.name}, {len(m.impacts)} impacts")
     joined.plot({"height": "height [m]", "v_y": "vertical\nspeed [m/s]"}, figure=right)
+    if m.flights[0].v_x[0].fixed:  # the dropped ball
+        stepped = step_through(joined.boundaries[-1] - joined.boundaries[0])
+        for axis, name in zip(right.axes, ("height", "v_y"), strict=False):
+            axis.plot(stepped.time, stepped.states[name], "--", color="C3", linewidth=1, label="simulated in steps")
+        right.axes[0].legend(loc="upper right", fontsize="small")
 
 
 if __name__ == "__main__":

@@ -44,32 +44,15 @@ def state_pusher_slider(b, goal: tuple[float, float, float]) -> None:
     b.contact = rcp.State(initial=0, final=(-0.5, 0.5), bounds=(-1, 1))  # along the left face, in half sides
     b.normal = rcp.Control(bounds=(0, 0.5))
     b.tangential = rcp.Control(bounds=(-1, 1))
-    b.cone_up = rcp.Algebraic(bounds=(0, None))  # distance of the force from the two edges of the friction cone
-    b.cone_down = rcp.Algebraic(bounds=(0, None))
-    b.slip_up = rcp.Algebraic(bounds=(0, 0.5))
-    b.slip_down = rcp.Algebraic(bounds=(0, 0.5))
+    # Along the face, in half sides per second: only where the force is at the edge of its cone.
+    b.slip = rcp.mechanics.CoulombSlip(b.normal, b.tangential, coefficient=FRICTION, fastest=0.5)
 
     @b.ode
     def pusher_slider(b, t):
-        slip = b.slip_up[t] - b.slip_down[t]
         # The contact acts where it will be after the slip of this step: the look-ahead of the published model.
-        contact = (-SLIDER.half_side, SLIDER.half_side * (b.contact[t] + step * slip))
+        contact = (-SLIDER.half_side, SLIDER.half_side * (b.contact[t] + step * b.slip[t]))
         v_x, v_y, omega = SLIDER.velocity(b.theta[t], contact, (b.normal[t], b.tangential[t]))
-        return {b.x: v_x, b.y: v_y, b.theta: omega, b.contact: slip}
-
-    @b.residual
-    def friction_cone(b, t):
-        return [
-            b.cone_down[t] == b.tangential[t] + FRICTION * b.normal[t],
-            b.cone_up[t] == -b.tangential[t] + FRICTION * b.normal[t],
-        ]
-
-    @b.complementarity
-    def slip_only_at_the_edge_of_the_cone(b, t):
-        return [
-            rcp.complements(b.cone_up[t] >= 0, b.slip_up[t] >= 0),
-            rcp.complements(b.cone_down[t] >= 0, b.slip_down[t] >= 0),
-        ]
+        return {b.x: v_x, b.y: v_y, b.theta: omega, b.contact: b.slip[t]}
 
 
 def squared_distance(b, t, goal: tuple[float, float, float]):

@@ -35,9 +35,7 @@ def build(case: str = "ride", elements: int = 60, stages: int = 2) -> pyo.Concre
         start, final = (STRETCH, BELT), (None, None)
     b.x = rcp.State(initial=start[0], final=final[0], initial_guess=lambda t: start[0] + 0.8 * t)
     b.v = rcp.State(initial=start[1], final=final[1], initial_guess=BELT / 2)
-    b.friction = rcp.Algebraic(bounds=(-FRICTION, FRICTION))
-    b.slower = rcp.Algebraic(bounds=(0, None))  # than the belt
-    b.faster = rcp.Algebraic(bounds=(0, None))
+    b.friction = rcp.mechanics.CoulombFriction(lambda b, t: b.v[t] - BELT, normal=FRICTION, coefficient=1.0)
     if riding:
         b.force = rcp.Control(bounds=(-10, 10), parametrization="piecewise_constant")
 
@@ -45,17 +43,6 @@ def build(case: str = "ride", elements: int = 60, stages: int = 2) -> pyo.Concre
     def newton(b, t):
         other = b.force[t] if riding else -STIFFNESS * b.x[t]
         return {b.x: b.v[t], b.v: other + b.friction[t]}
-
-    @b.residual
-    def slip(b, t):
-        return b.slower[t] - b.faster[t] == BELT - b.v[t]
-
-    @b.complementarity
-    def less_than_full_friction_only_without_slip(b, t):
-        return [
-            rcp.complements(b.slower[t] >= 0, FRICTION - b.friction[t] >= 0),
-            rcp.complements(b.faster[t] >= 0, FRICTION + b.friction[t] >= 0),
-        ]
 
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2) if riding else 0)
     return m
@@ -82,7 +69,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
         labels["force"] = "actuator [N]"
     trajectory.plot(labels, figure=figure)
     figure.suptitle(m.name)
-    sticks = trajectory.slower + trajectory.faster < 1e-3 * BELT
+    sticks = trajectory.friction_forward + trajectory.friction_backward < 1e-3 * BELT
     through = sticks[1:] & sticks[:-1]  # a mass that has just reached the belt's speed did not stick before
     axes = figure.axes[: len(labels)]
     for axis in axes:

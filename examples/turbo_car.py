@@ -39,9 +39,6 @@ def build(case: str = "turbo", elements: int = 20, stages: int = 2) -> pyo.Concr
     b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t)
     b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST), initial_guess=1)
     b.pedal = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")
-    b.turbo = rcp.Algebraic(bounds=(0, 1), initial_guess=0.5)
-    b.above = rcp.Algebraic(bounds=(0, None))
-    b.below = rcp.Algebraic(bounds=(0, None))
     if case == "hysteresis":
         b.memory = rcp.State(initial=-ON, initial_guess=-ON)
         b.rise = rcp.Algebraic(bounds=(0, None))
@@ -54,24 +51,15 @@ def build(case: str = "turbo", elements: int = 20, stages: int = 2) -> pyo.Concr
                 rcp.complements((b.v[t] - OFF) - b.memory[t] >= 0, b.fall[t] >= 0),
             ]
 
+    b.turbo = rcp.mechanics.Step(b.memory if case == "hysteresis" else lambda b, t: b.v[t] - ON, initial_guess=0.5)
+    b.initialize(turbo_above=0.0, turbo_below=0.0)  # in neither mode
+
     @b.ode
     def car(b, t):
         rates = {b.x: HUNDREDS * b.v[t], b.v: PLAIN * b.pedal[t] * (1 + (FACTOR - 1) * b.turbo[t])}
         if case == "hysteresis":
             rates[b.memory] = b.rise[t] - b.fall[t]
         return rates
-
-    @b.residual
-    def threshold(b, t):
-        signal = b.memory[t] if case == "hysteresis" else b.v[t] - ON
-        return signal == b.above[t] - b.below[t]
-
-    @b.complementarity
-    def step(b, t):
-        return [
-            rcp.complements(b.above[t] >= 0, 1 - b.turbo[t] >= 0),
-            rcp.complements(b.below[t] >= 0, b.turbo[t] >= 0),
-        ]
 
     switch_at_boundaries(m)
     m.time = pyo.Objective(expr=b.duration)

@@ -14,9 +14,9 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 pytestmark = pytest.mark.casadi
 
 
-def run_quick(name: str) -> str:
+def run_quick(name: str, *arguments: str) -> str:
     ended = subprocess.run(
-        [sys.executable, "-W", "error", BENCHMARKS / f"{name}.py", "--quick"],
+        [sys.executable, "-W", "error", BENCHMARKS / f"{name}.py", "--quick", *arguments],
         capture_output=True,
         text=True,
         timeout=120,
@@ -169,3 +169,39 @@ def test_planners_of_a_rod() -> None:
     table = run_quick("rod_teams")
     for planner in ("central", "hub", "paper"):
         assert planner in table
+
+
+def test_the_table_of_examples_shows_every_case_and_writes_its_pages(tmp_path: Path) -> None:
+    shown = run_quick("example_table", "--docs", str(tmp_path))
+    assert [line.split()[:2] for line in sorted(shown.splitlines()[2:])] == [
+        ["car_between_obstacles", "one"],
+        ["car_between_obstacles", "two"],
+        ["pendulum", "physical"],
+        ["pendulum", "published"],
+    ]
+    page = (tmp_path / "examples" / "table.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| pendulum")]
+    assert [len(row) for row in rows] == [13, 13]
+    assert rows[0][:5] == ["pendulum", "published", "120", "80", "0"]
+    assert "clear" in page
+    assert "## Pendulum" in (tmp_path / "examples" / "gallery.md").read_text(encoding="utf-8")
+    for name in ("pendulum", "car_between_obstacles"):
+        assert 5_000 < (tmp_path / "images" / "examples" / f"{name}.png").stat().st_size <= 80_000
+
+
+def test_versions_by_hand_agree_with_the_example(tmp_path: Path) -> None:
+    assert "all objectives agree" in run_quick("comparison", "--docs", str(tmp_path))
+    page = (tmp_path / "examples" / "comparison.md").read_text(encoding="utf-8")
+    assert "| pendulum | CasADi by hand |" in page
+
+
+def test_identification_of_a_cart_pole() -> None:
+    table = run_quick("identification")
+    assert "covered" in table
+    assert "5 fits, 1 of them from scratch" in table
+
+
+def test_a_learned_model_written_out_and_called_is_one_model() -> None:
+    rows = [line.split() for line in run_quick("learned_models").splitlines() if " 40 " in line]
+    assert [row[0] for row in rows] == ["expressions", "function"]
+    assert rows[0][-2:] == rows[1][-2:]  # iterations and objective

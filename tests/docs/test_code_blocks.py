@@ -22,7 +22,7 @@ def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: Any) -> None
     for block in code_blocks(page, "python"):
         # Blank lines in front make a traceback point at the line of the page.
         source = "\n" * (block.line - 1) + block.text
-        exec(compile(source, str(page), "exec"), namespace)
+        exec(compile(source, str(page), "exec", dont_inherit=True), namespace)
 
 
 def test_pages_with_code_were_found() -> None:

@@ -113,3 +113,11 @@ def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
     assert pyo.value(ranking.best_model.total_time) == pytest.approx(times[best].objective, rel=1e-9)
     for phase in ranking.best_model.pushes.values():
         assert phase.trajectory().verify().largest_violation < 1e-6
+
+
+def test_steps_that_know_no_flights_bounce_at_the_same_times() -> None:
+    ball = example("bouncing_ball")
+    stepped = ball.step_through(1.2, elements=150)
+    rebounds = stepped.time[1:][(np.diff(stepped.v_y) > 0)]
+    np.testing.assert_allclose(rebounds, ball.impact_times(4)[: len(rebounds)], atol=0.03)
+    assert len(rebounds) == 2
