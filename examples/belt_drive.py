@@ -241,6 +241,6 @@ if __name__ == "__main__":
     from run_example import run_example
 
     tasks = [("first", 1), ("first", 4)]  # the first three scenarios differ in the second task only
-    tasks += [(task, scenario) for task in ("second", "chain") for scenario in SCENARIOS]
+    tasks += [*(("second", scenario) for scenario in SCENARIOS), ("chain", 1)]
     cases = {f"{task}-{scenario}": {"task": task, "scenario": scenario} for task, scenario in tasks}
     run_example(build, draw, cases=cases, default="chain-1", coarse={"elements": (8, 6)}, size=(10, 8))

@@ -27,7 +27,7 @@ CASES = {
     "pushing_among_obstacles": ("slot",),
     "pushing_in_minimum_time": ("turn",),
     "quadrotor_window": ("narrow",),
-    "rod": ("team",),
+    "rod": ("one-planner",),
 }
 
 pytestmark = pytest.mark.casadi
