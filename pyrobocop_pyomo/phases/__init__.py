@@ -2,12 +2,11 @@
 
 from .declarations import Algebraic, Control, Declaration, Duration, Parameter, Start, State
 from .laws import Law
-from .link_states import PhaseEnd
-from .links import Link, LinkData
 from .measurements import label_measurements
 from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData, phases_of
+from .remeshing import remesh_phases, why_not_remeshed
 from .verification import Verification
 
 __all__ = [
@@ -16,16 +15,15 @@ __all__ = [
     "Declaration",
     "Duration",
     "Law",
-    "Link",
-    "LinkData",
     "Parameter",
     "PhaseBlock",
     "PhaseBlockData",
-    "PhaseEnd",
     "PhaseInterface",
     "Start",
     "State",
     "Verification",
     "label_measurements",
     "phases_of",
+    "remesh_phases",
+    "why_not_remeshed",
 ]

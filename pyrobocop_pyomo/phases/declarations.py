@@ -32,6 +32,11 @@ def _lost_bounds(time: float) -> Bounds:
     raise TrajectoryError("a function for bounds did not survive pickling. Define it at the top level of a module.")
 
 
+def has_lost_bounds(declaration: Declaration) -> bool:
+    """True where the bounds were a function that a pickle could not hold."""
+    return declaration.bounds is _lost_bounds
+
+
 _PACKAGE = str(Path(__file__).parents[1])
 
 

@@ -19,6 +19,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
 from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.numerics import Array, Scheme
+from pyrobocop_pyomo.numerics.flows import Flows
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
@@ -268,36 +269,34 @@ def signals_at(
     return values | {name: float(np.interp(time, *of_knots)) for name, of_knots in knots.items()}
 
 
-def integrate_elements(trajectory: Trajectory, rates: Rates) -> Array:
-    """Each element from its own start: differences at the ends, shape ``(N, states)``."""
+def integrate_inside(trajectory: Trajectory, rates: Rates, fractions: Array, first: Array | None = None) -> Flows:
+    """Each element from its own start, and all of them from the first start on, by SciPy.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    rates : callable
+        ``rates(element, time, states)``
+    fractions : array, shape (k,)
+        Where in each element states are wanted, from 0 to 1.
+    first : array, shape (n,), optional
+        Where the whole motion starts; by default where the trajectory does.
+    """
     boundaries = trajectory.grid.mesh.boundaries
-    values = _at_boundaries(trajectory)
-    ends = [_integrate(rates, i, start, end, values[i]) for i, (start, end) in enumerate(pairwise(boundaries))]
-    return np.array(ends) - values[1:]
+    starts = np.array([trajectory.element_states(name)[:, 0] for name in trajectory.states]).T
+    ends = list(enumerate(pairwise(boundaries)))
+    local = [_integrate(rates, i, start, end, starts[i], fractions) for i, (start, end) in ends]
+    whole: list[Array] = [local[0]] if first is None else [_integrate(rates, 0, *ends[0][1], first, fractions)]
+    for i, (start, end) in ends[1:]:
+        whole.append(_integrate(rates, i, start, end, whole[-1][-1], fractions))
+    carried = np.array(whole)
+    return Flows(np.array(local), carried if np.isfinite(carried).all() else None, 1e-10)
 
 
-def integrate_horizon(trajectory: Trajectory, rates: Rates) -> Array:
-    """The whole horizon in one go: differences at element ends, shape ``(N, states)``."""
-    boundaries = trajectory.grid.mesh.boundaries
-    values = _at_boundaries(trajectory)
-    carried, ends = values[0], []
-    for i, (start, end) in enumerate(pairwise(boundaries)):
-        carried = _integrate(rates, i, start, end, carried)
-        ends.append(carried)
-    return np.array(ends) - values[1:]
-
-
-def _at_boundaries(trajectory: Trajectory) -> Array:
-    columns = [
-        [*trajectory.element_states(name)[:, 0].tolist(), float(trajectory.states[name][-1])]
-        for name in trajectory.states
-    ]
-    return np.array(columns).T
-
-
-def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array) -> Array:
+def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array, fractions: Array) -> Array:
+    nothing = np.full((len(fractions), len(initial)), np.inf)
     if not np.isfinite(initial).all():
-        return np.full_like(initial, np.inf)
+        return nothing
     try:
         with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
             # The whole element as a first step: where elements are many they are short, and it is mostly accepted. What
@@ -310,9 +309,10 @@ def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array) -
                 rtol=1e-10,
                 atol=1e-11,
                 first_step=end - start,
+                t_eval=np.append(start + (end - start) * fractions[:-1], end),
             )
     except TrajectoryError:
         raise  # a rule that cannot be asked says nothing about the motion
     except (OverflowError, ZeroDivisionError, ValueError):
-        return np.full_like(initial, np.inf)
-    return result.y[:, -1] if result.success else np.full_like(initial, np.inf)
+        return nothing
+    return result.y.T if result.success and len(result.t) == len(fractions) else nothing

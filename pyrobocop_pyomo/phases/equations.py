@@ -13,11 +13,12 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
+from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
 from .declarations import State, check_bounds, within
 from .horizon import element_widths
-from .record import PhaseRecord, PreviousStates, labelled_rows
+from .record import PhaseRecord, PreviousStates, labelled_rows, place
 from .variables import add_generated, rate_units
 
 Rule = Callable[..., Any]
@@ -26,7 +27,9 @@ Rule = Callable[..., Any]
 def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for the states whose derivatives a rule gives."""
     what = f"phase '{block.name}': ode '{rule_name(rule)}'"
-    rates = _given_for_states(block, record, what, "derivative", "right-hand side", lambda time: rule(block, time))
+    rates = _given_for_states(
+        block, record, what, "derivative", "right-hand side", rule, lambda time: rule(block, time), ("b", "t")
+    )
     for name, values in rates.items():
         _refuse_second_equation(record, name, what)
         _add_state_equation(block, record, name, values)
@@ -48,7 +51,8 @@ def add_step(block: Any, record: PhaseRecord, rule: Rule) -> None:
     def ask(time: float) -> Any:
         return rule(block, time, PreviousStates(what, {name: state[starts[time]] for name, state in states.items()}))
 
-    for name, following in _given_for_states(block, record, what, "next value", "value", ask).items():
+    given = _given_for_states(block, record, what, "next value", "value", rule, ask, ("b", "t", "previous"))
+    for name, following in given.items():
         _refuse_second_equation(record, name, what)
         declaration = record.declarations[name]
         assert isinstance(declaration, State)
@@ -65,13 +69,21 @@ def add_step(block: Any, record: PhaseRecord, rule: Rule) -> None:
 
 
 def _given_for_states(
-    block: Any, record: PhaseRecord, what: str, meaning: str, expected: str, ask: Callable[[float], Any]
+    block: Any,
+    record: PhaseRecord,
+    what: str,
+    meaning: str,
+    expected: str,
+    rule: Rule,
+    ask: Callable[[float], Any],
+    arguments: tuple[str, ...],
 ) -> dict[str, dict[float, Any]]:
     """What a rule gives for states as {name: {collocation point: expression}}."""
     names: dict[Any, str] = {}
     given: dict[str, dict[float, Any]] = {}
     for time in record.grid.points:
-        result = ask(time)
+        with slips_explained(rule, what, block, arguments, TranscriptionError):
+            result = ask(time)
         if not isinstance(result, Mapping):
             raise TranscriptionError(
                 f"{what} returned a {type(result).__name__} at t = {time:g}; expected a dict "
@@ -108,7 +120,8 @@ def _add_state_equation(block: Any, record: PhaseRecord, name: str, rates: Mappi
     assert isinstance(declaration, State)
     if declaration.derivative_bounds is None and name not in record.kept_derivatives:
         _add_collocation(block, record, name, rates)
-        record.rates[name] = rates
+        # A user may hold on to the derivative: a new mesh changes what is in it.
+        record.rates.setdefault(name, {}).update(rates)
         return
     kept = block.derivative(name)
     rows = _add_generated_rows(block, record, f"{name}_equation")
@@ -124,8 +137,10 @@ def add_derivative(block: Any, record: PhaseRecord, name: str) -> Var:
     bounds = check_bounds(declaration.derivative_bounds or (None, None), what, "derivative bounds")
     units = rate_units(declaration.units, record.time_units)
     derivative = Var(block.points, bounds=bounds, initialize=within(0.0, bounds), units=units)
-    add_generated(block, f"{name}_derivative", derivative)
+    derivative = add_generated(block, record, f"{name}_derivative", derivative)
     record.kept_derivatives.add(name)
+    if record.restating is not None:
+        record.restating.keep(f"{name}_derivative")
     _add_collocation(block, record, name, derivative)
     return derivative
 
@@ -138,10 +153,8 @@ def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[
 
 
 def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
-    rows = Constraint(block.points)
-    add_generated(block, name, rows)
     record.generated_rows.add(name)
-    return rows
+    return add_generated(block, record, name, Constraint(block.points))
 
 
 def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
@@ -166,13 +179,13 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."
             )
-    record.residuals_per_point += _add_rows(block, rule, results)
+    record.residuals_per_point += _add_rows(block, record, rule, results)
 
 
 def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
     """Rows for path constraints."""
     what = f"phase '{block.name}': constraint '{rule_name(rule)}'"
-    _add_relations(block, rule, _collect(block, rule, what, "constraint", record.grid.points), what)
+    _add_relations(block, record, rule, _collect(block, rule, what, "constraint", record.grid.points), what)
 
 
 def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule) -> None:
@@ -185,17 +198,19 @@ def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule) ->
             f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
             "what needs controls or algebraics is a 'constraint'."
         ) from None
-    _add_relations(block, rule, results, what)
+    _add_relations(block, record, rule, results, what)
 
 
-def _add_relations(block: Any, rule: Rule, results: dict[float, dict[Hashable, Any]], what: str) -> None:
+def _add_relations(
+    block: Any, record: PhaseRecord, rule: Rule, results: dict[float, dict[Hashable, Any]], what: str
+) -> None:
     for time, rows in results.items():
         for row in rows.values():
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
                 raise TranscriptionError(
                     f"{what} returned {row!r} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
-    _add_rows(block, rule, results)
+    _add_rows(block, record, rule, results)
 
 
 def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
@@ -204,14 +219,14 @@ def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
     results = _collect(block, rule, what, "complementarity", record.grid.points)
     pairs = {_index(time, label): pair for time, rows in results.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in results.items() for label in rows}
-    _check_name(block, rule_name(rule), what)
+    _check_name(block, record, rule_name(rule), what)
     component = Complementarity(
         list(pairs),
         rule=pairs,
         group={index: record.grid.element_of[time] for index, time in times.items()},
         weight={index: record.grid.quadrature_weights[time] for index, time in times.items()},
     )
-    block.add_component(rule_name(rule), component)
+    place(block, record, rule_name(rule), component)
 
 
 def _collect(
@@ -220,19 +235,20 @@ def _collect(
     """Answers of a rule at each time as {time: {label: row}}."""
     results: dict[float, dict[Hashable, Any]] = {}
     for time in times:
-        result = rule(block, time)
+        with slips_explained(rule, what, block, ("b", "t"), TranscriptionError):
+            result = rule(block, time)
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))
     return results
 
 
-def _add_rows(block: Any, rule: Rule, results: dict[float, dict[Hashable, Any]]) -> int:
+def _add_rows(block: Any, record: PhaseRecord, rule: Rule, results: dict[float, dict[Hashable, Any]]) -> int:
     """One indexed constraint named after the rule; returns the number of rows at a point."""
     name = rule_name(rule)
-    _check_name(block, name, f"phase '{block.name}': rule '{name}'")
-    rows = Constraint([_index(time, label) for time, labelled in results.items() for label in labelled])
-    block.add_component(name, rows)
+    _check_name(block, record, name, f"phase '{block.name}': rule '{name}'")
+    indices = [_index(time, label) for time, labelled in results.items() for label in labelled]
+    rows = place(block, record, name, Constraint(indices))
     for time, labelled in results.items():
         for label, row in labelled.items():
             rows.add(_index(time, label), row)
@@ -243,7 +259,9 @@ def _index(time: float, label: Hashable) -> Hashable:
     return time if label is None else (time, label)
 
 
-def _check_name(block: Any, name: str, what: str) -> None:
+def _check_name(block: Any, record: PhaseRecord, name: str, what: str) -> None:
+    if record.restating is not None:
+        return  # it was checked when it was stated first
     if name == "<lambda>":
         raise DeclarationError(f"{what}: its rows are named after the function, and a lambda has no name. Use def.")
     if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():

@@ -16,14 +16,14 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
+from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import initial_number
 
 from .declarations import Bounds, Duration, Start, check_bounds, within
-from .record import PhaseRecord
+from .record import PhaseRecord, place
 
 
 def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths: Bounds | None) -> None:
@@ -45,7 +45,8 @@ def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths
     else:
         block.start = Expression(expr=start)
     if free_element_widths is not None:
-        _add_boundaries(block, record.grid.mesh, free_element_widths, what)
+        record.width_factors = free_element_widths
+        add_boundaries(block, record, free_element_widths, what)
 
 
 def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
@@ -64,24 +65,35 @@ def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
     block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=record.time_units)
 
 
-def _add_boundaries(block: Any, mesh: Mesh, factors: Bounds, what: str) -> None:
+def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, what: str) -> None:
+    """Add the element boundaries as variables, and rows for the widths between them.
+
+    Raises
+    ------
+    DeclarationError
+        When the factors are no range around 1.
+    """
+    mesh = record.grid.mesh
     lower, upper = check_bounds(factors, what, "free_element_widths")
     if lower is None or upper is None or not 0 < lower <= 1 <= upper:
         raise DeclarationError(
             f"{what}: free_element_widths = {factors!r}; expected (smallest, largest) factor of each element's "
             "width with 0 < smallest <= 1 <= largest, for example (0.2, 3)."
         )
-    inner = range(1, mesh.elements)
-    block.boundary = Var(
+    boundaries = Var(
         RangeSet(0, mesh.elements), bounds=(0, 1), initialize=dict(enumerate(mesh.boundaries)),
         doc="element boundaries in normalised time",
     )  # fmt: skip
+    place(block, record, "boundary", boundaries)
+    if record.restating is not None:
+        record.restating.keep_boundaries()
     block.boundary[0].fix(0.0)
     block.boundary[mesh.elements].fix(1.0)
-    if not inner:
+    if mesh.elements == 1 and record.restating is None:
         return
-    rows = Constraint(RangeSet(0, mesh.elements - 1))
-    block.boundary_width = rows
+    rows = place(
+        block, record, "boundary_width", Constraint(RangeSet(0, mesh.elements - 1) if mesh.elements > 1 else [])
+    )
     for i, width in enumerate(mesh.widths.tolist()):
         rows.add(i, (lower * width, block.boundary[i + 1] - block.boundary[i], upper * width))
 
@@ -118,10 +130,15 @@ def real_time(block: Any, record: PhaseRecord, t: float) -> Any:
     """The time that an index stands for."""
     if not record.normalised:
         return with_units(record, t)
+    if t.__class__ in native_numeric_types and t == 0:
+        return block.start  # plus nothing: 0 * duration would be a term that some file formats lose
     if not record.free_widths:
         return block.start + block.duration * t
     boundaries = record.grid.mesh.boundaries
-    i = min(max(bisect_right(boundaries, t) - 1, 0), record.grid.mesh.elements - 1)
+    i = max(bisect_right(boundaries, t) - 1, 0)
+    if t == boundaries[i]:
+        return block.start + block.duration * block.boundary[i]
+    i = min(i, record.grid.mesh.elements - 1)
     local = (t - boundaries[i]) / (boundaries[i + 1] - boundaries[i])
     left, right = block.boundary[i], block.boundary[i + 1]
     return block.start + block.duration * (left + local * (right - left))

@@ -7,7 +7,8 @@ A piecewise control has fewer values: one per interval between its knots, or one
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -88,6 +89,18 @@ class Nodes:
         """
         raise NotImplementedError
 
+    def matrix_at(self, times: Sequence[float], after: Sequence[bool]) -> Array:
+        """`weights_at` of several time indices as a matrix, shape ``(times, values)``."""
+        matrix = np.zeros((len(times), len(self.times)))
+        for row, (time, begins) in enumerate(zip(times, after, strict=True)):
+            for position, weight in self.weights_at(time, begins):
+                matrix[row, position] = weight
+        return matrix
+
+    def around(self, time: float) -> list[int]:
+        """Positions of all values of the element, or of the interval between knots, that a time lies in."""
+        raise NotImplementedError
+
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
         return values
@@ -95,9 +108,18 @@ class Nodes:
     def _element(self, time: float, after: bool) -> tuple[int, float]:
         """The element that answers for a time, and where in it the time lies, from 0 to 1."""
         mesh = self.grid.mesh
-        found = np.searchsorted(mesh.boundaries, time, side="right" if after else "left") - 1
-        i = int(np.clip(found, 0, mesh.elements - 1))
+        found = (bisect_right if after else bisect_left)(mesh.boundaries, time) - 1
+        i = min(max(found, 0), mesh.elements - 1)
         return i, min(max((time - mesh.boundaries[i]) / float(mesh.widths[i]), 0.0), 1.0)
+
+    def _elements(self, times: Sequence[float], after: Sequence[bool]) -> tuple[list[int], list[float]]:
+        found = [self._element(time, begins) for time, begins in zip(times, after, strict=True)]
+        return [element for element, _ in found], [local for _, local in found]
+
+    def _spread(self, positions: Any, weights: Array) -> Array:
+        matrix = np.zeros((len(positions), len(self.times)))
+        np.put_along_axis(matrix, positions, weights, axis=1)
+        return matrix
 
 
 @dataclass(frozen=True)
@@ -118,6 +140,16 @@ class StateNodes(Nodes):
         element, local = self._element(time, after)
         return _nonzero(self.grid.node_positions[element], self.grid.scheme.state_at([local])[0])
 
+    def matrix_at(self, times: Sequence[float], after: Sequence[bool]) -> Array:
+        """By the polynomials of the elements."""
+        elements, local = self._elements(times, after)
+        return self._spread(self.grid.node_positions[elements], self.grid.scheme.state_at(local))
+
+    def around(self, time: float) -> list[int]:
+        """The nodes of the element."""
+        found: list[int] = self.grid.node_positions[self._element(time, False)[0]].tolist()
+        return found
+
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
         return values[np.searchsorted(self.times, self.grid.points)]
@@ -130,7 +162,7 @@ class StageNodes(Nodes):
     @property
     def begins(self) -> NDArray[np.bool_] | None:
         """A stage at an element start that no other element shares belongs to the element that begins."""
-        if not self.grid.scheme.starts_on_a_stage or self.grid.elements_share_points:
+        if not self._starts_elements:
             return None
         return np.isin(self.grid.points, [times[0] for times in self.grid.stage_times])
 
@@ -148,6 +180,21 @@ class StageNodes(Nodes):
         element, local = self._element(time, after)
         return _nonzero(self.grid.stage_positions[element], self.grid.scheme.stage_polynomial_at([local])[0])
 
+    def matrix_at(self, times: Sequence[float], after: Sequence[bool]) -> Array:
+        """By the polynomials through the stages of the elements."""
+        elements, local = self._elements(times, after)
+        return self._spread(self.grid.stage_positions[elements], self.grid.scheme.stage_polynomial_at(local))
+
+    def around(self, time: float) -> list[int]:
+        """The stages of the element."""
+        found: list[int] = self.grid.stage_positions[self._element(time, self._starts_elements)[0]].tolist()
+        return found
+
+    @property
+    def _starts_elements(self) -> bool:
+        """Whether a stage at an element boundary belongs to the element that begins there."""
+        return self.grid.scheme.starts_on_a_stage and not self.grid.elements_share_points
+
 
 @dataclass(frozen=True)
 class _PiecewiseNodes(Nodes):
@@ -164,6 +211,10 @@ class _PiecewiseNodes(Nodes):
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
         return list(block.component(self.component).values())
+
+    def around(self, time: float) -> list[int]:
+        """The interval."""
+        return [position for position, _ in self.weights_at(time)]
 
     @cached_property
     def of_elements(self) -> NDArray[np.int64]:
@@ -236,13 +287,21 @@ class KnotNodes(_PiecewiseNodes):
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the line between two knots."""
-        i = min(max(bisect_left(self.knots, time) - 1, 0), len(self.knots) - 2)
+        i = self._interval(time)
         share = min(max((time - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0), 1.0)
         return [(i + k, weight) for k, weight in enumerate((1.0 - share, share)) if weight != 0.0]
+
+    def around(self, time: float) -> list[int]:
+        """The knots around."""
+        i = self._interval(time)
+        return [i, i + 1]
 
     def at_points(self, values: Array) -> Array:
         """Values at the collocation points."""
         return np.interp(self.grid.points, self.knots, values)
+
+    def _interval(self, time: float) -> int:
+        return min(max(bisect_left(self.knots, time) - 1, 0), len(self.knots) - 2)
 
 
 def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, what: str) -> tuple[float, ...]:

@@ -10,9 +10,10 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
 
-from .element_errors import estimate_element_errors
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .mpc_interface import PhaseInterface
+from .reintegration import Reintegration, element_end_errors, reintegrate
+from .remeshing import remesh_phases
 from .replay import Replay, replay
 from .simulation import SimulationOptions, simulate
 from .tracking import tracking_cost
@@ -123,6 +124,26 @@ class PhaseActions:
         )
         return simulate(self, self.record, controls or {}, initial or {}, options)
 
+    def remesh(self: Any, mesh: Any) -> None:
+        """Give the phase another mesh, in place; see `remesh_phases`, which takes several at once.
+
+        Components, and variables at times that stay, are the objects that they were. New variables have the values of
+        the trajectory that stands on the model.
+
+        Parameters
+        ----------
+        mesh : int, sequence of float or Mesh
+            A number of elements, or element boundaries in the phase's time indices.
+
+        Raises
+        ------
+        RemeshingError
+            Naming what on the model cannot follow; nothing has changed then.
+        MeshError, DeclarationError
+            When the mesh is none, or does not fit the phase.
+        """
+        remesh_phases({self: mesh})
+
     def replay(
         self: Any,
         trajectory: Trajectory | None = None,
@@ -151,6 +172,30 @@ class PhaseActions:
         options = SimulationOptions(method=method, unknown=unknown, restitution=dict(restitution or {}))
         return replay(self, self.record, self.trajectory() if trajectory is None else trajectory, options)
 
+    def reintegrate(
+        self: Any, trajectory: Trajectory | None = None, *, initial: Mapping[str, float] | None = None
+    ) -> Reintegration:
+        """The motion that the equations make of a plan under its controls, inside the elements too.
+
+        Explicit equations are integrated in all elements at once, by halved steps until nothing changes, or one element
+        after the other by SciPy; with implicit or algebraic ones each element is stepped anew by a Radau scheme of two
+        stages more, which finds the algebraics again. Controls are taken as the trajectory's polynomials.
+
+        Parameters
+        ----------
+        trajectory : Trajectory, optional
+            The phase's current values by default.
+        initial : dict of state name to number, optional
+            Where the open loop starts, such as where the phase before has ended; as the plan does by default.
+
+        Raises
+        ------
+        TrajectoryError
+            When there are no states, or a step map leads them, or the equations do not determine the algebraics.
+        """
+        checked = self.trajectory() if trajectory is None else trajectory
+        return reintegrate(self, self.record, checked, initial=initial)
+
     def element_errors(self: Any, trajectory: Trajectory | None = None) -> Array:
         """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
 
@@ -168,7 +213,7 @@ class PhaseActions:
             When there are no states, or a step map leads them, or the equations do not determine the algebraics.
         """
         checked = self.trajectory() if trajectory is None else trajectory
-        return estimate_element_errors(self, self.record, checked)
+        return element_end_errors(self, self.record, checked)
 
     def tracking(self: Any, variable: Any, reference: Any, weight: Any = 1.0) -> Any:
         """Integral of the squared deviation from a reference, for an objective or a constraint.

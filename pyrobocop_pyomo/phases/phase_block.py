@@ -34,8 +34,9 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
         ``"radau"`` (default), ``"gauss"``, ``"implicit_euler"``, ``"implicit_midpoint"``, or a scheme object.
     stages : int, optional
         Collocation points per element; 3 by default.
-    start : float, Start, expression or PhaseBlock
+    start : float, Start, expression, PhaseBlock or callable
         Time at which the phase starts: a number, a variable, an expression, or the phase after whose end it starts.
+        For indexed phases also ``start(model, *index)``, which returns one of these for each.
     free_element_widths : (smallest, largest), optional
         Lets the element boundaries move: factors between which each element's width may change, so that a switch
         or a contact can fall on an element end.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from inspect import isroutine
 from numbers import Real
 from types import MappingProxyType
 from typing import Any
@@ -12,10 +13,8 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
-from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import quadrature
 
 from .declarations import Bounds, Control, Declaration, Duration
 from .equations import (
@@ -28,7 +27,8 @@ from .equations import (
     add_step,
     rule_name,
 )
-from .horizon import add_horizon, check_horizon, make_mesh, quadrature_weights, real_time
+from .horizon import add_horizon, check_horizon, make_mesh, real_time
+from .integrals import named_integral
 from .laws import Law
 from .phase_actions import PhaseActions
 from .phase_values import PhaseValues
@@ -205,6 +205,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             )
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
+        if self.record.restating is not None:
+            raise TranscriptionError(f"{self._what}: the derivative of '{name}' is asked for before its equation.")
         with self._all_or_nothing():
             return add_derivative(self, self.record, name)
 
@@ -214,14 +216,11 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Returns
         -------
         expression
-            For an objective or a constraint; over real time also when the duration is a variable.
+            For an objective or a constraint; over real time also when the duration is a variable. It follows the mesh
+            of the phase.
         """
         with PauseGC():
-            scale, weights = quadrature_weights(self, self.record)
-            what = f"{self._what}: the integrand '{rule_name(integrand)}'"
-            total = quadrature(lambda time: plain_scalar(integrand(self, time), what), weights)
-            plain = isinstance(scale, float) and scale == 1.0
-            return total if plain else scale * total
+            return named_integral(self, self.record, integrand)
 
     def time_at(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
@@ -328,7 +327,11 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
     def _state(self, kind: str, rule: Rule, add: Callable[..., None]) -> Rule:
         with self._all_or_nothing(), PauseGC():
-            add(self, self.record, rule)
+            self.record.asking = True
+            try:
+                add(self, self.record, rule)
+            finally:
+                self.record.asking = False
             self.record.statements.append(Statement(kind, rule_name(rule), rule))
         return rule
 
@@ -346,6 +349,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         time_units: Any,
     ) -> None:
         """Set up grid, index sets and horizon; every argument is checked before anything is added."""
+        if isroutine(start):
+            index = self.index()
+            start = start(self.parent_block(), *(index if isinstance(index, tuple) else (index,)))
         if isinstance(start, PhaseBlockData):
             start = start.time_at(start.final_time)
         check_horizon(self._what, start, duration)

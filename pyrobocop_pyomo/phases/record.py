@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.blocks import snapshot_of
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
 
-from .declarations import Algebraic, Control, Declaration, Duration, State
+from .declarations import Algebraic, Bounds, Control, Declaration, Duration, State
 from .nodes import Nodes, StageNodes
 
 
@@ -71,6 +71,14 @@ class PhaseRecord:
         True when equations may leave algebraics to hidden constraints.
     time_units : Pyomo unit or None
         Units of time; rows and integrals carry them where they are given.
+    width_factors : (smallest, largest) or None
+        Between which the width of each element may change, where the boundaries are variables.
+    integrals : list of Statement
+        Integrands of the integrals that were handed out, in the order of the members that stand for them.
+    asking : bool
+        True while a statement asks its rule, which is kept: what the rule makes is made anew with it.
+    restating : Restatement or None
+        The change of mesh that is going on.
     """
 
     grid: Grid
@@ -81,13 +89,17 @@ class PhaseRecord:
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     discrete_states: set[str] = field(default_factory=set)
-    rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
+    rates: dict[str, dict[float, Any]] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
     allow_higher_index: bool = False
     time_units: Any = None
+    width_factors: Bounds | None = None
+    integrals: list[Statement] = field(default_factory=list)
+    asking: bool = False
+    restating: Any = None
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""
@@ -115,12 +127,21 @@ class PhaseRecord:
 
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""
-        duplicate = copy.copy(self)
-        for attribute in fields(self):
-            value = getattr(self, attribute.name)
-            if isinstance(value, (dict, list, set)):
-                setattr(duplicate, attribute.name, copy.copy(value))
-        return duplicate
+        return snapshot_of(self)
+
+
+def place(block: Any, record: PhaseRecord, name: str, component: Any) -> Any:
+    """Add a component to a phase block; where the phase gets another mesh, make the one that stands there like it.
+
+    Returns
+    -------
+    component
+        The one on the block.
+    """
+    if record.restating is not None:
+        return record.restating.place(name, component)
+    block.add_component(name, component)
+    return component
 
 
 class PreviousStates:

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.transcription import continuity_rows, initial_number, initi
 from .declarations import Algebraic, Bounds, Control, Declaration, Parameter, State, check_bounds, within
 from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes
-from .record import PhaseRecord
+from .record import PhaseRecord, place
 
 
 def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Declaration) -> None:
@@ -45,6 +45,7 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
     elif isinstance(declaration, Algebraic):
         add_indexed(
             block,
+            record,
             name,
             declaration,
             block.points,
@@ -52,6 +53,8 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
             what,
         )
     elif isinstance(declaration, Parameter):
+        if record.restating is not None:
+            return  # it has nothing to do with the mesh
         bounds = declaration.bounds_at(record.grid.times[0], what)
         guess = initial_number(declaration.initial_guess, what)
         block.add_component(name, Var(bounds=bounds, initialize=within(guess, bounds), units=declaration.units))
@@ -61,14 +64,14 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
 
 def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: str) -> None:
     grid = record.grid
-    add_indexed(block, name, state, block.time, initial_state_values(state.initial_guess, grid, what), what)
+    add_indexed(block, record, name, state, block.time, initial_state_values(state.initial_guess, grid, what), what)
     variable = block.component(name)
-    for given, time, where in ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final")):
+    ends = ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final"))
+    for given, time, where in () if record.restating is not None else ends:  # both ends stand as they are
         _impose_boundary_value(variable[time], given, f"{what} (declared at {state.declared_at})", where)
     rows = dict(continuity_rows(variable, grid))
     if rows:
-        continuity = Constraint(list(rows))
-        add_generated(block, f"{name}_continuity", continuity)
+        continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
         record.generated_rows.add(f"{name}_continuity")
         for time, row in rows.items():
             continuity.add(time, row)
@@ -103,23 +106,25 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: st
     variable.fix(value)
 
 
-def add_generated(block: Any, name: str, component: Any) -> None:
-    """Add what is named after a declaration, not by the user.
+def add_generated(block: Any, record: PhaseRecord, name: str, component: Any) -> Any:
+    """Add what is named after a declaration, not by the user; returns the component on the block.
 
     Raises
     ------
     DeclarationError
         When the name is taken.
     """
-    if hasattr(block, name):
+    if record.restating is None and hasattr(block, name):
         raise DeclarationError(
             f"phase '{block.name}': the name '{name}' is needed for what is generated, but it is taken. "
             "Choose another name for yours."
         )
-    block.add_component(name, component)
+    return place(block, record, name, component)
 
 
-def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, guess: Any, what: str) -> None:
+def add_indexed(
+    block: Any, record: PhaseRecord, name: str, declaration: Declaration, index: Any, guess: Any, what: str
+) -> None:
     """Add a variable over times, with its bounds and its initial guess moved onto them."""
     if callable(declaration.bounds):
         each_bounds = [declaration.bounds_at(time, what) for time in index]
@@ -127,10 +132,12 @@ def add_indexed(block: Any, name: str, declaration: Declaration, index: Any, gue
     else:
         each_bounds = [declaration.bounds_at(0.0, what)] * len(index)
         variable = Var(index, bounds=each_bounds[0], units=declaration.units)
-    block.add_component(name, variable)
+    variable = place(block, record, name, variable)
     # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
     for data, value, bounds in zip(variable.values(), guess.tolist(), each_bounds, strict=True):
         data.set_value(within(value, bounds), skip_validation=True)
+    if record.restating is not None:
+        record.restating.keep(name)
 
 
 def rate_units(units: Any, time_units: Any) -> Any:
@@ -155,9 +162,8 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
     elif isinstance(nodes, KnotNodes):
         _add_piecewise_linear(block, record, name, control, nodes, what)
     else:
-        add_indexed(
-            block, name, control, block.points, initial_stage_values(control.initial_guess, record.grid, what), what
-        )
+        guess = initial_stage_values(control.initial_guess, record.grid, what)
+        add_indexed(block, record, name, control, block.points, guess, what)
     if control.rate_bounds is not None:
         _bound_rate(block, record, name, control, nodes, check_bounds(control.rate_bounds, what, "rate bounds"))
 
@@ -200,22 +206,24 @@ def _add_piecewise_constant(
     _refuse_knots_of_its_own(record, nodes, what)
     points = np.array(grid.points)
     bounds = [_common_bounds(control, points[nodes.of_points == i].tolist(), what) for i in range(len(nodes.times))]
-    values = _add_values(block, control, nodes, bounds, what)
+    values = _add_values(block, record, name, control, nodes, bounds, what)
     seen = {time: values[i] for time, i in zip(grid.points, nodes.of_points.tolist(), strict=True)}
-    block.add_component(name, Reference(seen))
+    place(block, record, name, Reference(seen))
 
 
 def _add_piecewise_linear(
     block: Any, record: PhaseRecord, name: str, control: Control, nodes: KnotNodes, what: str
 ) -> None:
     _refuse_knots_of_its_own(record, nodes, what)
-    values = _add_values(block, control, nodes, [control.bounds_at(knot, what) for knot in nodes.knots], what)
-    seen = Expression(block.points)
-    block.add_component(name, seen)
+    bounds = [control.bounds_at(knot, what) for knot in nodes.knots]
+    values = _add_values(block, record, name, control, nodes, bounds, what)
+    seen = place(block, record, name, Expression(block.points))
     for time in record.grid.points:
         positions, weights = zip(*nodes.weights_at(time), strict=True)
         ends = [values[i] for i in positions]
         seen.add(time, ends[0] if len(ends) == 1 else LinearExpression(linear_vars=ends, linear_coefs=list(weights)))
+    if record.restating is not None:
+        record.restating.keep_expressions(name)
 
 
 def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, what: str) -> None:
@@ -223,11 +231,15 @@ def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNod
         raise DeclarationError(f"{what}: knots of its own do not go with free element widths. Leave 'knots' out.")
 
 
-def _add_values(block: Any, control: Control, nodes: Nodes, bounds: list[Bounds], what: str) -> Any:
+def _add_values(
+    block: Any, record: PhaseRecord, name: str, control: Control, nodes: Nodes, bounds: list[Bounds], what: str
+) -> Any:
     guess = nodes.from_guess(control.initial_guess, what)
     values = {i: within(value, bounds[i]) for i, value in enumerate(guess.tolist())}
     variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values, units=control.units)
-    add_generated(block, nodes.component, variable)
+    variable = add_generated(block, record, nodes.component, variable)
+    if record.restating is not None:
+        record.restating.keep(name)
     return variable
 
 
@@ -263,8 +275,7 @@ def _bound_rate(block: Any, record: PhaseRecord, name: str, control: Control, no
             rows[i, "lower"] = (0, change - bounds[0] * time, None)
         if bounds[1] is not None:
             rows[i, "upper"] = (None, change - bounds[1] * time, 0)
-    component = Constraint(list(rows))
-    add_generated(block, f"{name}_rate", component)
+    component = add_generated(block, record, f"{name}_rate", Constraint(list(rows)))
     record.generated_rows.add(f"{name}_rate")
     for index, row in rows.items():
         component.add(index, row)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,9 +29,9 @@ from .companions import (
     put_on_model,
 )
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
-from .element_integration import integrate_elements, integrate_horizon, signals_at
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
+from .reintegration import Reintegration, reintegrate
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,10 @@ class Verification:
         local discretisation error. None where it cannot be computed; then see `remarks`.
     horizon_error : float or None
         Re-integration of the whole horizon in one go: largest difference at any element end.
+    motion_error : float or None
+        Largest difference, inside elements too, of a state's polynomial from the solution of the equations under the
+        plan's controls: integrated from the start of the plan on, or, where pairs decide what happens, from the start
+        of each element.
     remarks : tuple of str
         What could not be checked, and why.
     element_errors : array, shape (N,), or None
@@ -72,6 +76,7 @@ class Verification:
     product: float
     element_error: float | None
     horizon_error: float | None
+    motion_error: float | None = None
     remarks: tuple[str, ...] = field(default=())
     element_errors: Array | None = field(default=None, repr=False, compare=False)
 
@@ -93,6 +98,7 @@ class Verification:
             f"complementarity a * b       {show(self.product)}",
             f"re-integration, per element {show(self.element_error)}",
             f"re-integration, horizon     {show(self.horizon_error)}",
+            f"motion inside elements      {show(self.motion_error)}",
         ]
         return "\n".join([*lines, *self.remarks])
 
@@ -129,7 +135,9 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
     with put_on_model(check.values_of_phases), check.rules_asked():
         check.remark_what_is_not_stated(block)
         defect, equations, natural, product = check.at_collocation_points()
-        element_errors, horizon_error = check.reintegrate()
+        motion = check.reintegrate()
+        ends = None if motion is None else motion.end_errors(motion.local, trajectory)
+        horizon = None if motion is None else float(motion.end_errors(motion.open_loop, trajectory).max())
         return Verification(
             defect=defect,
             continuity=check.continuity(),
@@ -137,21 +145,12 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
             bounds=check.bounds(),
             natural_residual=natural,
             product=product,
-            element_error=None if element_errors is None else float(element_errors.max()),
-            horizon_error=horizon_error,
+            element_error=None if ends is None else float(ends.max()),
+            horizon_error=horizon,
+            motion_error=None if motion is None else float(motion.errors.max()),
             remarks=tuple(check.remarks),
-            element_errors=element_errors,
+            element_errors=ends,
         )
-
-
-def element_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
-    """Re-integration error of each element, shape ``(N,)``; every state has an explicit equation."""
-    check = _TrajectoryCheck(block, record, trajectory)
-    if check.remarks:
-        raise TrajectoryError(" ".join(check.remarks))
-    with put_on_model(check.values_of_phases), check.rules_asked():
-        check.check_between_points(record.statements_of("ode"))
-        return check.element_errors()
 
 
 class _TrajectoryCheck:
@@ -338,60 +337,20 @@ class _TrajectoryCheck:
                 worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
         return worst
 
-    def reintegrate(self) -> tuple[Array | None, float | None]:
-        """Errors at element ends of an adaptive integration with the trajectory's controls and algebraics."""
-        names = list(self.states)
-        if not names:
-            self.remarks.append("re-integration needs states; there are none.")
-            return None, None
-        if self.record.discrete_states:
-            self.remarks.append(
-                "re-integration needs differential equations; step maps lead "
-                f"{', '.join(sorted(self.record.discrete_states))}. The defect says how far each step is from its map; "
-                "phase.simulate() applies the maps one after the other."
-            )
-            return None, None
-        if set(self.record.equation_of) != set(names):
-            implicit = sorted(set(names) - set(self.record.equation_of))
-            self.remarks.append(
-                f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}."
-            )
-            return None, None
+    def reintegrate(self) -> Reintegration | None:
+        """The motion that the equations make of the plan; None, with a remark, where it is not known."""
         if self._stated("ode") != self.record.statements_of("ode"):
-            return None, None  # as remarked
+            return None  # as remarked
         try:
-            self.check_between_points(self._stated("ode"))
-            element_errors = self.element_errors()
-            horizon_error = float(np.abs(integrate_horizon(self.trajectory, self._rate_function(names))).max())
+            found = reintegrate(self.block, self.record, self.trajectory, self.point)
         except TrajectoryError as error:
-            self.remarks.append(f"re-integration asks between the points of the grid, which failed: {error}")
-            return None, None
-        if not np.isfinite(horizon_error):
+            self.remarks.append(f"re-integration, which asks between the points of the grid, failed: {error}")
+            return None
+        if found.open_loop is None:
             self.remarks.append(
                 "re-integration over the whole horizon left the finite numbers: the motion is unstable."
             )
-        return element_errors, horizon_error
-
-    def element_errors(self) -> Array:
-        """Largest error of a state at the end of each element, shape ``(N,)``."""
-        self.point.asks_phase = False  # an integration passes through the points with other values
-        errors: Array = np.abs(integrate_elements(self.trajectory, self._rate_function(list(self.states)))).max(axis=1)
-        return errors
-
-    def _rate_function(self, names: list[str]) -> Callable[[int, float, Array], Array]:
-        scheme, mesh = self.grid.scheme, self.grid.mesh
-
-        def rates(element: int, time: float, state: Array) -> Array:
-            local = (time - mesh.boundaries[element]) / mesh.widths[element]
-            per_stage = {name: per_element[element] for name, per_element in self.signals.items()}
-            values = signals_at(scheme, local, time, per_stage, self.trajectory.piecewise_linear)
-            self.point.set_values({**values, **dict(zip(names, state, strict=True))})
-            self.point.forget_derivatives()
-            self.point.element = element
-            result = self.point.rates(self._stated("ode"), self.point.index_at(time))
-            return np.array([result[name] for name in names])
-
-        return rates
+        return found
 
 
 def _sides_and_rows(pair: Any, statement: Statement) -> tuple[list[tuple[float, float]], float]:

@@ -136,6 +136,23 @@ class Trajectory:
         values |= {name: np.interp(times, *knots) for name, knots in self.piecewise_linear.items()}
         return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
 
+    def element_polynomials(self, fractions: ArrayLike) -> dict[str, Array]:
+        """Every state at the same local fractions of each element, by the polynomial of that element.
+
+        Parameters
+        ----------
+        fractions : array, shape (k,)
+            From 0 at the start of an element to 1 at its end.
+
+        Returns
+        -------
+        dict of state name to array, shape (N, k)
+        """
+        local = np.asarray(fractions, dtype=float)
+        elements = self.grid.mesh.elements
+        element, fraction = np.repeat(np.arange(elements), len(local)), np.tile(local, elements)
+        return {name: self._interpolate_state(name, element, fraction).reshape(elements, -1) for name in self.states}
+
     def _interpolate_state(self, name: str, element: Indices, local: Array) -> Array:
         scheme = self.grid.scheme
         per_element = self.element_states(name)

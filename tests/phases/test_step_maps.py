@@ -146,7 +146,7 @@ def test_a_changed_value_is_found_and_what_is_not_checked_is_said(scheme: Any) -
     assert verdict.element_error is None
     assert verdict.horizon_error is None
     (remark,) = verdict.remarks
-    assert "step maps lead count, x" in remark
+    assert "of count, x. Step maps lead them" in remark
     assert "phase.simulate()" in remark
     for name in ("x", "count"):
         wrong = trajectory.states[name].copy()
@@ -270,7 +270,7 @@ def too_much(b: Any, t: float) -> Any:
 
 def test_there_is_no_error_of_discretisation() -> None:
     b = mixed()
-    with pytest.raises(TrajectoryError, match="no error of discretisation of count, x. A step leads them"):
+    with pytest.raises(TrajectoryError, match="no error of discretisation of count, x. Step maps lead them"):
         b.element_errors(b.simulate())
     other = phase(rcp.schemes.radau(2))
     other.v, other.x, other.count = rcp.State(initial=1), rcp.State(initial=0), rcp.State(initial=0)

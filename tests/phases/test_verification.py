@@ -174,21 +174,36 @@ def test_a_parameter_and_a_duration_out_of_bounds_are_found() -> None:
     assert m.swing.trajectory().verify().bounds == pytest.approx(0.75)
 
 
-def test_implicit_equations_cannot_be_integrated_again_and_are_named() -> None:
+def test_implicit_equations_are_stepped_anew() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=2)
-    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
-    b.ode(lambda b, t: {b.y: 0.0})
+    b.x, b.y = rcp.State(initial=0), rcp.State(initial=1, initial_guess=lambda t: 1.0 + t)
+    b.ode(lambda b, t: {b.y: 1.0})
 
     def implicit(b, t):
         return b.derivative(b.x)[t] == b.y[t]
 
     b.residual(implicit)
     verdict = b.trajectory().verify()
-    assert (verdict.element_error, verdict.horizon_error) == (None, None)
-    assert verdict.remarks == ("re-integration needs explicit equations; implicit are those of x.",)
+    assert verdict.horizon_error == pytest.approx(1.5)  # x = t + t^2 / 2, and the trajectory has zero
+    assert verdict.motion_error == pytest.approx(1.5)
+
+
+def test_equations_that_do_not_determine_the_motion_are_named() -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(elements=2)
+    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
+    b.u = rcp.Control()
+    b.ode(lambda b, t: {b.y: 0.0})
+
+    def implicit(b, t):
+        return [b.derivative(b.x)[t] == b.y[t], b.u[t] == 0.0]
+
+    b.residual(implicit)
+    verdict = b.trajectory().verify()
+    assert (verdict.element_error, verdict.horizon_error, verdict.motion_error) == (None, None, None)
+    assert "implicit are those of x" in verdict.remarks[0]
     assert "not available" in str(verdict)
-    assert verdict.largest_violation == 0.0
 
 
 def test_rules_that_need_the_grid_cost_the_re_integration_and_nothing_else() -> None:

@@ -11,9 +11,8 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import LinkError, TranscriptionError
-
-from .declarations import Algebraic, Control, Parameter, State
-from .record import labelled_rows
+from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, State
+from pyrobocop_pyomo.phases.record import labelled_rows
 
 
 class PhaseEnd:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,21 +19,45 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
 from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
+from pyrobocop_pyomo.phases import PhaseBlock, PhaseBlockData
+from pyrobocop_pyomo.phases.companions import put_on_model
+from pyrobocop_pyomo.phases.element_system import ElementSystem
+from pyrobocop_pyomo.phases.equations import rule_name
+from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .companions import put_on_model
-from .element_system import ElementSystem
-from .link_states import PhaseEnd, listed, omitted_states, shared_parameter, sort_jump, states_given, states_of_both
-from .phase_block import PhaseBlock
-from .phase_data import PhaseBlockData
+from .link_states import (
+    PhaseEnd,
+    Relations,
+    listed,
+    omitted_states,
+    shared_parameter,
+    sort_jump,
+    states_given,
+    states_of_both,
+)
 
 
 @dataclass
 class _Ends:
-    """The two phases of a link. In a holder, since a block would adopt a component that is assigned to it."""
+    """The two phases of a link. In a holder, since a block would adopt a component that is assigned to it.
+
+    Attributes
+    ----------
+    first, second : PhaseBlock
+    continued : dict of str to str
+        {state of the second: state of the first} of what continues.
+    jump : Statement or None
+        The rule of what jumps.
+    shared : list of str
+        Parameters of both.
+    """
 
     first: Any
     second: Any
+    continued: dict[str, str] = field(default_factory=dict)
+    jump: Statement | None = None
+    shared: list[str] = field(default_factory=list)
 
 
 class LinkData(BuiltBlockData):
@@ -141,18 +165,38 @@ class LinkData(BuiltBlockData):
             raise LinkError(f"{self._what}: states= says what continues, omit= what does not. Give one of them.")
         else:
             continued = states_given(*joined, states, determined)
+        names = [shared_parameter(*joined, parameter) for parameter in parameters]
+        self._ends.continued, self._ends.shared = continued, names
+        self._ends.jump = None if jump is None else Statement("jump", rule_name(jump), jump)
         self.continuity = Constraint(list(continued))
-        for name, source in continued.items():
-            self._add(self.continuity, name, getattr(pre, source), getattr(post, name))
         self.jump = Constraint([*jumped, *relations.rows])
+        self.shared = Constraint(names)
+        self._join(jumped, relations)
+
+    def _join(self, jumped: Mapping[str, Any], relations: Relations) -> None:
+        """Add the rows."""
+        pre, post = self.pre, self.post
+        for name, source in self._ends.continued.items():
+            self._add(self.continuity, name, getattr(pre, source), getattr(post, name))
         for name, expression in jumped.items():
             self._add(self.jump, name, expression, getattr(post, name))
         for label, relation in relations.rows.items():
             self.jump.add(label, relation)
-        names = [shared_parameter(*joined, parameter) for parameter in parameters]
-        self.shared = Constraint(names)
-        for name in names:
+        for name in self._ends.shared:
             self._add(self.shared, name, getattr(pre, name), getattr(post, name))
+
+    @property
+    def can_follow_times(self) -> bool:
+        """True unless a pickle has lost the rule of the jump, which may read controls."""
+        return self._ends.jump is None or self._ends.jump.rule is not None
+
+    def follow_times(self) -> None:
+        """State the rows anew, for what a jump reads beside the states at both ends."""
+        rule = None if self._ends.jump is None else self._ends.jump.rule
+        jumped, relations = sort_jump(self._what, self.second, self.pre, self.post, rule)
+        for rows in (self.continuity, self.jump, self.shared):
+            rows.clear()
+        self._join(jumped, relations)
 
     def _phases_of(self, source: Any) -> Any:
         """The two phases of this link: two neighbours of an indexed block, the result of a rule, or as given."""

@@ -1,0 +1,51 @@
+"""Integrals over a phase, by name: an objective that holds one follows when the phase gets another mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.expr.numvalue import native_numeric_types
+
+from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
+from pyrobocop_pyomo.modeling.rule_slips import slips_explained
+from pyrobocop_pyomo.transcription import quadrature
+
+from .equations import Rule, rule_name
+from .horizon import quadrature_weights
+from .record import PhaseRecord, Statement
+from .variables import add_generated
+
+INTEGRALS = "stated_integrals"
+
+
+def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
+    """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
+    total = _integral(block, record, integrand)
+    if record.asking or record.restating is not None or total.__class__ in native_numeric_types:
+        return total  # a rule that is asked anew makes its own
+    named = block.component(INTEGRALS)
+    if named is None:
+        named = add_generated(block, record, INTEGRALS, Expression(AnyIndex, doc="integrals over the phase"))
+    record.integrals.append(Statement("integral", rule_name(integrand), integrand))
+    position = len(record.integrals)
+    named[position] = total
+    return named[position]
+
+
+def restate_integrals(block: Any, record: PhaseRecord) -> None:
+    """Give every integral that was handed out its sum over the points that the phase has now."""
+    for position, statement in enumerate(record.integrals, start=1):
+        assert statement.rule is not None  # asked before anything is changed
+        block.component(INTEGRALS)[position].set_value(_integral(block, record, statement.rule))
+
+
+def _integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
+    scale, weights = quadrature_weights(block, record)
+    what = f"phase '{block.name}': the integrand '{rule_name(integrand)}'"
+    with slips_explained(integrand, what, block, ("b", "t"), TranscriptionError):
+        total = quadrature(lambda time: plain_scalar(integrand(block, time), what), weights)
+    plain = isinstance(scale, float) and scale == 1.0
+    return total if plain else scale * total

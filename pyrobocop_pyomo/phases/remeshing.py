@@ -1,0 +1,158 @@
+"""Another mesh for phases that stand on a model, in place; everything that was stated over their times follows.
+
+What the phases themselves state is made anew from the rules that they keep (`Restatement`). Components of the user's
+own over their times follow where they have a rule, blocks that stand on them where they know how (`Followers`). What
+still reads a variable that is gone then is a reason to take everything back.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from pyomo.common.gc_manager import PauseGC
+
+from pyrobocop_pyomo.complementarity.record import records_below
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError, RemeshingError
+from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges
+from pyrobocop_pyomo.numerics import Grid
+
+from .captured_widths import captured_width
+from .declarations import Control, has_lost_bounds
+from .followers import Followers
+from .horizon import make_mesh
+from .restatement import Restatement
+
+logger = logging.getLogger(__name__)
+
+
+def remesh_phases(meshes: Mapping[Any, Any]) -> None:
+    """Give phases of one model other meshes, in place.
+
+    Components stay the objects that they are, and so do the variables at times that stay: what reads
+    ``b.x[b.final_time]`` goes on working. New variables have the values of the trajectory that stands on the model,
+    new rows come from the rules that were stated. Phases whose rules read each other's variables have to be given at
+    once.
+
+    Parameters
+    ----------
+    meshes : mapping of PhaseBlock to mesh
+        Each a number of elements, element boundaries in the phase's time indices, or a `Mesh`.
+
+    Raises
+    ------
+    RemeshingError
+        Naming what cannot follow: a constraint without a rule that reads a variable which would go, rules that a pickle
+        has lost, a relaxation that is applied. The model is as it was.
+    MeshError, DeclarationError
+        When a mesh is none, or does not fit the phase.
+
+    Examples
+    --------
+    >>> import pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> m = pyo.ConcreteModel()
+    >>> m.move = rcp.PhaseBlock(duration=1.0, elements=4)
+    >>> m.move.x, m.move.v = rcp.State(initial=0, final=1), rcp.Control()
+    >>> _ = m.move.ode(lambda b, t: {b.x: b.v[t]})
+    >>> m.effort = pyo.Objective(expr=m.move.integral(lambda b, t: b.v[t] ** 2))
+    >>> rcp.remesh_phases({m.move: [0, 0.1, 0.25, 0.5, 1]})
+    >>> m.move.grid.mesh.boundaries
+    (0.0, 0.1, 0.25, 0.5, 1.0)
+    """
+    wanted = [(phase, _grid(phase, mesh)) for phase, mesh in meshes.items()]
+    asked = [(phase, grid) for phase, grid in wanted if grid.mesh != phase.grid.mesh]
+    if not asked:
+        return
+    model = asked[0][0].model()
+    for phase, grid in asked:
+        if phase.model() is not model:
+            raise RemeshingError(f"phase '{phase.name}' is of another model than '{asked[0][0].name}'.")
+        if (reason := _own_reason(phase)) is not None:
+            raise RemeshingError(reason)
+        for name in phase.record.names(Control):  # knots have to be element boundaries
+            phase.record.declarations[name].nodes(name, grid, f"phase '{phase.name}': control '{name}'")
+    warned = [(phase, reason) for phase, _ in asked if (reason := captured_width(phase.record)) is not None]
+    with PauseGC(), InPlaceChanges() as changes:
+        restated = [Restatement(phase, grid, changes) for phase, grid in asked]
+        followers = Followers(model, restated, changes)
+        try:
+            for restatement in restated:
+                restatement.begin()
+            followers.follow()
+            for restatement in restated:
+                restatement.finish()
+            followers.check()
+        except PyRobocopError as error:
+            if isinstance(error, RemeshingError):
+                raise
+            raise RemeshingError(
+                f"{_names(asked)} keeps its mesh, since not everything can be stated on the new one: {error}"
+            ) from error
+        except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
+            raise RemeshingError(
+                f"{_names(asked)} keeps its mesh: a rule of the model failed on the new one, by "
+                f"{type(error).__name__}: {error}."
+            ) from error
+        changes.finish(model)
+    for phase, reason in warned:
+        logger.warning("phase '%s': %s", phase.name, reason)
+
+
+def why_not_remeshed(phase: Any) -> str | None:
+    """Why a phase cannot get another mesh in place, as far as can be told without trying; None where nothing is known.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    """
+    if (reason := _own_reason(phase)) is not None:
+        return reason
+    if (captured := captured_width(phase.record)) is not None:
+        return f"phase '{phase.name}': {captured}"
+    changes = InPlaceChanges()
+    return Followers(phase.model(), [Restatement(phase, phase.grid, changes)], changes).reason()
+
+
+def _own_reason(phase: Any) -> str | None:
+    what = f"phase '{phase.name}'"
+    record = phase.record
+    for statement in (*record.statements, *record.integrals):
+        if statement.rule is None:
+            return (
+                f"{what}: the rule of its {statement.kind} '{statement.name}' did not survive pickling, and cannot be "
+                "asked on another mesh. Define it at the top level of a module."
+            )
+    for name, declaration in record.declarations.items():
+        if has_lost_bounds(declaration):
+            return f"{what}: the function for the bounds of '{name}' did not survive pickling."
+        if phase.component(name) is None:
+            return f"{what}: a transformation has taken its '{name}' away."
+    if any(True for _ in records_below(phase.model())):
+        return (
+            f"{what}: the model '{phase.model().name}' is relaxed, and rows of the relaxation belong to single pairs. "
+            "Revert the relaxation first."
+        )
+    return None
+
+
+def _grid(phase: Any, mesh: Any) -> Grid:
+    record = getattr(phase, "record", None)
+    if record is None or not hasattr(phase, "points"):
+        raise RemeshingError(f"'{getattr(phase, 'name', phase)}' is no PhaseBlock: only a phase has a mesh.")
+    grid = phase.grid
+    first, last = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
+    elements, boundaries = (mesh, None) if isinstance(mesh, int) and not isinstance(mesh, bool) else (None, mesh)
+    if boundaries is None and elements is None:
+        raise RemeshingError(f"phase '{phase.name}': its new mesh is {mesh!r}; give elements or boundaries.")
+    try:
+        made = make_mesh(first, last, elements, boundaries)
+    except ModelError as error:
+        raise type(error)(f"phase '{phase.name}': {error}") from None
+    ends = (first, *made.boundaries[1:-1], last)  # the very floats: they are indices
+    return Grid(grid.scheme, type(made)(ends))
+
+
+def _names(asked: list[tuple[Any, Grid]]) -> str:
+    return "phase " + ", ".join(f"'{phase.name}'" for phase, _ in asked)

@@ -1,0 +1,471 @@
+"""Another mesh in place: the model is the one that would have been built on it, and what stays is what it was."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyomo.core.expr.visitor import identify_variables
+from pyomo.util.check_units import assert_units_consistent
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import DeclarationError, MeshError, RemeshingError
+from pyrobocop_pyomo.numerics import Mesh
+from pyrobocop_pyomo.phases import why_not_remeshed
+
+COARSE, FINE = (0.0, 0.25, 0.5, 1.0), (0.0, 0.1, 0.25, 0.5, 0.6, 0.75, 1.0)
+
+SCHEMES: dict[str, dict[str, Any]] = {
+    "radau 1": {"stages": 1},
+    "radau 2": {"stages": 2},
+    "radau 3": {"stages": 3},
+    "gauss 2": {"scheme": "gauss", "stages": 2},
+    "implicit midpoint": {"scheme": "implicit_midpoint"},
+    "explicit Euler": {"scheme": "explicit_euler"},
+    "trapezoid": {"scheme": "trapezoid"},
+}
+
+
+def every_statement(mesh: Any, **options: Any) -> Any:
+    """All kinds of declarations and statements that any scheme takes."""
+    m = pyo.ConcreteModel()
+    m.body = b = rcp.PhaseBlock(duration=1.0, mesh=mesh, **options)
+    b.x = rcp.State(initial=0, final=(0.5, 2), bounds=(-5, 5))
+    b.v = rcp.State(initial=0, derivative_bounds=(-3, 3))
+    b.z = rcp.State(initial=1, bounds=lambda t: (-1 - t, 1 + t))
+    b.force = rcp.Algebraic(bounds=(0, None), initial_guess=0.5)
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.steps = rcp.Control(parametrization="piecewise_linear", rate_bounds=(-4, 4))
+    b.knotted = rcp.Control(parametrization="piecewise_linear", knots=(0, 0.5, 1), bounds=(-2, 2))
+    b.mass = rcp.Parameter(bounds=(0.5, 2), initial_guess=1)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: (b.u[t] + b.force[t] + b.steps[t]) / b.mass})
+
+    @b.residual
+    def implicit(b: Any, t: float) -> Any:
+        return b.derivative(b.z)[t] + b.z[t] ** 3 == b.u[t] + b.knotted[t]
+
+    @b.complementarity
+    def contact(b: Any, t: float) -> Any:
+        return [rcp.complements(b.force[t] >= 0, b.x[t] >= 0)]
+
+    @b.constraint
+    def limits(b: Any, t: float) -> Any:
+        return {"speed": (-4, b.v[t], 4), "both": b.x[t] + b.z[t] <= 5}
+
+    @b.constraint_at_boundaries
+    def inside(b: Any, t: float) -> Any:
+        return b.x[t] ** 2 <= 25
+
+    effort = b.integral(lambda b, t: b.u[t] ** 2) + b.integral(lambda b, t: b.rate_of(b.steps)[t] ** 2)
+    m.cost = pyo.Objective(expr=effort + b.tracking(b.x, lambda t: t**2) + b.x[b.final_time] ** 2)
+    return m
+
+
+def stepwise(mesh: Any, **options: Any) -> Any:
+    """Piecewise constant controls, their rates, and a law of the package."""
+    m = pyo.ConcreteModel()
+    m.body = b = rcp.PhaseBlock(duration=1.0, mesh=mesh, stages=2, **options)
+    b.x = rcp.State(initial=0, units=pyo.units.m)
+    b.u = rcp.Control(parametrization="piecewise_constant", rate_bounds=(-9, 9), bounds=(-3, 3))
+    b.drive = rcp.Control()
+    b.push = rcp.mechanics.Saturation(b.drive, lower=-1, upper=1)
+    b.ode(lambda b, t: {b.x: b.u[t] + b.push[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.drive[t] ** 2))
+    return m
+
+
+def free_horizon(mesh: Any, **options: Any) -> Any:
+    """A free duration, moving elements, a second phase after it, and a link."""
+    m = pyo.ConcreteModel()
+    m.first = a = rcp.PhaseBlock(
+        duration=rcp.Duration(bounds=(0.5, 2)), mesh=mesh, stages=2, free_element_widths=(0.3, 3), **options
+    )
+    m.second = b = rcp.PhaseBlock(duration=1.0, start=m.first, elements=2, stages=2)
+    for phase in (a, b):
+        phase.x, phase.u = rcp.State(), rcp.Control(rate_bounds=(-50, 50))
+        phase.ode(lambda b, t: {b.x: b.u[t] * b.time_at(t)})
+    m.link = rcp.Link(m.first, m.second)
+    m.time = pyo.Objective(expr=a.duration + a.integral(lambda b, t: b.u[t] ** 2) + b.integral(lambda b, t: b.x[t]))
+    return m
+
+
+def jumping(mesh: Any, **options: Any) -> Any:
+    """A link whose jump reads a control, which has no value at the end of the phase but by its polynomial."""
+    m = pyo.ConcreteModel()
+    m.before = rcp.PhaseBlock(duration=1.0, mesh=mesh, scheme="gauss", stages=2, **options)
+    m.after = rcp.PhaseBlock(duration=1.0, elements=2, start=1.0)
+    for b in (m.before, m.after):
+        b.x, b.u = rcp.State(), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+    m.link = rcp.Link(m.before, m.after, jump=lambda pre, post: {"x": -0.5 * pre.x + pre.u})
+    return m
+
+
+def stepped(mesh: Any, **options: Any) -> Any:
+    """A state that a step map leads."""
+    m = pyo.ConcreteModel()
+    m.body = b = rcp.PhaseBlock(duration=1.0, mesh=mesh, scheme="implicit_euler", **options)
+    b.count, b.u = rcp.State(initial=0), rcp.Control()
+    b.step_map(lambda b, t, previous: {b.count: previous.count + b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.count[t] * b.u[t]))
+    return m
+
+
+def users_own(mesh: Any, **options: Any) -> Any:
+    """Components over the times, which have rules."""
+    m = pyo.ConcreteModel()
+    m.body = b = rcp.PhaseBlock(duration=1.0, mesh=mesh, stages=2, **options)
+    m.weight = pyo.Param(b.points, initialize=lambda m, t: 1 + t, mutable=True)
+    m.slack = pyo.Var(b.points, bounds=(0, 1), initialize=0.5)
+    b.x, b.u = rcp.State(initial=0), rcp.Control()
+    b.power = pyo.Expression(b.points, rule=lambda b, t: b.u[t] * b.x[t])
+    b.ode(lambda b, t: {b.x: b.power[t] + 1})
+    m.soft = pyo.Constraint(b.points, rule=lambda m, t: m.body.x[t] <= 1 + m.slack[t])
+    m.pairs = rcp.Complementarity(b.points, rule=lambda m, t: rcp.complements(m.slack[t] >= 0, m.body.x[t] >= 0))
+    m.cost = pyo.Objective(rule=lambda m: sum(m.weight[t] * m.body.power[t] for t in m.body.points))
+    return m
+
+
+CASES: dict[str, Callable[[Any], Any]] = {
+    **{f"every statement, {name}": lambda mesh, o=o: every_statement(mesh, **o) for name, o in SCHEMES.items()},
+    "stepwise": stepwise,
+    "free horizon": free_horizon,
+    "jumping": jumping,
+    "stepped": stepped,
+    "users' own": users_own,
+}
+each_case = pytest.mark.parametrize("build", CASES.values(), ids=CASES)
+
+
+def text(m: Any) -> str:
+    stream = io.StringIO()
+    m.pprint(ostream=stream)
+    return stream.getvalue()
+
+
+def rows(m: Any) -> dict[str, tuple[Any, ...]]:
+    """What every part of a model says at its current values, by name."""
+    found: dict[str, tuple[Any, ...]] = {}
+    for variable in m.component_data_objects(pyo.Var):
+        found[variable.name] = (variable.lb, variable.ub, variable.fixed, variable.domain.name)
+    for row in m.component_data_objects(pyo.Constraint):
+        read = sorted(v.name for v in identify_variables(row.body, include_fixed=True))
+        found[row.name] = (pyo.value(row.body), row.lb, row.ub, row.active, read)
+    for component in m.component_objects(rcp.Complementarity):
+        for pair in component.values():
+            found[pair.name] = (*(str(side) for side in pair.args), pair.group, pair.weight)
+    for objective in m.component_data_objects(pyo.Objective):
+        read = sorted({v.name for v in identify_variables(objective.expr, include_fixed=True)})
+        found[objective.name] = (pyo.value(objective.expr), read)
+    return found
+
+
+def same_values(m: Any, other: Any, seed: int = 0) -> None:
+    """Random numbers, the same for variables of the same name."""
+    generator = np.random.default_rng(seed)
+    numbers = {variable.name: generator.uniform(0.2, 0.9) for variable in other.component_data_objects(pyo.Var)}
+    for model in (m, other):
+        for variable in model.component_data_objects(pyo.Var):
+            variable.set_value(numbers[variable.name], skip_validation=True)
+
+
+def assert_same(m: Any, other: Any) -> None:
+    names = {v.name for v in m.component_data_objects(pyo.Var)}
+    assert names == {v.name for v in other.component_data_objects(pyo.Var)}
+    same_values(m, other)
+    ours, theirs = rows(m), rows(other)
+    assert set(ours) == set(theirs)
+    for name, wanted in theirs.items():
+        for entry, expected in zip(ours[name], wanted, strict=True):
+            close = isinstance(expected, float) and not isinstance(entry, bool)
+            assert entry == (pytest.approx(expected, rel=1e-9, abs=1e-12) if close else expected), name
+
+
+def phase_of(m: Any) -> Any:
+    return rcp.phases_of(m)[0]
+
+
+# ------------------------------------------------------------------------------------------- as if built on the mesh
+
+
+@each_case
+@pytest.mark.parametrize("meshes", [(COARSE, FINE), (FINE, COARSE)], ids=["finer", "coarser"])
+def test_the_model_is_the_one_that_is_built_on_the_mesh(build: Callable[[Any], Any], meshes: Any) -> None:
+    before, after = meshes
+    m = build(before)
+    phase_of(m).remesh(after)
+    assert phase_of(m).grid.mesh == Mesh(after)
+    assert list(phase_of(m).time) == list(phase_of(build(after)).time)
+    assert_same(m, build(after))
+
+
+@each_case
+def test_a_clone_and_the_original_go_their_own_ways(build: Callable[[Any], Any]) -> None:
+    m = build(COARSE)
+    copy = m.clone()
+    before = text(m)
+    phase_of(copy).remesh(FINE)
+    assert text(m) == before
+    assert_same(copy, build(FINE))
+    assert_same(copy.clone(), build(FINE))
+
+
+def test_units_are_consistent_on_the_new_mesh() -> None:
+    m = pyo.ConcreteModel()
+    m.b = rcp.PhaseBlock(duration=1.0, elements=2, time_units=pyo.units.s)
+    m.b.x = rcp.State(units=pyo.units.m)
+    m.b.v = rcp.Control(units=pyo.units.m / pyo.units.s, rate_bounds=(-1, 1))
+    m.b.ode(lambda b, t: {b.x: b.v[t]})
+    m.cost = pyo.Objective(expr=m.b.integral(lambda b, t: b.v[t] ** 2))
+    m.b.remesh(3)
+    assert_units_consistent(m)
+
+
+def test_phases_that_read_each_other_get_their_meshes_at_once() -> None:
+    def build(mesh: Any) -> Any:
+        m = pyo.ConcreteModel()
+        for name in ("leader", "follower"):
+            m.add_component(name, rcp.PhaseBlock(duration=1.0, mesh=mesh, stages=2))
+        m.leader.x, m.leader.u = rcp.State(initial=0), rcp.Control()
+        m.follower.x = rcp.State(initial=1)
+        m.leader.ode(lambda b, t: {b.x: b.u[t]})
+        m.follower.ode(lambda b, t: {b.x: m.leader.x[t] - b.x[t]})
+        return m
+
+    m = build(COARSE)
+    before = text(m)
+    for alone in (m.leader, m.follower):
+        with pytest.raises(RemeshingError, match="remesh_phases|leader"):
+            alone.remesh(FINE)
+        assert text(m) == before
+    rcp.remesh_phases({m.leader: FINE, m.follower: Mesh(FINE)})
+    assert_same(m, build(FINE))
+
+
+# ------------------------------------------------------------------------------------------------------ what stays
+
+
+@each_case
+def test_components_and_variables_at_times_that_stay_are_the_same_objects(build: Callable[[Any], Any]) -> None:
+    m = build(COARSE)
+    b = phase_of(m)
+    components = dict(b.component_map())
+    name = b.record.names_of_states[0]
+    variables = {t: b.component(name)[t] for t in COARSE}
+    ends = [b.component(control)[b.points.last()] for control in b.record.names(rcp.Control)]
+    b.remesh(FINE)
+    assert {name: b.component(name) for name in components} == components
+    assert list(b.component_map()) == list(components)
+    assert all(b.component(name)[t] is variable and variable.index() == t for t, variable in variables.items())
+    if b.points.last() == 1.0:
+        assert [b.component(control)[1.0] for control in b.record.names(rcp.Control)] == ends
+
+
+@settings(max_examples=15, deadline=None)
+@given(cuts=st.sets(st.floats(0.05, 0.95).map(lambda x: round(x, 3)), min_size=1, max_size=4), degree=st.integers(1, 3))
+def test_a_polynomial_that_the_elements_hold_survives_any_mesh(cuts: set[float], degree: int) -> None:
+    m = every_statement(COARSE, stages=3)
+    b = m.body
+    b.initialize(x=lambda t: t**degree, u=lambda t: t ** min(degree, 2) / 2, steps=lambda t: 3 * t)
+    b.remesh((0.0, *sorted(cuts | {0.5}), 1.0))
+    for t in b.time:
+        assert b.x[t].value == pytest.approx(t**degree, abs=1e-9)
+    for t in b.points:
+        assert b.u[t].value == pytest.approx(t ** min(degree, 2) / 2, abs=1e-9)
+        assert pyo.value(b.steps[t]) == pytest.approx(3 * t, abs=1e-9)
+    b.remesh(COARSE)
+    assert [b.x[t].value for t in COARSE] == pytest.approx([t**degree for t in COARSE], abs=1e-9)
+
+
+def test_what_the_user_has_set_stays_or_is_refused_by_name() -> None:
+    m = stepwise(COARSE)
+    b = m.body
+    b.x[0.0].fix(0.7)
+    b.x[0.5].setub(1.5)
+    b.u_per_element[0].fix(2.0)
+    b.drive.setlb(-4)
+    b.remesh(FINE)
+    assert (b.x[0.0].fixed, b.x[0.0].value, b.x[0.5].ub) == (True, 0.7, 1.5)
+    assert [t for t in b.time if b.x[t].fixed or b.x[t].ub is not None] == [0.0, 0.5]
+    assert [b.u[t].fixed for t in b.points] == [t <= 0.25 for t in b.points]
+    assert all(b.drive[t].lb == -4 for t in b.points)
+    b.x[0.6].setub(1.2)
+    before = text(m)
+    with pytest.raises(RemeshingError, match=r"'x': the bounds at t = 0\.6"):
+        b.remesh(COARSE)
+    assert text(m) == before
+
+
+def test_rows_that_are_deactivated_stay_so() -> None:
+    m = every_statement(COARSE, stages=1)
+    m.body.limits.deactivate()
+    m.body.inside[0.5].deactivate()
+    m.body.remesh(FINE)
+    assert not any(row.active for row in m.body.limits.values())
+    assert [t for t in FINE if not m.body.inside[t].active] == [0.5]
+    m.body.inside[0.6].deactivate()
+    before = text(m)
+    with pytest.raises(RemeshingError, match=r"inside.*0\.6"):
+        m.body.remesh(COARSE)
+    assert text(m) == before
+
+
+def test_suffixes_forget_what_is_gone_and_follow_what_stays() -> None:
+    m = users_own(COARSE)
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    rows_before = list(m.body.x_collocation.values())
+    m.dual.update({row: float(i) for i, row in enumerate(rows_before)})
+    stays = m.dual[m.body.x_collocation[0.5]]
+    m.body.remesh(FINE)
+    assert m.dual[m.body.x_collocation[0.5]] == stays
+    assert all(part.model() is m for part in m.dual)
+    assert len(m.dual) < len(rows_before) + 1
+
+
+def test_a_derivative_that_was_asked_for_follows() -> None:
+    m = pyo.ConcreteModel()
+    m.b = rcp.PhaseBlock(duration=1.0, elements=2, stages=1)
+    m.b.x, m.b.u = rcp.State(initial=0), rcp.Control()
+    m.b.ode(lambda b, t: {b.x: 2 * b.u[t]})
+    speed = m.b.derivative(m.b.x)
+
+    @m.b.constraint
+    def slow(b: Any, t: float) -> Any:
+        return speed[t] <= 1
+
+    m.b.remesh(4)
+    assert list(speed) == list(m.b.points)
+    assert {v.name for v in identify_variables(m.b.slow[0.75].body)} == {"b.u[0.75]"}
+
+
+# ----------------------------------------------------------------------------------------------------------- refusals
+
+
+def _constraint_without_rule(m: Any) -> None:
+    m.culprit = pyo.Constraint(expr=m.body.u[m.body.points.first()] <= 1)
+
+
+def _objective_without_rule(m: Any) -> None:
+    m.cost.deactivate()
+    m.culprit = pyo.Objective(expr=sum(m.body.u[t] ** 2 for t in m.body.points))
+
+
+def _values_without_rule(m: Any) -> None:
+    m.culprit = pyo.Param(m.body.points, initialize=dict.fromkeys(m.body.points, 1.0))
+
+
+def _members_of_another_kind(m: Any) -> None:
+    m.body.culprit = pyo.Expression(m.body.points, initialize=0.0)
+    for t in m.body.points:
+        m.body.culprit[t].set_value(2 * m.body.u[t])
+
+
+def _rule_that_fails_elsewhere(m: Any) -> None:
+    table = dict.fromkeys(m.body.points, 1.0)
+    m.culprit = pyo.Constraint(m.body.points, rule=lambda m, t: m.body.u[t] <= table[t])
+
+
+@pytest.mark.parametrize(
+    "add",
+    [
+        _constraint_without_rule,
+        _objective_without_rule,
+        _values_without_rule,
+        _members_of_another_kind,
+        _rule_that_fails_elsewhere,
+    ],
+)
+def test_what_cannot_follow_is_named_and_nothing_has_changed(add: Callable[[Any], None]) -> None:
+    m = users_own(COARSE)
+    add(m)
+    before, mesh = text(m), m.body.grid.mesh
+    with pytest.raises(RemeshingError, match=r"culprit|failed on the new one"):
+        m.body.remesh(FINE)
+    assert text(m) == before
+    assert m.body.grid.mesh == mesh
+    assert list(m.body.time) == list(m.body.grid.times)
+    m.body.check()
+    if add not in (_members_of_another_kind, _rule_that_fails_elsewhere):  # these are known by trying
+        reason = why_not_remeshed(m.body)
+        assert "culprit" in str(reason)
+    m.body.parent_block().del_component("culprit")
+    m.body.del_component("culprit")
+    m.body.remesh(FINE)
+    if add is not _objective_without_rule:
+        assert_same(m, users_own(FINE))
+
+
+def test_nothing_speaks_against_a_phase_whose_statements_are_its_own() -> None:
+    assert why_not_remeshed(every_statement(COARSE).body) is None
+
+
+def test_a_rule_that_holds_the_width_of_the_elements_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    m = pyo.ConcreteModel()
+    m.body = b = rcp.PhaseBlock(duration=1.0, elements=3, scheme="implicit_euler")
+    b.x, b.u = rcp.State(initial=0), rcp.Control()
+    step = b.duration / 3
+    b.ode(lambda b, t: {b.x: b.u[t] * (1 + step)})
+    reason = why_not_remeshed(b)
+    assert reason is not None
+    assert "step = 0.333333" in reason
+    b.remesh(5)  # the number may mean something else: one who asks for a mesh gets it, and is told
+    assert "step = 0.333333" in caplog.text
+    assert why_not_remeshed(b) is None
+
+
+def test_rules_that_a_pickle_lost_are_named() -> None:
+    m = pickle.loads(pickle.dumps(every_statement(COARSE)))
+    before = text(m)
+    with pytest.raises(RemeshingError, match="did not survive pickling"):
+        m.body.remesh(FINE)
+    assert text(m) == before
+
+
+def test_a_relaxed_model_keeps_its_mesh() -> None:
+    m = every_statement(COARSE)
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m)
+    with pytest.raises(RemeshingError, match="relaxed"):
+        m.body.remesh(FINE)
+
+
+def test_a_mesh_has_to_be_one_of_the_phase() -> None:
+    m = every_statement(COARSE)
+    before = text(m)
+    with pytest.raises(DeclarationError, match="runs from 0 to 2"):
+        m.body.remesh((0, 0.5, 2))
+    with pytest.raises(MeshError, match="increase"):
+        m.body.remesh((0, 0.5, 0.5, 1))
+    with pytest.raises(DeclarationError, match="knot 0.5 is no element boundary"):
+        m.body.remesh(3)
+    with pytest.raises(RemeshingError, match="no PhaseBlock"):
+        rcp.remesh_phases({m: 3})
+    assert text(m) == before
+
+
+# ------------------------------------------------------------------------------------------------------------- solves
+
+
+@pytest.mark.ipopt
+def test_a_solve_after_it_finds_the_optimum_of_a_model_built_on_the_mesh() -> None:
+    def build(mesh: Any) -> Any:
+        m = pyo.ConcreteModel()
+        m.b = b = rcp.PhaseBlock(duration=1.0, mesh=mesh)
+        b.x, b.v, b.u = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0), rcp.Control(bounds=(-5, 5))
+        b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.2 * b.v[t] ** 2})
+        m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+        return m
+
+    m, fresh = build(COARSE), build(FINE)
+    rcp.solve(m).raise_for_status()
+    m.b.remesh(FINE)
+    rcp.solve(m).raise_for_status()
+    rcp.solve(fresh).raise_for_status()
+    assert pyo.value(m.effort) == pytest.approx(pyo.value(fresh.effort), rel=1e-7)
+    assert m.b.trajectory().verify().defect < 1e-6
