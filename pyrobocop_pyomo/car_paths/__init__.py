@@ -1,7 +1,8 @@
-"""Paths of cars among obstacles, as initial guesses: hybrid A* with Reeds-Shepp paths."""
+"""Paths of cars among obstacles, as initial guesses: hybrid A* with Reeds-Shepp paths; parking cases from files."""
 
 from .car_path import CarPath, CarTiming
 from .hybrid_a_star import hybrid_a_star
 from .motion_primitives import CarSearch
+from .parking_case import ParkingCar, ParkingCase
 
-__all__ = ["CarPath", "CarSearch", "CarTiming", "hybrid_a_star"]
+__all__ = ["CarPath", "CarSearch", "CarTiming", "ParkingCar", "ParkingCase", "hybrid_a_star"]

@@ -27,6 +27,10 @@ from .motion_primitives import MotionPrimitives
 EXPANDED_AT_ONCE = 32
 # Reeds-Shepp paths to the target that are checked for collisions per expansion.
 CHECKED_AT_ONCE = 16
+# They are looked for after each of the first expansions, later for several together: long arrays cost less than many.
+OFTEN, SELDOM = 12, 6
+# Every so many poses of a motion are checked first.
+COARSE = 12
 
 
 class SearchEnd(Enum):
@@ -63,6 +67,8 @@ class BestFirstSearch:
     made_by: list[int] = field(default_factory=list)
     cost_of_cell: dict[int, float] = field(default_factory=dict)
     queue: list[tuple[float, int]] = field(default_factory=list)
+    waiting: list[tuple[Indices, Array, Array, Array]] = field(default_factory=list)
+    expansions: int = 0
     best_cost: float = math.inf
     last_node: int = -1
     last_arcs: tuple[Array, Array] = field(default_factory=lambda: (np.zeros(0), np.zeros(0)))
@@ -79,6 +85,8 @@ class BestFirstSearch:
             if len(self.poses) > max_nodes or time.monotonic() > deadline:
                 return SearchEnd.FOUND if self.last_node >= 0 else SearchEnd.OUT_OF_BUDGET
             self._expand()
+            if not self.queue or self.expansions <= OFTEN or self.expansions % SELDOM == 0:
+                self._expand_analytically()
         return SearchEnd.FOUND if self.last_node >= 0 else SearchEnd.EXHAUSTED
 
     def arcs(self) -> tuple[Array, Array]:
@@ -103,13 +111,14 @@ class BestFirstSearch:
         heapq.heappush(self.queue, (cost + self.heuristic_weight * rest, len(self.poses) - 1))
 
     def _expand(self) -> None:
-        """Expand the most promising poses: by a Reeds-Shepp path to the target, and by all motion primitives."""
+        """Expand the most promising poses by all motion primitives."""
         here: list[int] = []
         while self.queue and len(here) < EXPANDED_AT_ONCE:
             here.append(heapq.heappop(self.queue)[1])
         poses, costs = np.array([self.poses[i] for i in here]), np.array([self.costs[i] for i in here])
         made_by = np.array([self.made_by[i] for i in here])
-        self._expand_analytically(here, poses, costs, made_by)
+        self.expansions += 1
+        self.waiting.append((np.array(here), poses, costs, made_by))
         motions = self.primitives.poses_along(poses)
         reached = costs[:, None] + np.abs(self.primitives.lengths) + self.primitives.change_cost[made_by]
         ends = motions[:, :, -1]
@@ -117,7 +126,7 @@ class BestFirstSearch:
         known = np.array([self.cost_of_cell.get(cell, math.inf) for cell in cells.ravel().tolist()]).reshape(
             cells.shape
         )
-        node, primitive = np.nonzero((reached < known) & self._within(motions))
+        node, primitive = np.nonzero((reached < known) & self.within(motions))
         if not len(node):
             return
         chosen = motions[node, primitive]
@@ -141,40 +150,62 @@ class BestFirstSearch:
         cell = (place[..., 0] * self.cells[1] + place[..., 1]) * self.primitives.headings + turn
         return np.asarray(2 * cell + (self.primitives.lengths > 0))
 
-    def _within(self, motions: Array) -> BoolArray:
+    def within(self, motions: Array) -> BoolArray:
+        """Whether all poses of each motion are in bounds."""
         (left, right), (bottom, top) = self.limits
         x, y = motions[..., 0], motions[..., 1]
         inside = (x >= left - self.close) & (x <= right + self.close)
         inside &= (y >= bottom - self.close) & (y <= top + self.close)
         return np.asarray(inside.all(axis=-1))
 
-    def _expand_analytically(self, here: list[int], poses: Array, costs: Array, made_by: Array) -> None:
-        """Look for a Reeds-Shepp path to the target from any of these poses cheaper than the best path so far."""
-        ahead, lengths, turns = self.primitives.reeds_shepp_paths(poses, self.cost_to_go.target)
-        first = np.sign(_first_nonzero(lengths))
-        before = np.append(np.sign(self.primitives.lengths), 0.0)[made_by]
-        total = ahead + costs + self.primitives.cusp_cost * (first * before < 0)
-        order = np.argsort(total, axis=None, kind="stable")[:CHECKED_AT_ONCE]
-        kind, node = np.unravel_index(order[total.ravel()[order] < self.best_cost], total.shape)
-        if not len(kind):
-            return
-        arcs = [self.primitives.short_arcs(lengths[k, n], turns[k]) for k, n in zip(kind, node, strict=True)]
+    def are_clear(self, poses: Array, arcs: list[tuple[Array, Array]]) -> tuple[BoolArray, Array]:
+        """Whether each chain of arcs from its pose is in bounds and clear; and the poses along them, padded.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+        arcs : list of two arrays
+            Signed lengths, none longer than the spacing of the primitives, and curvatures.
+        """
         most = max(len(arc_lengths) for arc_lengths, _ in arcs)
         padded, curvatures = np.zeros((2, len(arcs), max(most, 1)))
         for i, (arc_lengths, curvature) in enumerate(arcs):
             padded[i, : len(arc_lengths)], curvatures[i, : len(arc_lengths)] = arc_lengths, curvature
-        motions = follow_arcs(poses[node], padded, curvatures)
-        kept = np.flatnonzero(self._within(motions))
-        clear = self.space.is_clear(
-            motions[kept], np.abs(curvatures[kept]).max(axis=1), np.full(len(kept), self.primitives.spacing)
-        )
+        motions = follow_arcs(poses, padded, curvatures)
+        clear = self.within(motions)
+        # A few poses of each motion decide most that collide.
+        kept = np.flatnonzero(clear)
+        coarse = motions[kept, ::COARSE]
+        free = self.space.are_free(coarse.reshape(-1, 3)).reshape(coarse.shape[:2]).all(axis=1)
+        clear[kept[~free]] = False
+        kept = kept[free]
+        spacings = np.full(len(kept), self.primitives.spacing)
+        clear[kept] = self.space.is_clear(motions[kept], np.abs(curvatures[kept]).max(axis=1, initial=0.0), spacings)
+        return clear, motions
+
+    def _expand_analytically(self) -> None:
+        """Look for a Reeds-Shepp path to the target, from any pose that waits for it, cheaper than the best path."""
+        here, poses, costs, made_by = (np.concatenate(column) for column in zip(*self.waiting, strict=True))
+        checked = CHECKED_AT_ONCE * len(self.waiting)
+        self.waiting.clear()
+        ahead, lengths, turns = self.primitives.reeds_shepp_paths(poses, self.cost_to_go.target)
+        first = np.sign(first_nonzero(lengths))
+        before = np.append(np.sign(self.primitives.lengths), 0.0)[made_by]
+        total = ahead + costs + self.primitives.cusp_cost * (first * before < 0)
+        order = np.argsort(total, axis=None, kind="stable")[:checked]
+        kind, node = np.unravel_index(order[total.ravel()[order] < self.best_cost], total.shape)
+        if not len(kind):
+            return
+        arcs = [self.primitives.short_arcs(lengths[k, n], turns[k]) for k, n in zip(kind, node, strict=True)]
+        clear, _ = self.are_clear(poses[node], arcs)
         if clear.any():
-            winner = kept[np.flatnonzero(clear)[0]]
+            winner = int(np.flatnonzero(clear)[0])
             self.best_cost = float(total[kind[winner], node[winner]])
-            self.last_node, self.last_arcs = here[node[winner]], arcs[winner]
+            self.last_node, self.last_arcs = int(here[node[winner]]), arcs[winner]
 
 
-def _first_nonzero(lengths: Array) -> Array:
+def first_nonzero(lengths: Array) -> Array:
+    """First of signed lengths that is not zero, ``(...)`` from ``(..., p)``."""
     first = np.zeros(lengths.shape[:-1])
     for k in reversed(range(lengths.shape[-1])):
         first = np.where(np.abs(lengths[..., k]) > 1e-9, lengths[..., k], first)

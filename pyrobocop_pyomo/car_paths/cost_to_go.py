@@ -33,7 +33,8 @@ class CostToGo:
     disc : (nx, ny) array
         Length of the shortest path of a disc inside the car; infinite where there is none.
     car : (mx, my, headings) array
-        Cost of the cheapest Reeds-Shepp path of the car.
+        Cost of the cheapest Reeds-Shepp path of the car; NaN where it was not asked for yet.
+    primitives : MotionPrimitives
     """
 
     target: Array
@@ -42,6 +43,7 @@ class CostToGo:
     car_cell: float
     disc: Array
     car: Array
+    primitives: MotionPrimitives
 
     @classmethod
     def to(
@@ -55,21 +57,17 @@ class CostToGo:
         cell = max(primitives.cell, float(size.max()) / 400)
         shape = np.floor(size / cell).astype(int) + 1
         middles = np.stack(np.meshgrid(*((np.arange(n) + 0.5) * cell for n in shape), indexing="ij"), -1) + origin
-        poses = np.concatenate([middles.reshape(-1, 2), np.zeros((middles.shape[0] * middles.shape[1], 1))], 1)
         # The largest disc about the reference point that the body covers, whatever its heading: nothing where the
         # reference point is outside of it.
         inner = 0.0 if body.is_flat else max(0.0, float(body.halfspaces[1].min()))
         point = FreeSpace.around(Polytope.point((0.0, 0.0)), obstacles, clearance + inner + body.radius, scene)
-        free = (point.distances(poses) >= -np.sqrt(0.5) * cell).all(axis=1).reshape(*shape)
+        free = point.is_free_of_point(middles.reshape(-1, 2), float(np.sqrt(0.5) * cell)).reshape(*shape)
         goal_cell = np.minimum(np.floor((target[:2] - origin) / cell).astype(int), shape - 1)
         disc = grid_distances(np.where(free, 1.0, np.inf), np.full(2, cell), tuple(goal_cell.tolist()))
         car_cell = max(TABLE_CELL * primitives.turning_radius, float(size.max()) / 60)
         counts = np.ceil(size / car_cell).astype(int) + 1
-        angles = np.arange(TABLE_HEADINGS) * 2.0 * np.pi / TABLE_HEADINGS
-        axes = [origin[0] + np.arange(counts[0]) * car_cell, origin[1] + np.arange(counts[1]) * car_cell, angles]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        car = primitives.reeds_shepp_cost(grid, target).reshape(*counts, TABLE_HEADINGS)
-        return cls(target, origin, cell, car_cell, disc, car)
+        car = np.full((int(counts[0]), int(counts[1]), TABLE_HEADINGS), np.nan)
+        return cls(target, origin, cell, car_cell, disc, car, primitives)
 
     def disc_path_length(self, poses: Array) -> Array:
         """Length of the path of the disc, ``(n,)``; infinite proves that there is no path for the car."""
@@ -82,4 +80,13 @@ class CostToGo:
         i = np.rint((poses[:, :2] - self.origin) / self.car_cell).astype(int)
         i = np.clip(i, 0, np.array(self.car.shape[:2]) - 1)
         turn = np.rint(poses[:, 2] * (TABLE_HEADINGS / (2.0 * np.pi))).astype(int) % TABLE_HEADINGS
-        return np.asarray(np.maximum(self.car[i[:, 0], i[:, 1], turn], self.disc_path_length(poses)))
+        table, cells = self.car.reshape(-1), np.ravel_multi_index((i[:, 0], i[:, 1], turn), self.car.shape)
+        new = np.unique(cells[np.isnan(table[cells])])
+        if len(new):
+            place = np.unravel_index(new, self.car.shape)
+            middles = np.column_stack([
+                self.origin[0] + place[0] * self.car_cell, self.origin[1] + place[1] * self.car_cell,
+                place[2] * (2.0 * np.pi / TABLE_HEADINGS),
+            ])  # fmt: skip
+            table[new] = self.primitives.reeds_shepp_cost(middles, self.target)
+        return np.asarray(np.maximum(table[cells], self.disc_path_length(poses)))

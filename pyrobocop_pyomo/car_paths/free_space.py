@@ -6,14 +6,19 @@ motion the gap along a *fixed* direction is at least the smaller one of both end
 arcs from their chords. One direction that is wide enough at both ends thus proves the whole motion, and no obstacle can
 be jumped over.
 
+Most steps are far from everything. Discs that cover the body and a grid of distances decide these, circles around
+body and obstacles most of the others.
+
 Gottschalk, Lin and Manocha, OBBTree: a hierarchical structure for rapid interference detection (1996), for the theorem
 of the separating axis.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +28,32 @@ from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 # An unbounded shape is cut off at this many scene sizes, for its corners only.
 FAR = 1e4
 ROUNDING = 1e-9
+MOST_DISCS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Lower bounds of what points have left of their distance to the nearest obstacle after the clearance.
+
+    Attributes
+    ----------
+    origin : (2,) array
+    cell : float
+    bounds : (nx, ny) array
+        For all points of each square cell; beyond the grid nothing is known.
+    """
+
+    origin: Array
+    cell: float
+    bounds: Array
+
+    def at(self, points: Array) -> Array:
+        """Bounds ``(...)`` of points ``(..., 2)``."""
+        place = np.floor((points - self.origin) / self.cell)
+        counts = np.array(self.bounds.shape)
+        known = np.asarray(((place >= 0) & (place < counts)).all(axis=-1))
+        inside = np.where(known[..., None], place, 0).astype(np.int64)
+        return np.where(known, self.bounds[inside[..., 0], inside[..., 1]], -np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +66,32 @@ class FreeSpace:
         Of the body, in its own frame.
     sides, reaches : (e, 2) and (e,) arrays
         The body is ``{z : sides @ z <= reaches}``.
-    normals, offsets : (f, 2) and (f,) arrays
-        Sides of all obstacles, one obstacle after the other.
-    first_side : (o,) int array
-        Where the sides of each obstacle begin.
+    discs : (k, 2) array
+        Middles of discs that cover the body.
+    disc_radius : float
+    normals, offsets : (o, f, 2) and (o, f) arrays
+        Sides of each obstacle, the last one repeated.
     points : (o, w, 2) array
         Corners of each obstacle, the last one repeated.
+    middles, radii : (o, 2) and (o,) arrays
+        Of circles around the obstacles; infinite for those without end.
     needed : (o,) array
         Asked clearance and both paddings.
+    grid : _Grid or None
     """
 
     corners: Array
     sides: Array
     reaches: Array
+    discs: Array
+    disc_radius: float
     normals: Array
     offsets: Array
-    first_side: Indices
     points: Array
+    middles: Array
+    radii: Array
     needed: Array
+    grid: _Grid | None = None
 
     @classmethod
     def around(cls, body: Polytope, obstacles: Sequence[Polytope], clearance: float, scene: float) -> FreeSpace:
@@ -60,33 +99,61 @@ class FreeSpace:
         sides, reaches = _sides(body)
         every = [_sides(obstacle) for obstacle in obstacles]
         corners = [_corners(obstacle, scene) for obstacle in obstacles]
-        most = max((len(points) for points in corners), default=0)
-        padded = [np.vstack([points, np.repeat(points[-1:], most - len(points), axis=0)]) for points in corners]
-        counts = [len(offsets) for _, offsets in every]
+        middles = [0.5 * (obstacle.vertices.min(axis=0) + obstacle.vertices.max(axis=0)) for obstacle in obstacles]
+        radii = [
+            float(np.linalg.norm(obstacle.vertices - middle, axis=1).max()) if obstacle.is_bounded else np.inf
+            for obstacle, middle in zip(obstacles, middles, strict=True)
+        ]
+        discs, disc_radius = _covering_discs(np.array(body.vertices))
         return cls(
             corners=np.array(body.vertices),
             sides=sides,
             reaches=reaches,
-            normals=np.vstack([np.zeros((0, 2)), *(normals for normals, _ in every)]),
-            offsets=np.concatenate([np.zeros(0), *(offsets for _, offsets in every)]),
-            first_side=np.cumsum([0, *counts[:-1]]) if counts else np.zeros(0, dtype=np.int64),
-            points=np.array(padded).reshape(len(padded), most, 2),
+            discs=discs,
+            disc_radius=disc_radius,
+            normals=_padded([normals for normals, _ in every], (2,)),
+            offsets=_padded([offsets for _, offsets in every], ()),
+            points=_padded(corners, (2,)),
+            middles=np.array(middles).reshape(-1, 2),
+            radii=np.array(radii),
             needed=np.array([clearance + body.radius + obstacle.radius for obstacle in obstacles]),
         )
 
+    def with_grid(self, low: Array, high: Array, cell: float) -> FreeSpace:
+        """The same with a grid of distances over a region."""
+        counts = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
+        axes = [low[k] + (np.arange(counts[k]) + 0.5) * cell for k in range(2)]
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        found = np.full(len(places), np.inf)
+        for normals, offsets, middle, radius, needed in zip(
+            self.normals, self.offsets, self.middles, self.radii, self.needed.tolist(), strict=True
+        ):
+            bound = np.hypot(*(places - middle).T) - radius
+            # The gap along a side is exact beside it, and less than the distance elsewhere.
+            near = np.flatnonzero(bound - needed < found)
+            bound[near] = np.maximum(bound[near], (places[near] @ normals.T - offsets).max(axis=1))
+            found = np.minimum(found, bound - needed)
+        bounds = found.reshape(*counts) - math.sqrt(0.5) * cell
+        return replace(self, grid=_Grid(np.array(low, dtype=float), cell, bounds))
+
     def distances(self, poses: Array) -> Array:
         """Exact signed distance of the padded body at each pose to each obstacle less the clearance, ``(n, o)``."""
-        corners = self._placed(poses)
         if not len(self.needed):
             return np.zeros((len(poses), 0))
-        widest = np.maximum.reduceat(self._from_obstacles(corners), self.first_side, axis=1)
-        widest = np.maximum(widest, self._from_body(poses).max(axis=2))
-        pose, obstacle = np.nonzero(widest >= -ROUNDING)  # overlapping shapes have no nearest corners
-        if len(pose):
-            own, other = corners[pose], self.points[obstacle]
-            found = _gap_along(_between_corners(own, other), own, other)
-            widest[pose, obstacle] = np.maximum(widest[pose, obstacle], found)
-        return widest - self.needed
+        pose, obstacle = (found.ravel() for found in np.indices((len(poses), len(self.needed))))
+        return (self._distances(poses[pose], obstacle) - self.needed[obstacle]).reshape(len(poses), len(self.needed))
+
+    def are_free(self, poses: Array) -> BoolArray:
+        """Whether the body keeps its clearance at each of the poses ``(n, 3)``, up to rounding."""
+        free = np.ones(len(poses), dtype=bool)
+        if not len(self.needed):
+            return free
+        near = np.flatnonzero(~self._keeps_away(poses, np.zeros(len(poses))))
+        pose, obstacle = self._near(poses[near], np.zeros(len(near)))
+        pose = near[pose]
+        apart = self._distances(poses[pose], obstacle) >= self.needed[obstacle] - 100.0 * ROUNDING
+        free[pose[~apart]] = False
+        return free
 
     def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
         """Whether the body keeps its clearance along whole motions, also between the given poses.
@@ -98,78 +165,155 @@ class FreeSpace:
         curvatures, spacings : (m,) arrays
             Largest curvature (its size) of each motion, and the longest arc from one pose to the next.
         """
-        if not len(self.needed):
-            return np.ones(len(motions), dtype=bool)
+        clear = np.ones(len(motions), dtype=bool)
+        if not len(self.needed) or not len(motions):
+            return clear
+        farthest = float(np.linalg.norm(self.corners, axis=1).max())
+        # No point of the body is farther from where it is at one of the two poses.
+        moved = 0.5 * spacings * (1.0 + curvatures * farthest)
+        reach = np.repeat(moved, motions.shape[1])
+        away = self._keeps_away(motions.reshape(-1, 3), reach).reshape(motions.shape[:2])
+        motion, step = np.nonzero(~(away[:, :-1] & away[:, 1:]))
+        found, obstacle = self._near(motions[motion, step], 2.0 * moved[motion])
+        motion, step = motion[found], step[found]
+        if len(motion):
+            proven = self._are_clear(
+                motions[motion, step], motions[motion, step + 1], obstacle, curvatures[motion], spacings[motion]
+            )
+            clear[motion[~proven]] = False
+        return clear
+
+    def _keeps_away(self, poses: Array, moved: Array) -> BoolArray:
+        """Whether the grid proves that bodies keep their clearances when all points move by so much, ``(n,)``."""
+        if self.grid is None:
+            return np.zeros(len(poses), dtype=bool)
+        places = self._placed(poses, self.discs)
+        return np.asarray((self.grid.at(places) >= (self.disc_radius + moved + ROUNDING)[:, None]).all(axis=1))
+
+    def _near(self, poses: Array, moved: Array) -> tuple[Indices, Indices]:
+        """Pairs of a pose and an obstacle that circles around them do not keep apart."""
+        places = self._placed(poses, self.discs)
+        pose, obstacle = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        for k, (middle, radius) in enumerate(zip(self.middles, (self.radii + self.needed).tolist(), strict=True)):
+            away = np.hypot(places[..., 0] - middle[0], places[..., 1] - middle[1]).min(axis=1)
+            close = np.flatnonzero(away <= radius + self.disc_radius + moved + ROUNDING)
+            pose.append(close)
+            obstacle.append(np.full(len(close), k))
+        pairs, other = np.concatenate(pose), np.concatenate(obstacle)
+        # The discs along the sides: what is beside a long obstacle is inside of its circle.
+        gaps = np.full(len(pairs), np.inf)
+        for k in range(places.shape[1]):
+            middle = places[pairs, k]
+            along = middle[:, :1] * self.normals[other, :, 0] + middle[:, 1:] * self.normals[other, :, 1]
+            gaps = np.minimum(gaps, (along - self.offsets[other]).max(axis=1))
+        kept = gaps <= self.needed[other] + self.disc_radius + moved[pairs] + ROUNDING
+        return pairs[kept], other[kept]
+
+    def _distances(self, poses: Array, obstacle: Indices) -> Array:
+        """Exact signed distances of the body at poses ``(p, 3)`` to one obstacle each, without paddings."""
+        corners, points = self._placed(poses, self.corners), self.points[obstacle]
+        widest = self._from_obstacles(corners, obstacle).max(axis=1)
+        widest = np.maximum(widest, self._from_body(poses, points).max(axis=1))
+        pair = np.flatnonzero(widest >= -ROUNDING)  # overlapping shapes have no nearest corners
+        if len(pair):
+            own, other = corners[pair], points[pair]
+            widest[pair] = np.maximum(widest[pair], _gap_along(_between_corners(own, other), own, other))
+        return np.asarray(widest)
+
+    def _are_clear(
+        self, before: Array, after: Array, obstacle: Indices, curvatures: Array, spacings: Array
+    ) -> BoolArray:
+        """Whether one direction is wide enough at both poses of a step, ``(p,)``."""
         # The arc of a point at distance r of the centre of the turn deviates from its chord by r (1 - cos(angle / 2)).
         # That distance is at most the distance to the body's origin plus the turning radius.
         ratio = 0.125 * (curvatures * spacings) ** 2
         of_origin = ratio / np.maximum(curvatures, 1e-12)
-        deviation = (of_origin + ratio * float(np.linalg.norm(self.corners, axis=1).max()))[:, None, None]
-        corners = self._placed(motions)
-        sides = self._from_obstacles(corners)
-        best = np.maximum.reduceat(np.minimum(sides[:, :-1], sides[:, 1:]) - deviation, self.first_side, axis=2)
-        clear: BoolArray = np.asarray((best >= self.needed - ROUNDING).all(axis=(1, 2)))
-        unknown = np.nonzero(~clear)[0]  # few: where obstacles are near
-        if len(unknown):
-            apart = np.maximum.reduceat(sides[unknown], self.first_side, axis=2)
-            clear[unknown] = self._is_clear_closely(
-                motions[unknown],
-                corners[unknown],
-                best[unknown],
-                apart,
-                ratio[unknown],
-                of_origin[unknown],
-                deviation[unknown],
-            )
+        deviation = of_origin + ratio * float(np.linalg.norm(self.corners, axis=1).max())
+        needed = self.needed[obstacle] - ROUNDING
+        start, end = self._placed(before, self.corners), self._placed(after, self.corners)
+        gaps = np.minimum(self._from_obstacles(start, obstacle), self._from_obstacles(end, obstacle)).max(axis=1)
+        clear = np.asarray(gaps - deviation >= needed)
+        left = np.flatnonzero(~clear)
+        other = self.points[obstacle[left]]
+        gaps = np.minimum(*(self._from_body(poses[left], other, ratio[left]) for poses in (before, after))).max(axis=1)
+        clear[left] = gaps - of_origin[left] >= needed[left]
+        left = left[~clear[left]]
+        other = self.points[obstacle[left]]
+        for own in (start[left], end[left]) if len(left) else ():
+            along = _between_corners(own, other)
+            gaps = np.minimum(_gap_along(along, start[left], other), _gap_along(along, end[left], other))
+            clear[left] |= gaps - deviation[left] >= needed[left]
         return clear
 
-    def _is_clear_closely(
-        self,
-        motions: Array,
-        corners: Array,
-        best: Array,
-        apart: Array,
-        ratio: Array,
-        of_origin: Array,
-        deviation: Array,
-    ) -> BoolArray:
-        """The same, also along the normals of the body's sides and between nearest corners."""
-        gaps = self._from_body(motions, ratio)
-        along_motion = np.minimum(gaps[:, :-1], gaps[:, 1:]).max(axis=3) - of_origin[:, None, None]
-        best, apart = np.maximum(best, along_motion), np.maximum(apart, gaps.max(axis=3))
-        needed = self.needed - ROUNDING
-        # Where no side gives a wide enough gap, the nearest corners may, unless the shapes overlap.
-        motion, step, obstacle = np.nonzero((best < needed) & (np.minimum(apart[:, :-1], apart[:, 1:]) > -ROUNDING))
-        if len(motion):
-            start, end, other = corners[motion, step], corners[motion, step + 1], self.points[obstacle]
-            for own in (start, end):
-                along = _between_corners(own, other)
-                gap = np.minimum(_gap_along(along, start, other), _gap_along(along, end, other))
-                found = gap - deviation[motion, 0, 0]
-                best[motion, step, obstacle] = np.maximum(best[motion, step, obstacle], found)
-        return np.asarray((best >= needed).all(axis=(1, 2)))
+    def is_free_of_point(self, places: Array, slack: float) -> BoolArray:
+        """Whether each place is no nearer to any obstacle than the clearance less a slack, ``(n,)``; for points.
 
-    def _placed(self, poses: Array) -> Array:
-        """Corners of the body in the world, ``(..., v, 2)``."""
+        The body counts as a point with the radius that `needed` has.
+        """
+        free = np.ones(len(places), dtype=bool)
+        for normals, offsets, points, needed in zip(
+            self.normals, self.offsets, self.points, self.needed.tolist(), strict=True
+        ):
+            left = np.flatnonzero(free)
+            gaps = (places[left] @ normals.T - offsets).max(axis=1)
+            near = gaps < needed - slack
+            # Beside a corner the distance is that to the corner, and more than any gap.
+            unsure = np.flatnonzero(near & (gaps > 0.0))
+            if len(unsure):
+                near[unsure] = _distances_to_ring(places[left[unsure]], points) < needed - slack
+            free[left[near]] = False
+        return free
+
+    def _placed(self, poses: Array, points: Array) -> Array:
+        """Points of the body in the world, ``(n, v, 2)``."""
         cosine, sine = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
-        x, y = self.corners.T
+        x, y = points.T
         return np.stack([poses[..., 0, None] + cosine * x - sine * y, poses[..., 1, None] + sine * x + cosine * y], -1)
 
-    def _from_obstacles(self, corners: Array) -> Array:
-        """Gap along the normal of each side of each obstacle, ``(..., f)``."""
-        # Not a matrix product: that would be one call of BLAS per pose.
-        along = corners[..., :1] * self.normals[:, 0] + corners[..., 1:] * self.normals[:, 1]
-        return np.asarray(along.min(axis=-2) - self.offsets)
+    def _from_obstacles(self, corners: Array, obstacle: Indices) -> Array:
+        """Gap along the normal of each side of an obstacle, ``(p, f)``."""
+        normals = self.normals[obstacle]
+        least = np.full(normals.shape[:2], np.inf)
+        for k in range(corners.shape[1]):
+            least = np.minimum(least, corners[:, k, :1] * normals[..., 0] + corners[:, k, 1:] * normals[..., 1])
+        return np.asarray(least - self.offsets[obstacle])
 
-    def _from_body(self, poses: Array, ratio: Array | float = 0.0) -> Array:
-        """Gap along the normal of each side of the body, ``(..., o, e)``, less ``ratio`` times distances of points."""
-        away = self.points - poses[..., None, None, :2]
-        cosine, sine = np.cos(poses[..., 2])[..., None, None], np.sin(poses[..., 2])[..., None, None]
+    def _from_body(self, poses: Array, points: Array, ratio: Array | float = 0.0) -> Array:
+        """Gap along the normal of each side of the body, ``(p, e)``, less ``ratio`` times distances of points.
+
+        Parameters
+        ----------
+        poses : (p, 3) array
+        points : (p, w, 2) array
+            Corners of an obstacle for each pose.
+        ratio : (p,) array or float
+        """
+        away = points - poses[:, None, :2]
+        cosine, sine = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
         own_x = cosine * away[..., 0] + sine * away[..., 1]
         own_y = cosine * away[..., 1] - sine * away[..., 0]
-        lift = np.reshape(ratio, np.shape(ratio) + (1,) * (own_x.ndim - np.ndim(ratio))) * np.hypot(own_x, own_y)
-        along = own_x[..., None] * self.sides[:, 0] + own_y[..., None] * self.sides[:, 1] - lift[..., None]
-        return np.asarray(along.min(axis=-2) - self.reaches)
+        lift = np.reshape(ratio, (-1, 1)) * np.hypot(own_x, own_y)
+        gaps = [(own_x * a + own_y * b - lift).min(axis=1) - reach
+                for (a, b), reach in zip(self.sides.tolist(), self.reaches.tolist(), strict=True)]  # fmt: skip
+        return np.stack(gaps, axis=-1)
+
+
+def _padded(rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    """Arrays of different lengths as one, each with its last entry repeated."""
+    most = max((len(row) for row in rows), default=0)
+    padded = [np.concatenate([row, np.repeat(row[-1:], most - len(row), axis=0)]) for row in rows]
+    return np.array(padded, dtype=float).reshape(len(padded), most, *shape)
+
+
+def _covering_discs(corners: Array) -> tuple[Array, float]:
+    """Middles ``(k, 2)`` and the radius of discs that cover the box around some corners."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    size = high - low
+    axis = int(size.argmax())
+    count = int(np.clip(math.ceil(size[axis] / max(size[1 - axis], 1e-9 * size[axis], 1e-300)), 1, MOST_DISCS))
+    middles = np.tile(0.5 * (low + high), (count, 1))
+    middles[:, axis] = low[axis] + (np.arange(count) + 0.5) * size[axis] / count
+    return middles, 0.5 * math.hypot(size[axis] / count, size[1 - axis])
 
 
 def _sides(shape: Polytope) -> tuple[Array, Array]:
@@ -203,6 +347,21 @@ def _between_corners(own: Array, other: Array) -> Array:
     return np.asarray(
         apart.reshape(len(own), -1, 2)[rows, nearest] / np.maximum(lengths[rows, nearest], 1e-300)[:, None]
     )
+
+
+def _distances_to_ring(places: Array, ring: Array) -> Array:
+    """Distances ``(n,)`` of places outside of a convex shape to its nearest side, from its corners in any order."""
+    about = ring - ring.mean(axis=0)
+    ring = ring[np.argsort(np.arctan2(about[:, 1], about[:, 0]), kind="stable")]
+    hull = np.concatenate([ring, ring[:1]])
+    sides = hull[1:] - hull[:-1]
+    squares = np.maximum((sides**2).sum(axis=1), 1e-300)
+    found = np.full(len(places), np.inf)
+    for corner, side, square in zip(hull[:-1], sides, squares, strict=True):
+        away = places - corner
+        share = np.clip(away @ side / square, 0.0, 1.0)
+        found = np.minimum(found, np.hypot(*(away - share[:, None] * side).T))
+    return found
 
 
 def _gap_along(along: Array, own: Array, other: Array) -> Array:

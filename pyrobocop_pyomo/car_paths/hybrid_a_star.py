@@ -33,12 +33,15 @@ from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace
 from .motion_primitives import CarSearch, MotionPrimitives
+from .shortcuts import with_shortcuts
 
 # Poses that a search may keep in its first turn, and how many times more in each later one.
 FIRST_BUDGET = 6_000
 GROWTH = 2
 # The search from the start is for hard cases, where any path will do.
 WEIGHT_FROM_START = 2.0
+# The grid of distances: side of its cells in turning radii, and how many there are along its longer side.
+GRID_CELL, MOST_CELLS = 0.03, 400
 
 
 def hybrid_a_star(
@@ -100,8 +103,10 @@ def hybrid_a_star(
         raise InitialGuessError("hybrid_a_star: start and goal are the same pose; there is no path to find.")
     scene = body.reach + float(np.abs([*limits[0], *limits[1]]).max())
     scene += max((float(np.abs(shape.vertices).max()) for shape in shapes), default=0.0)
-    space = FreeSpace.around(body, shapes, clearance, scene)
     coarse = MotionPrimitives.of(wheelbase, steering_limit, options)
+    region = np.array(limits).T + np.array([[-body.reach], [body.reach]])
+    cell = max(GRID_CELL * coarse.turning_radius, float(np.ptp(region, axis=0).max()) / MOST_CELLS)
+    space = FreeSpace.around(body, shapes, clearance, scene).with_grid(region[0], region[1], cell)
 
     def begin(which: str, cost_to_go: CostToGo, level: int) -> BestFirstSearch:
         primitives = MotionPrimitives.of(wheelbase, steering_limit, options, level)
@@ -123,7 +128,8 @@ def hybrid_a_star(
                 current.search = begin(which, current.search.cost_to_go, current.level)
                 end = current.search.run(min(budget, options.max_nodes), began + time_limit)
             if end is SearchEnd.FOUND:
-                return _path(ends["start"], ends["goal"], *current.search.arcs(), wheelbase, backwards=which == "goal")
+                arcs = with_shortcuts(current.search, *current.search.arcs())
+                return _path(ends["start"], ends["goal"], *arcs, wheelbase, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise InitialGuessError(
                     f"hybrid_a_star: no path was found: from the {which}, {len(current.search.poses)} poses can be "

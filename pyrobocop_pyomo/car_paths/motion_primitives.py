@@ -129,7 +129,7 @@ class MotionPrimitives:
         return follow_arcs(poses[:, None, :], steps[None], np.repeat(self.curvatures[:, None], self.samples, 1)[None])
 
     def reeds_shepp_paths(self, poses: Array, target: Array) -> tuple[Array, Array, Array]:
-        """All Reeds-Shepp paths to a target.
+        """All Reeds-Shepp paths to a target, or to one for each pose.
 
         Returns
         -------

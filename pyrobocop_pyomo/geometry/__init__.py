@@ -4,6 +4,8 @@ from .decomposition import decompose
 from .distance import SignedDistance, signed_distance
 from .distance import distance_of_points as distance_of_points
 from .distance import distances_of_points as distances_of_points
+from .occupancy_grids import cover_occupancy_grid
+from .point_clouds import cover_point_cloud
 from .polytope import Polytope as Polytope
 from .poses import Pose
 from .poses import check_pose as check_pose
@@ -14,4 +16,11 @@ from .separation import separating_directions as separating_directions
 
 # What users find in the namespace `geometry`. The names with "as" are for the folders of this package;
 # users find `Polytope` and the two functions of poses at the package root.
-__all__ = ["Pose", "SignedDistance", "decompose", "signed_distance"]
+__all__ = [
+    "Pose",
+    "SignedDistance",
+    "cover_occupancy_grid",
+    "cover_point_cloud",
+    "decompose",
+    "signed_distance",
+]

@@ -16,14 +16,15 @@ from pyrobocop_pyomo.errors import GeometryError
 from .polyhedra import affine_rank, halfspaces_of
 from .polytope_input import corners_of_halfspaces, corners_of_list, read_points, read_rays
 from .poses import Pose
+from .round_shapes import around_cone, around_ellipsoid, direction_of, frame_along
 
 
 @dataclass(frozen=True, eq=False)
 class Polytope:
     """All points closer than a radius to the convex hull of some corners and rays, in the plane or in space.
 
-    Make one by `box`, `regular_polygon`, `from_vertices`, `from_halfspaces`, `ball`, `capsule` or `point`: they
-    check what they are given. The constructor itself checks nothing.
+    Make one by `box`, `regular_polygon`, `from_vertices`, `from_halfspaces`, `ball`, `capsule`, `cylinder`, `cone`,
+    `ellipsoid` or `point`: they check what they are given. The constructor itself checks nothing.
 
     Attributes
     ----------
@@ -35,12 +36,16 @@ class Polytope:
         Everything closer than this belongs to the shape too; 0 for sharp corners.
     name : str
         What messages call it.
+    excess : float
+        No point of the shape is farther than this from what it stands for: a cylinder, a cone, an ellipsoid, occupied
+        cells, all of which it contains. Zero for a shape that is exact.
     """
 
     vertices: np.ndarray
     rays: np.ndarray
     radius: float = 0.0
     name: str = "polytope"
+    excess: float = 0.0
 
     def __post_init__(self) -> None:
         self.vertices.setflags(write=False)
@@ -155,6 +160,87 @@ class Polytope:
     def capsule(cls, start: Sequence[float], end: Sequence[float], radius: float, *, name: str = "capsule") -> Polytope:
         """All points closer than a radius to the segment from start to end."""
         return cls.from_vertices([start, end], radius=radius, allow_flat=True, name=name)
+
+    @classmethod
+    def cylinder(
+        cls,
+        radius: float,
+        height: float,
+        center: Sequence[float] = (0.0, 0.0, 0.0),
+        axis: Sequence[float] = (0.0, 0.0, 1.0),
+        *,
+        sides: int = 16,
+        name: str = "cylinder",
+    ) -> Polytope:
+        """A prism around a cylinder in space; `excess` is by how much it is larger, 2 % of the radius with 16 sides.
+
+        Parameters
+        ----------
+        radius, height : float
+        center : (x, y, z)
+            Middle of the cylinder.
+        axis : (x, y, z)
+            Its direction, of any length. Another orientation: ``shape.placed(pose)``.
+        sides : int
+            Of the prism, which has twice as many corners.
+
+        Raises
+        ------
+        GeometryError
+            For lengths that are not positive, or fewer than 3 sides.
+        """
+        corners, excess = around_cone((radius, radius), height, sides, name)
+        base = _checked_position(center, name, 3) - 0.5 * height * direction_of(axis, name)
+        return replace(cls.hull(base + corners @ frame_along(axis, name).T, name=name), excess=excess)
+
+    @classmethod
+    def cone(
+        cls,
+        radius: float,
+        height: float,
+        center: Sequence[float] = (0.0, 0.0, 0.0),
+        axis: Sequence[float] = (0.0, 0.0, 1.0),
+        *,
+        top_radius: float = 0.0,
+        sides: int = 16,
+        name: str = "cone",
+    ) -> Polytope:
+        """A pyramid around a cone, or a frustum; like `cylinder`, but `center` is the middle of its base."""
+        corners, excess = around_cone((radius, top_radius), height, sides, name)
+        base = _checked_position(center, name, 3)
+        return replace(cls.hull(base + corners @ frame_along(axis, name).T, name=name), excess=excess)
+
+    @classmethod
+    def ellipsoid(
+        cls,
+        semi_axes: Sequence[float],
+        center: Sequence[float] | None = None,
+        *,
+        sides: int | None = None,
+        name: str = "ellipsoid",
+    ) -> Polytope:
+        """A polytope around an ellipse or an ellipsoid along the axes; `excess` is by how much it is larger.
+
+        Parameters
+        ----------
+        semi_axes : two or three lengths
+            Halves of its widths. Another orientation: ``shape.placed(pose)``.
+        center : position, optional
+            The origin by default.
+        sides : int, optional
+            Of the polygon around an ellipse, 16 by default: an excess of 2 % of the larger semi-axis. In space about so
+            many corners lie on each great circle: 10 by default, which makes 42 corners and an excess of 8 %; 20 make
+            162 and 2 %.
+
+        Raises
+        ------
+        GeometryError
+            For lengths that are not positive, or too few sides.
+        """
+        corners, excess = around_ellipsoid(semi_axes, sides, name)
+        dimension = corners.shape[1]
+        middle = _checked_position((0.0,) * dimension if center is None else center, name, dimension)
+        return replace(cls.hull(middle + corners, name=name), excess=excess)
 
     def padded(self, radius: float) -> Polytope:
         """The shape grown by a radius on all sides, its corners rounded."""

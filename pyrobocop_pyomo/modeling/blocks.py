@@ -16,9 +16,9 @@ from __future__ import annotations
 import copy
 import difflib
 import inspect
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
@@ -62,6 +62,19 @@ class BuiltBlockData(BlockData):
     @property
     def _what(self) -> str:
         return f"{self._kind} '{self.name}'"
+
+    @property
+    def can_follow_times(self) -> bool:
+        """True for a block that can be stated anew, in its own components, when the times below it change."""
+        return False
+
+    def stands_on(self, sets: Container[int]) -> bool:
+        """True where the block is over one of the sets, which are given by their identities."""
+        return False
+
+    def follow_times(self) -> None:
+        """State the block anew, after the sets or the variables below it have changed."""
+        raise NotImplementedError
 
     def _build(self, *arguments: Any, **options: Any) -> None:
         raise NotImplementedError
@@ -221,6 +234,18 @@ class _OfOneBlock:
             f"'{component.local_name}' is indexed; '{self.name}' is asked of one of its blocks: "
             f"{component.local_name}[...].{self.name}."
         )
+
+
+Record = TypeVar("Record")
+
+
+def snapshot_of(record: Record) -> Record:
+    """A copy of a record that later additions to its dicts, lists and sets do not reach."""
+    duplicate = copy.copy(record)
+    for name, held in vars(record).items():
+        if isinstance(held, (dict, list, set)):
+            setattr(duplicate, name, copy.copy(held))
+    return duplicate
 
 
 def blocks_of_kind(model: Any, kind: type[BuiltBlockData]) -> list[Any]:

@@ -19,6 +19,7 @@ from pyomo.core.base.initializer import IndexedCallInitializer
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 
 from .expressions import same_expression
+from .rule_slips import slip_of
 
 
 class _Index:
@@ -224,22 +225,24 @@ def _proxy_of(found: Any, signals: Signals) -> Any:
     return found
 
 
-def rule_result(rule: Any, block: Any, signals: Signals, name: str) -> Any:
-    """The result of a rule for a pose, evaluated with proxies.
+def rule_result(rule: Any, block: Any, signals: Signals, what: str) -> Any:
+    """The result of a rule for a pose or a length, evaluated with proxies.
 
     Raises
     ------
     ObstacleError
-        Naming the body, when the rule cannot be evaluated so.
+        Naming what the rule is about, when the rule cannot be evaluated so.
     """
     try:
         return rule(signals.proxy_of(block), signals.index)
     except ModelError as error:
-        raise type(error)(f"the pose of '{name}': {error}") from error
+        raise error if what in str(error) else type(error)(f"{what}: {error}") from error
     except Exception as error:
+        if slip_of(rule, error, block, ("b", "t")) is not None:
+            raise  # whoever asks explains it
         reason = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")  # Pyomo adds paragraphs of advice
         raise ObstacleError(
-            f"the pose of '{name}' cannot be asked between the nodes ({reason}). Its rule has to "
+            f"{what} cannot be asked between the nodes ({reason}). Its rule has to "
             "read variables through its first argument, not through the model, and to be made of Pyomo's functions: "
             "pyo.cos(t) instead of math.cos(t), no 'if' on t."
         ) from error

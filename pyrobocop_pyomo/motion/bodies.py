@@ -12,9 +12,10 @@ from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 
 PoseRule = Callable[[Any, Any], Any]
+PoseBetweenPoints = Callable[[Any, Any, Any], Any]
 
 
-def _lost_pose(block: Any, t: Any) -> Any:
+def _lost_pose(block: Any, t: Any, fraction: Any = None) -> Any:
     """Replaces a rule that a pickle cannot hold; with no rule at all the body would rest."""
     raise ObstacleError("the rule for a body's pose did not survive pickling. Define it at the top level of a module.")
 
@@ -31,15 +32,21 @@ class Body:
         ``pose(block, t)`` returns the `Pose` at an index ``t`` of the set of points. ``block`` is the parent of the
         avoidance block or, between the nodes, a proxy of it: the rule must read all variables through it. None for a
         body that rests: its shape is given in the world.
+    between_points : callable or None
+        For points that are plain numbers, and for finite differences of ``pyomo.dae``: ``between_points(block, t,
+        fraction)`` returns the `Pose` at a fraction (0 to 1) of the interval from the point ``t`` to the next one, in
+        expressions of the model's variables and of ``fraction``. None: everything that the pose reads changes linearly
+        from point to point.
 
     Raises
     ------
     ObstacleError
-        When the shape is not a polytope, or its parts have different dimensions.
+        When the shape is not a polytope, its parts have different dimensions, or a rule is no function.
     """
 
     shape: Any
     pose: PoseRule | None = None
+    between_points: PoseBetweenPoints | None = None
 
     def __post_init__(self) -> None:
         parts = self.parts
@@ -57,14 +64,21 @@ class Body:
                 f"'{parts[0].name}': its pose is {self.pose!r}; expected a function of (block, t), or None for a body "
                 "that rests. A body at a constant pose is shape.placed(pose)."
             )
+        if self.between_points is not None and not (callable(self.between_points) and self.moves):
+            raise ObstacleError(
+                f"'{parts[0].name}': between_points is {self.between_points!r}; expected a function of (block, t, "
+                "fraction), beside pose=, which gives the pose at the points themselves."
+            )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Body:
-        pose = copied_rule(self.pose, memo)
-        return self if pose is self.pose else Body(self.shape, pose)  # immutable: cloned models share it
+        rules = [copied_rule(rule, memo) for rule in (self.pose, self.between_points)]
+        same = rules[0] is self.pose and rules[1] is self.between_points
+        return self if same else Body(self.shape, *rules)  # immutable: cloned models share it
 
     def __getstate__(self) -> dict[str, Any]:
-        pose = None if self.pose is None else picklable_or_none(self.pose) or _lost_pose
-        return {"shape": self.shape, "pose": pose}
+        rules = {"pose": self.pose, "between_points": self.between_points}
+        kept = {name: None if rule is None else picklable_or_none(rule) or _lost_pose for name, rule in rules.items()}
+        return {"shape": self.shape, **kept}
 
     @property
     def parts(self) -> tuple[Polytope, ...]:

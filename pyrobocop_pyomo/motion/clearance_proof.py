@@ -7,7 +7,7 @@ Subintervals that are neither proven nor violated are halved. See the explanatio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,19 @@ from pyrobocop_pyomo.geometry import check_pose, distances_of_points, signed_dis
 from pyrobocop_pyomo.numerics import Array, Indices
 
 from .bodies import Body
+from .equations_motion import EquationsMotion, equations_motion
+from .far_pairs import BoxProofs, PairToProve, box_distances
 from .motion import Motion
 from .moving_shapes import MovingShape, PathBounds, moving_shapes
 from .pose_templates import node_times
+from .required_clearance import (
+    RequiredBounds,
+    RequiredClearance,
+    clearance_text,
+    clearance_value,
+    is_clearance_rule,
+    required_clearance,
+)
 from .safety_report import BodyPairSafety, SafetyReport
 
 _EPS = float(np.finfo(float).eps)
@@ -32,16 +42,19 @@ _SEARCH = 17
 # So many intervals are searched although they are proven: the closest instant is nearly always in one of the three
 # that are proven least.
 _SEARCHED = 3
+# So many pairs that boxes settle are searched as well.
+_SEARCHED_FAR_PAIRS = 5
 
 
 def verify_clearance(
     motion: Motion,
     bodies: Mapping[str, Body],
-    clearances: Mapping[tuple[str, str], float],
+    clearances: Mapping[tuple[str, str], Any],
     *,
     tolerance: float | None = None,
     depth: int = 24,
     max_subintervals: int = 20_000,
+    equations: bool = True,
 ) -> SafetyReport:
     """Check the distances of body pairs over a whole motion, at the current values of the model.
 
@@ -49,19 +62,24 @@ def verify_clearance(
     ----------
     motion : Motion
     bodies : mapping of name to Body
-    clearances : dict of (str, str) to float
-        The body pairs to check, and the distance that each has to keep.
+    clearances : dict of (str, str) to number, expression or callable
+        The body pairs to check, and the distance that each has to keep: the same at all times, or
+        ``rule(block, t)``, a formula like that of a pose.
     tolerance : float, optional
-        Distances down to ``clearance - tolerance`` count as kept; 1 % of each clearance by default.
+        Distances down to ``clearance - tolerance`` count as kept; by default 1 % of each clearance, of its least value
+        at the nodes where it changes.
     depth : int
         How often a subinterval may be halved before the pair is undecided there.
     max_subintervals : int
         How many subintervals the proof of one pair may use.
+    equations : bool
+        Whether the motion that the equations make of the plan's controls is proven as well.
 
     Returns
     -------
     SafetyReport
-        Safe only where the distance is *proven*, up to rounding. There is one line per pair of convex parts. Intervals
+        Safe only where the distance is *proven*, up to rounding, for the plan and, where its phases have differential
+        equations, for the motion that these make of its controls. There is one line per pair of convex parts. Intervals
         whose values do not describe the motion of a rigid body, because it jumps or is distorted by more than the
         tolerance, are undecided.
 
@@ -70,8 +88,8 @@ def verify_clearance(
     ObstacleError
         Naming the body whose pose cannot be followed between the nodes, or a body that does not exist.
     """
-    for pair, clearance in clearances.items():
-        _check_pair(bodies, pair, clearance, tolerance)
+    for pair in clearances:
+        _check_pair(bodies, pair)
     if not motion.intervals:
         return _at_points(motion, bodies, clearances, tolerance)
     watched = {name: bodies[name] for name in dict.fromkeys(name for pair in clearances for name in pair)}
@@ -79,25 +97,53 @@ def verify_clearance(
     with np.errstate(all="ignore"):
         mismatches = {name: [shape.mismatch(motion) for shape in parts] for name, parts in shapes.items()}
     times = node_times(motion)
+    required = {pair: required_clearance(motion, asked, pair, times) for pair, asked in clearances.items()}
+    for pair, clearance in required.items():
+        _check_tolerance(pair, clearance.least, tolerance)
     ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in motion.intervals])
-    results = []
-    for (first, second), clearance in clearances.items():
-        settings = ProofSettings(_tolerance(tolerance, clearance), depth, max_subintervals)
-        results += [
-            _prove_pair(p, q, clearance, ends, settings, p_mismatch + q_mismatch)
-            for p, p_mismatch in zip(shapes[first], mismatches[first], strict=True)
-            for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True)
-        ]
-    return SafetyReport(tuple(results))
+    lengths = {clearance_text(pair): asked.formulas for pair, asked in required.items() if asked.formulas is not None}
+    led = equations_motion(motion, shapes, lengths) if equations else EquationsMotion()
+    pairs: list[PairToProve] = []
+    proofs: list[_Proof] = []
+    jumps: list[Array] = []
+    for (first, second), clearance in required.items():
+        settings = ProofSettings(_tolerance(tolerance, clearance.least), depth, max_subintervals)
+        for p, p_mismatch in zip(shapes[first], mismatches[first], strict=True):
+            for q, q_mismatch in zip(shapes[second], mismatches[second], strict=True):
+                read = (p.name, q.name, clearance_text((first, second)))
+                deviation = np.sum([led.of(name, len(ends)) for name in read], axis=0)
+                pairs.append(PairToProve(p, q, clearance))
+                proofs.append(_Proof(p, q, clearance, settings, deviation))
+                jumps.append(p_mismatch + q_mismatch)
+    with np.errstate(all="ignore"):  # what is not finite is never proven
+        results = _proven(pairs, proofs, ends, jumps)
+    lines = dict.fromkeys(
+        name for parts in shapes.values() for shape in parts if shape.template for name in shape.template.parameters
+    )
+    return SafetyReport(
+        tuple(results),
+        motion=_motion_text(motion.description(watched), lines),
+        motion_is_assumed=motion.is_assumed(watched) or bool(lines),
+        equations=led.statement,
+    )
 
 
-def _check_pair(bodies: Mapping[str, Body], pair: tuple[str, str], clearance: float, tolerance: float | None) -> None:
+def _motion_text(description: str, lines: Iterable[str]) -> str:
+    """The motion in words, with the parameters that have values at points only."""
+    names = ", ".join(f"'{name}'" for name in lines)
+    return f"{description}; straight lines between the values of {names}, which is assumed" if names else description
+
+
+def _check_pair(bodies: Mapping[str, Body], pair: tuple[str, str]) -> None:
     missing = [name for name in pair if name not in bodies]
     if missing:
         raise ObstacleError(f"the body pair {pair} names '{missing[0]}'; the bodies are {', '.join(bodies)}.")
     sizes = [bodies[name].dimension for name in pair]
     if sizes[0] != sizes[1]:
         raise ObstacleError(f"the body pair {pair} is of a body in {sizes[0]} and one in {sizes[1]} dimensions.")
+
+
+def _check_tolerance(pair: tuple[str, str], clearance: float, tolerance: float | None) -> None:
     if tolerance is not None and not 0.0 < tolerance < clearance:
         raise ObstacleError(
             f"tolerance = {tolerance!r}: expected a length between 0 and the clearance of {pair}, {clearance:g}. "
@@ -110,7 +156,7 @@ def _tolerance(tolerance: float | None, clearance: float) -> float:
 
 
 def _at_points(
-    motion: Motion, bodies: Mapping[str, Body], clearances: Mapping[tuple[str, str], float], tolerance: float | None
+    motion: Motion, bodies: Mapping[str, Body], clearances: Mapping[tuple[str, str], Any], tolerance: float | None
 ) -> SafetyReport:
     """Exact distances at points without an order, between which there is no motion."""
     poses: dict[tuple[str, Any], Any] = {}
@@ -121,30 +167,39 @@ def _at_points(
                 check_pose(pose, name)
             poses[name, point] = pose
     results = []
-    for (first, second), clearance in clearances.items():
+    for (first, second), asked in clearances.items():
+        required = np.array([_required_at(motion, asked, (first, second), point) for point in motion.points])
+        _check_tolerance((first, second), float(required.min()), tolerance)
         for p_name, p in bodies[first].named_parts(first):
             for q_name, q in bodies[second].named_parts(second):
                 distances = np.array(
                     [signed_distance(p, q, poses[first, at], poses[second, at]).distance for at in motion.points]
                 )
-                worst = int(np.argmin(distances))
+                worst = int(np.argmin(distances - required))
                 results.append(
                     BodyPairSafety(
                         first=p_name,
                         second=q_name,
-                        clearance=clearance,
-                        tolerance=_tolerance(tolerance, clearance),
+                        clearance=float(required[worst]),
+                        tolerance=_tolerance(tolerance, float(required.min())),
                         distance=float(distances[worst]),
                         proven=float(distances[worst]),
                         time=motion.points[worst],
                         interval=None,
                         interval_distance=distances,
                         interval_proven=distances,
+                        interval_clearance=required,
+                        interval_deviation=np.zeros(len(distances)),
                         undecided=(),
                         subintervals=len(distances),
                     )
                 )
-    return SafetyReport(tuple(results), between=False)
+    return SafetyReport(tuple(results), between=False, motion=motion.description(bodies))
+
+
+def _required_at(motion: Motion, asked: Any, pair: tuple[str, str], point: Any) -> float:
+    what = clearance_text(pair)
+    return clearance_value(asked(motion.block, point) if is_clearance_rule(asked) else asked, what)
 
 
 # ----------------------------------------------------------------------------------------------- proof of a single pair
@@ -159,93 +214,148 @@ class ProofSettings:
     max_subintervals: int
 
 
-def _prove_pair(
-    first: MovingShape, second: MovingShape, clearance: float, ends: Array, settings: ProofSettings, mismatch: Array
-) -> BodyPairSafety:
-    """Prove a clearance over all intervals.
+def _proven(
+    pairs: Sequence[PairToProve], proofs: Sequence[_Proof], ends: Array, mismatches: Sequence[Array]
+) -> list[BodyPairSafety]:
+    """Prove the clearances of all pairs over all intervals.
 
     Parameters
     ----------
-    first, second : MovingShape
-    clearance : float
+    pairs : sequence of PairToProve
+    proofs : sequence of _Proof
+        One per pair.
     ends : array, shape (intervals, 2)
         Times of the start and the end of each interval.
-    settings : ProofSettings
-    mismatch : array, shape (intervals,)
-        Sum of the two shapes' `MovingShape.mismatch`. Intervals with more than the tolerance stay undecided.
+    mismatches : sequence of array, shape (intervals,)
+        Sum of the two shapes' `MovingShape.mismatch`; that of the clearance is added. Intervals with more than the
+        tolerance stay undecided.
     """
-    with np.errstate(all="ignore"):  # what is not finite is never proven
-        return _Proof(first, second, clearance, settings, len(ends)).run(ends, mismatch)
+    if not proofs:
+        return []
+    boxes = BoxProofs(pairs, len(ends))
+    far = boxes.far(np.stack([proof.needed for proof in proofs]))
+    least = np.where(far, boxes.bounds.min(axis=1), np.inf)
+    # The nearest of the far pairs are searched like all others: the smallest distance of a report is one of theirs.
+    searched = set(np.argsort(least, kind="stable")[:_SEARCHED_FAR_PAIRS].tolist())
+    measured = boxes.measured([k for k in np.flatnonzero(far).tolist() if k not in searched])
+    results = []
+    for k, (proof, mismatch) in enumerate(zip(proofs, mismatches, strict=True)):
+        if k in measured:
+            proof.is_far(boxes.bounds[k], *measured[k])
+        else:
+            proof.prove(boxes.bounds[k])
+        results.append(proof.result(ends, mismatch))
+    return results
 
 
 class _Proof:
+    """The proof of one pair, in terms of the *excess*: signed distance less the clearance required at that time."""
+
     def __init__(
-        self, first: MovingShape, second: MovingShape, clearance: float, settings: ProofSettings, intervals: int
+        self,
+        first: MovingShape,
+        second: MovingShape,
+        clearance: RequiredClearance,
+        settings: ProofSettings,
+        deviation: Array,
     ) -> None:
         self.first, self.second, self.clearance, self.settings = first, second, clearance, settings
-        self.needed = clearance - settings.tolerance
+        # More where the equations lead away from the plan; nothing is proven where nobody knows how far.
+        self.deviation = deviation
+        self.needed = np.where(np.isfinite(deviation), deviation, 0.0) - settings.tolerance
         self.radii = first.shape.radius + second.shape.radius
-        self.distance = np.full(intervals, np.nan)  # NaN: not measured anywhere in the interval
+        intervals = len(deviation)
+        self.excess = np.full(intervals, np.nan)  # NaN: not measured anywhere in the interval
         self.instant = np.full(intervals, 0.5)
-        self.proven = np.full(intervals, np.inf)
+        self.proven = np.full(intervals, np.inf)  # a lower bound of the excess
         self.undecided: set[int] = set()
         self.subintervals = 0
 
-    def run(self, ends: Array, mismatch: Array) -> BodyPairSafety:
-        intervals = len(ends)
-        interval = np.arange(intervals)
-        start, end = np.zeros(intervals), np.ones(intervals)
+    def is_far(self, bounds: Array, interval: int, fraction: float, excess: float) -> None:
+        """Take what boxes prove in all intervals, and the closest instant that was measured."""
+        self.proven, self.subintervals = bounds.copy(), len(bounds)
+        self.instant[interval], self.excess[interval] = fraction, excess
+
+    def prove(self, bounds: Array) -> None:
+        """Prove what boxes do not prove, interval by interval.
+
+        Parameters
+        ----------
+        bounds : array, shape (intervals,)
+            Lower bounds of the excess that boxes around whole intervals prove.
+        """
+        settled = bounds >= np.maximum(self.needed, 0.0)
+        self.proven[settled] = bounds[settled]
+        self.subintervals = int(settled.sum())
+        interval = np.flatnonzero(~settled)
+        start, end = np.zeros(len(interval)), np.ones(len(interval))
         for level in range(self.settings.depth + 1):
-            interval, start, end = self._level(interval, start, end, last=level == self.settings.depth)
             if len(interval) == 0:
                 break
+            interval, start, end = self._level(interval, start, end, level, bounds if level == 0 else None)
         self._search_closest()
+
+    def result(self, ends: Array, mismatch: Array) -> BodyPairSafety:
+        """What was found, with the times of all intervals."""
+        intervals = len(ends)
+        if self.clearance.mismatch is not None:
+            mismatch = mismatch + self.clearance.mismatch
         jumps = ~(mismatch <= self.settings.tolerance)
         self.proven[jumps] = -np.inf
-        self.undecided.update(np.flatnonzero(jumps & ~(self.distance < self.needed)).tolist())
-        worst = int(np.nanargmin(self.distance))
+        self.undecided.update(np.flatnonzero(jumps & ~(self.excess < self.needed)).tolist())
+        worst = int(np.nanargmin(self.excess))
         interval_start, interval_end = ends[worst]
+        required = self.clearance.values(np.arange(intervals), self.instant)
         return BodyPairSafety(
             first=self.first.name,
             second=self.second.name,
-            clearance=self.clearance,
+            clearance=float(required[worst]),
             tolerance=self.settings.tolerance,
-            distance=float(self.distance[worst]),
-            proven=float(self.proven.min()),
+            distance=float(required[worst] + self.excess[worst]),
+            proven=float(required[worst] + self.proven.min()),
             time=float(interval_start + self.instant[worst] * (interval_end - interval_start)),
             interval=worst,
-            interval_distance=self.distance,
-            interval_proven=self.proven,
+            interval_distance=required + self.excess,
+            interval_proven=required + self.proven,
+            interval_clearance=required,
+            interval_deviation=self.deviation,
             undecided=tuple(sorted(self.undecided)),
             subintervals=self.subintervals,
+            interval_ends=ends,
+            interval_times=ends[:, 0] + self.instant * (ends[:, 1] - ends[:, 0]),
         )
 
-    def _level(self, interval: Indices, start: Array, end: Array, last: bool) -> tuple[Indices, Array, Array]:
-        """Check subintervals; returns the halves of those that are not decided."""
+    def _level(
+        self, interval: Indices, start: Array, end: Array, level: int, boxes: Array | None
+    ) -> tuple[Indices, Array, Array]:
+        """Check subintervals; returns the halves of those that are not decided. `boxes` are bounds that are known."""
         self.subintervals += len(interval)
+        last = level == self.settings.depth
         p = self.first.path_bounds(interval, start, end)
         q = self.second.path_bounds(interval, start, end)
-        bound = self._box_distances(p, q)
-        is_open = ~(bound >= self.clearance)
+        required = self.clearance.bounds(interval, start, end)
+        bound = box_distances(p.boxes(), q.boxes()) - required.highest if boxes is None else boxes[interval]
+        is_open = ~(bound >= np.maximum(self.needed[interval], 0.0))
         chosen = np.flatnonzero(is_open)
         if len(chosen):
-            if self.subintervals == len(interval):
+            if level == 0:
                 # The first level measures the ends of the intervals; later ends have been measured as middles.
                 self._measure(interval[chosen], start[chosen])
                 self._measure(interval[chosen], end[chosen])
             middle = 0.5 * (start[chosen] + end[chosen])
-            distances, normals = self._measure(interval[chosen], middle)
-            p, q = p.subset(chosen), q.subset(chosen)
-            bound[chosen] = np.fmax(bound[chosen], self._plane_bounds(normals, p, q))
+            excesses, normals = self._measure(interval[chosen], middle)
+            p, q, required = p.subset(chosen), q.subset(chosen), required.subset(chosen)
+            bound[chosen] = np.fmax(bound[chosen], self._plane_bounds(normals, p, q, required))
             # Where the normal of the middle has failed, the best one for both ends together may prove it.
-            hard = np.flatnonzero(~(bound[chosen] >= self.needed) & (distances >= self.needed))
+            needed = self.needed[interval[chosen]]
+            hard = np.flatnonzero(~(bound[chosen] >= needed) & (excesses >= needed))
             if len(hard):
                 swept = self._swept_normals(p.subset(hard), q.subset(hard))
-                again = self._plane_bounds(swept, p.subset(hard), q.subset(hard))
+                again = self._plane_bounds(swept, p.subset(hard), q.subset(hard), required.subset(hard))
                 bound[chosen[hard]] = np.fmax(bound[chosen[hard]], again)
         bound = np.where(np.isnan(bound), -np.inf, bound)
-        violated = self.distance[interval] < self.needed
-        still_open = ~(bound >= self.needed) & ~violated
+        violated = self.excess[interval] < self.needed[interval]
+        still_open = ~(bound >= self.needed[interval]) & ~violated
         gives_up = last or self.subintervals + 2 * int(still_open.sum()) > self.settings.max_subintervals
         if gives_up:
             self.undecided.update(interval[still_open].tolist())
@@ -259,16 +369,20 @@ class _Proof:
         )
 
     def _measure(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
-        """Exact distances and normals at instants; the closest instant of each interval is remembered."""
+        """Excesses and normals at instants; the instant of each interval with the least excess is remembered."""
         p, p_rays = self.first.corners(interval, fraction)
         q, q_rays = self.second.corners(interval, fraction)
         distances, normals = _exact(p, q, p_rays, q_rays)
-        distances = distances - self.radii
-        for i, distance, at in zip(interval.tolist(), distances.tolist(), fraction.tolist(), strict=True):
-            # False for NaN: an instant without values must not replace a measured distance.
-            if distance < self.distance[i] or np.isnan(self.distance[i]):
-                self.distance[i], self.instant[i] = distance, at
-        return distances, normals
+        excesses = distances - self.radii - self.clearance.values(interval, fraction)
+        # The least of each interval; NaN is sorted last.
+        order = np.lexsort((excesses, interval))
+        measured, first = np.unique(interval[order], return_index=True)
+        least = order[first]
+        # False for NaN: an instant without values must not replace a measured distance.
+        closer = (excesses[least] < self.excess[measured]) | np.isnan(self.excess[measured])
+        self.excess[measured[closer]] = excesses[least[closer]]
+        self.instant[measured[closer]] = fraction[least[closer]]
+        return excesses, normals
 
     def _swept_normals(self, p: PathBounds, q: PathBounds) -> Array:
         """Normals that separate best what both shapes cover at both ends, relative to the second shape's motion."""
@@ -281,8 +395,10 @@ class _Proof:
         )
         return normals
 
-    def _plane_bounds(self, normals: Array, p: PathBounds, q: PathBounds) -> Array:
-        """Lower bound that a fixed direction proves for the signed distance on each subinterval, shape ``(m,)``."""
+    def _plane_bounds(self, normals: Array, p: PathBounds, q: PathBounds, required: RequiredBounds) -> Array:
+        """Lower bound that a fixed direction proves for the excess on each subinterval, shape ``(m,)``."""
+        # A gap along a vector of any length is a distance times that length.
+        length = np.linalg.norm(normals, axis=1)
         ends = []
         for corners_p, corners_q in ((p.at_start[0], q.at_start[0]), (p.at_end[0], q.at_end[0])):
             # Relative to one of the corners: scenes far from the origin lose no digits.
@@ -291,26 +407,19 @@ class _Proof:
             along_q = np.einsum("mr,mjr->mj", normals, corners_q - origin)
             ends.append(along_p[:, :, None] - along_q[:, None, :])
         p_curvature, q_curvature = p.curvature_bounds(normals), q.curvature_bounds(normals)
-        curvature = np.maximum(p_curvature.high[:, :, None] - q_curvature.low[:, None, :], 0.0)
-        chord = np.minimum(ends[0], ends[1]) - p.deviation_factor[:, None, None] * curvature
+        rising = (length * required.lowest_curvature)[:, None, None]
+        curvature = np.maximum(p_curvature.high[:, :, None] - q_curvature.low[:, None, :] - rising, 0.0)
+        asked = [(length * at)[:, None, None] for at in (required.at_start, required.at_end, required.highest)]
+        chord = np.minimum(ends[0] - asked[0], ends[1] - asked[1]) - p.deviation_factor[:, None, None] * curvature
         # Where second derivatives are unbounded, values may still be bounded: a root that starts at zero, for example.
         values = p.value_bounds(normals).low[:, :, None] - q.value_bounds(normals).high[:, None, :]
-        gap = np.fmax(chord, values).min(axis=(1, 2))
+        gap = np.fmax(chord, values - asked[2]).min(axis=(1, 2))
         # A normal that is not quite orthogonal to a ray loses the angle times the size of the scene.
         leaning = np.maximum(-p.ray_bounds(normals).low.min(axis=1, initial=0.0), 0.0)
         leaning = np.maximum(leaning, q.ray_bounds(normals).high.max(axis=1, initial=0.0))
         gap = np.where(leaning <= _RAY_TOLERANCE, gap - 4.0 * leaning * _reach(p, q), -np.inf)
-        size = np.maximum(np.abs(ends[0]), np.abs(ends[1])).max(axis=(1, 2))
-        # A gap along a vector of any length is a distance times that length.
-        return (gap - 64 * _EPS * size) / np.linalg.norm(normals, axis=1) - self.radii
-
-    def _box_distances(self, p: PathBounds, q: PathBounds) -> Array:
-        """Distances of the boxes around the shapes on each subinterval; ``-inf`` where they meet or are unbounded."""
-        a, b = p.boxes(), q.boxes()
-        gaps = np.maximum(np.maximum(a.low - b.high, b.low - a.high), 0.0)
-        distances = np.linalg.norm(gaps, axis=1) * (1.0 - 8 * _EPS)
-        # Boxes that meet say nothing about the depth of an overlap.
-        return np.where(distances > 0.0, distances, -np.inf)
+        size = np.maximum(np.abs(ends[0]), np.abs(ends[1])).max(axis=(1, 2)) + np.abs(required.highest)
+        return (gap - 64 * _EPS * size) / length - self.radii
 
     def _search_closest(self) -> None:
         """Search the closest instants of the intervals that are too close, and of those that are proven least.
@@ -318,14 +427,15 @@ class _Proof:
         Margins are chosen by the former. The latter make the reported distance one of the motion, and not only of the
         few instants that the proof needed.
         """
-        searched = set(np.flatnonzero(self.distance < self.needed).tolist())
-        for i in searched.union(np.argsort(self.proven, kind="stable")[:_SEARCHED].tolist()):
-            low, high = 0.0, 1.0
-            for _ in range(2):
-                fractions = np.linspace(low, high, _SEARCH)
-                self._measure(np.full(_SEARCH, i), fractions)
-                step = (high - low) / (_SEARCH - 1)
-                low, high = max(self.instant[i] - step, 0.0), min(self.instant[i] + step, 1.0)
+        least_proven = np.argsort(self.proven, kind="stable")[:_SEARCHED]
+        searched = np.union1d(np.flatnonzero(self.excess < self.needed), least_proven)
+        low, high = np.zeros(len(searched)), np.ones(len(searched))
+        for _ in range(2):
+            fractions = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _SEARCH)
+            self._measure(np.repeat(searched, _SEARCH), fractions.ravel())
+            step = (high - low) / (_SEARCH - 1)
+            low = np.maximum(self.instant[searched] - step, 0.0)
+            high = np.minimum(self.instant[searched] + step, 1.0)
 
 
 def _reach(p: PathBounds, q: PathBounds) -> Array:

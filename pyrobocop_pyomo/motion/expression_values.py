@@ -11,6 +11,7 @@ from pyomo.core.expr.template_expr import GetItemExpression
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, POWER, ExpressionEvaluator, kind_of_node
 
+from .table_functions import TableFunction
 from .taylor_forms import TaylorForm
 
 
@@ -31,6 +32,22 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 }
 
 
+def _call(output: Any, *arguments: Any) -> Any:
+    """An output of a `Function`: of numbers any, of arrays and Taylor forms one that knows its bounds."""
+    if all(isinstance(argument, float) for argument in arguments):
+        return output.evaluate(arguments)
+    function = output.function
+    if not isinstance(function, TableFunction):
+        raise ObstacleError(
+            f"'{output.name}' is a function in Python, of which nobody knows how it curves between nodes. Write the "
+            "formula of the pose, or make what it computes a state."
+        )
+    (argument,) = arguments
+    if isinstance(argument, TaylorForm):
+        return function.taylor_form(argument, output.index)
+    return function.values(np.asarray(argument, dtype=float)[:, None])[:, output.index]
+
+
 class ExpressionValues(ExpressionEvaluator):
     """Evaluates expressions of the same variables; common subexpressions are evaluated once.
 
@@ -46,7 +63,7 @@ class ExpressionValues(ExpressionEvaluator):
     """
 
     def __init__(self, leaves: Mapping[int, Any]) -> None:
-        super().__init__(leaves, FUNCTIONS, _refused)
+        super().__init__(leaves, {**FUNCTIONS, "call": _call}, _refused)
 
     def _evaluate(self, node: Any) -> Any:
         if kind_of_node(node.__class__) == POWER and not isinstance(self.of(node.arg(1)), float):

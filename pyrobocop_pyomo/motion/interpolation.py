@@ -8,13 +8,14 @@ value and the increments ``h f``.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
 
@@ -23,7 +24,10 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.rule_proxies import Signal
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
+from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.horizon import element_widths
+
+from .simultaneous_phases import refuse_other_times
 
 Nodes = tuple[tuple[float, ...], ...]
 
@@ -40,14 +44,28 @@ class Interpolation(Protocol):
     def intervals(self) -> Nodes:
         """Nodes of each interval, both ends included."""
 
+    @property
+    def description(self) -> str:
+        """What the motion between the nodes is, in words."""
+
+    @property
+    def is_assumed(self) -> bool:
+        """Whether nothing in the model says that the motion between the nodes is this one."""
+
     def check(self, signal: Signal) -> None:
         """Raise `ObstacleError` for a signal that is not continuous."""
+
+    def check_early(self, signal: Signal) -> None:
+        """The same while the model is still being stated: only for what can never become continuous."""
 
     def leaves(self, signal: Signal, interval: int) -> list[Any]:
         """Variables and expressions that define the polynomial of one interval."""
 
     def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Weights of the leaves at local fractions, shape ``(len(fractions), leaves)``."""
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """Whether a signal has values at the nodes only, which are joined by lines."""
 
     def is_time_of(self, block: Any) -> bool:
         """Whether ``block.time_at`` maps the indices to time."""
@@ -66,8 +84,21 @@ class CollocatedStates(Protocol):
     def grid(self) -> Grid:
         """Scheme and mesh, in indices."""
 
+    @property
+    def owner(self) -> str:
+        """What the states belong to, in words."""
+
     def check(self, signal: Signal) -> None:
         """Raise `ObstacleError` for what is not a state."""
+
+    def check_early(self, signal: Signal) -> None:
+        """The same, only for what can never become one."""
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """Whether a signal is no state, but has values at the nodes which are joined by lines."""
+
+    def is_time_of(self, block: Any) -> bool:
+        """Whether ``block.time_at`` maps the indices to time."""
 
     def rates(self, signal: Signal) -> Any:
         """Derivative of a state by collocation point; None where it has none."""
@@ -82,6 +113,8 @@ class CollocatedStates(Protocol):
 class CollocationInterpolation:
     """States follow the polynomial of their scheme, the same one that `Trajectory` evaluates."""
 
+    is_assumed = False
+
     def __init__(self, states: CollocatedStates) -> None:
         self.states = states
         grid = states.grid
@@ -92,9 +125,23 @@ class CollocationInterpolation:
             for nodes, start, end in zip(grid.node_times, starts, ends, strict=True)
         )
 
+    @property
+    def description(self) -> str:
+        """The polynomials of a scheme."""
+        return f"the polynomials of the states {self.states.owner} ({self.states.grid.scheme.name})"
+
     def check(self, signal: Signal) -> None:
-        """Only states are continuous."""
-        self.states.check(signal)
+        """Only states are continuous; parameters are joined by lines."""
+        if not self.joins_lines(signal):
+            self.states.check(signal)
+
+    def check_early(self, signal: Signal) -> None:
+        """Only what no equation that is stated later can change: `check` knows states once these are."""
+        self.states.check_early(signal)
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """True for parameters over the nodes, unless these are the states."""
+        return self.states.joins_lines(signal)
 
     def _rates(self, signal: Signal) -> Any:
         scheme = self.states.grid.scheme
@@ -103,6 +150,8 @@ class CollocationInterpolation:
 
     def leaves(self, signal: Signal, interval: int) -> list[Any]:
         """Values at the nodes, or the start value and the increments."""
+        if self.joins_lines(signal):
+            return [signal.at(node) for node in self.intervals[interval]]
         grid, rates = self.states.grid, self._rates(signal)
         nodes = grid.node_times[interval]
         if rates is None:
@@ -112,6 +161,8 @@ class CollocationInterpolation:
 
     def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Weights that the scheme defines."""
+        if self.joins_lines(signal):
+            return line_weights(self.intervals[interval], fractions)
         scheme = self.states.grid.scheme
         if self._rates(signal) is None:
             return scheme.state_at(fractions)
@@ -119,8 +170,8 @@ class CollocationInterpolation:
         return np.column_stack([np.ones(len(increments)), increments])
 
     def is_time_of(self, block: Any) -> bool:
-        """True for the phase of the states only."""
-        return block is getattr(self.states, "phase", None)
+        """True for the phase of the states, and for one that happens at the same time."""
+        return self.states.is_time_of(block)
 
     def time_at(self, index: float) -> Any:
         """Time of the phase; the index itself on a continuous set."""
@@ -138,22 +189,53 @@ class PhaseStates:
         """Grid of the phase."""
         return self.phase.grid
 
-    def _name_of(self, signal: Signal) -> str | None:
+    @property
+    def owner(self) -> str:
+        """The phase."""
+        return f"of phase '{self.phase.name}'"
+
+    def _home_of(self, signal: Signal) -> Any:
+        """The phase that a signal is a state of; this one unless it is read from another."""
+        home = signal.component.parent_block()
+        return home if isinstance(home, PhaseBlockData) else self.phase
+
+    def _state_of(self, signal: Signal) -> tuple[Any, str | None]:
+        """Phase and name of a state; no name for what is none."""
         # States, algebraics and controls alike have a value at a collocation point.
         component = parent_of(signal.at(self.grid.points[0]))
+        home = component.parent_block() if component is not None else None
+        home = home if isinstance(home, PhaseBlockData) else self.phase
         name = getattr(component, "local_name", None)
-        return name if name in self.phase.record.names_of_states and self.phase.component(name) is component else None
+        is_state = name in home.record.names_of_states and home.component(name) is component
+        return home, name if is_state else None
 
     def check(self, signal: Signal) -> None:
-        """Refuse what is no state of the phase."""
-        if self._name_of(signal) is None:
-            raise ObstacleError(f"'{signal.name}' is no state of phase '{self.phase.name}'. {STATES_ONLY}")
+        """Refuse what is no state of the phase, or of one at the same times."""
+        refuse_other_times(self.phase, self._home_of(signal))
+        home, name = self._state_of(signal)
+        refuse_other_times(self.phase, home)
+        if name is None:
+            raise ObstacleError(f"'{signal.name}' is no state of phase '{home.name}'. {STATES_ONLY}")
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """True for parameters."""
+        return signal.component.ctype is Param
+
+    def check_early(self, signal: Signal) -> None:
+        """Refuse states of a phase that has other times; ties of two durations may come later."""
+        refuse_other_times(self.phase, self._home_of(signal), early=True)
 
     def rates(self, signal: Signal) -> Any:
         """Derivative of a state, where it has an equation."""
-        name = self._name_of(signal)
-        known = name in self.phase.record.rates or self.phase.component(f"{name}_derivative") is not None
-        return self.phase.derivative(name) if known else None
+        home, name = self._state_of(signal)
+        known = name in home.record.rates or home.component(f"{name}_derivative") is not None
+        return home.derivative(name) if known else None
+
+    def is_time_of(self, block: Any) -> bool:
+        """True for this phase, and for one that happens at the same time."""
+        if block is not self.phase and isinstance(block, PhaseBlockData):
+            refuse_other_times(self.phase, block)
+        return isinstance(block, PhaseBlockData)
 
     def width(self, interval: int) -> Any:
         """Width of an element, in time."""
@@ -178,6 +260,22 @@ class ContinuousSetStates:
     def grid(self) -> Grid:
         """Grid of the transformation."""
         return self.discretisation.grid
+
+    @property
+    def owner(self) -> str:
+        """The set."""
+        return f"along '{self.discretisation.domain.name}'"
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """True for parameters."""
+        return signal.component.ctype is Param
+
+    def check_early(self, signal: Signal) -> None:
+        """Nothing."""
+
+    def is_time_of(self, block: Any) -> bool:
+        """False: the indices are the time."""
+        return False
 
     def check(self, signal: Signal) -> None:
         """Refuse what has no derivative along the set."""
@@ -224,22 +322,48 @@ class NodalInterpolation:
         The nodes among them that the polynomial goes through.
     refuse : callable
         ``refuse(signal)`` raises `ObstacleError` for a signal that is not continuous.
+    description : str
+        What the motion is, in words.
+    is_assumed : bool
+        Whether nothing in the model says so.
+    is_plain : bool
+        Whether the points are plain numbers.
+    has_lines : bool
+        Whether parameters are joined by lines from node to node, other than what the polynomials are for.
     """
 
     intervals: Nodes
     support: Nodes
     refuse: Callable[[Signal], None]
+    description: str = "straight lines between the points, which is assumed"
+    is_assumed: bool = True
+    is_plain: bool = False
+    has_lines: bool = False
 
     def check(self, signal: Signal) -> None:
-        """Raise what `refuse` raises."""
-        self.refuse(signal)
+        """Raise what `refuse` raises; parameters over a continuous set are joined by lines."""
+        if not self.joins_lines(signal):
+            self.refuse(signal)
+
+    def joins_lines(self, signal: Signal) -> bool:
+        """True for parameters over a continuous set; elsewhere the polynomials hold for everything."""
+        return self.has_lines and signal.component.ctype is Param
+
+    def check_early(self, signal: Signal) -> None:
+        """Raise it for plain numbers: derivatives along a continuous set may be declared later."""
+        if self.is_plain:
+            self.refuse(signal)
 
     def leaves(self, signal: Signal, interval: int) -> list[Any]:
         """Values at the nodes."""
+        if self.joins_lines(signal):
+            return [signal.at(node) for node in self.intervals[interval]]
         return [signal.at(node) for node in self.support[interval]]
 
     def weights(self, signal: Signal, interval: int, fractions: ArrayLike) -> Array:
         """Lagrange polynomials on the nodes."""
+        if self.joins_lines(signal):
+            return line_weights(self.intervals[interval], fractions)
         start, end = self.intervals[interval][0], self.intervals[interval][-1]
         local = [(node - start) / (end - start) for node in self.support[interval]]
         return evaluation_matrix(local, fractions)
@@ -279,13 +403,17 @@ def dae_interpolation(domain: Any) -> NodalInterpolation:
 
     if "tau_points" not in facts:
         intervals = tuple(itertools.pairwise(points))
-        return NodalInterpolation(intervals, intervals, refuse)
+        words = f"straight lines between the points of '{domain.name}' ({facts['scheme']}), which is assumed"
+        return NodalInterpolation(intervals, intervals, refuse, words, has_lines=True)
     boundaries = domain.get_finite_elements()
     intervals = tuple(
         tuple(point for point in points if start <= point <= end) for start, end in itertools.pairwise(boundaries)
     )
     count = len(facts["tau_points"])
-    return NodalInterpolation(intervals, tuple(nodes[:count] for nodes in intervals), refuse)
+    words = f"the polynomials of the states along '{domain.name}' ({facts['scheme']})"
+    return NodalInterpolation(
+        intervals, tuple(nodes[:count] for nodes in intervals), refuse, words, is_assumed=False, has_lines=True
+    )
 
 
 def _has_derivative(component: Any, domain: Any) -> bool:
@@ -298,6 +426,13 @@ def _has_derivative(component: Any, domain: Any) -> bool:
         if isinstance(derivative, DerivativeVar)
         and any(along is domain for along in derivative.get_continuousset_list())
     )
+
+
+def line_weights(nodes: Sequence[float], fractions: ArrayLike) -> Array:
+    """Weights of the values at the nodes of an interval where they are joined by lines."""
+    local = (np.asarray(nodes, dtype=float) - nodes[0]) / (nodes[-1] - nodes[0])
+    at = np.atleast_1d(np.asarray(fractions, dtype=float))
+    return np.stack([np.interp(at, local, unit) for unit in np.eye(len(local))], axis=-1)
 
 
 def parent_of(data: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -18,6 +18,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
 from pyrobocop_pyomo.phases import PhaseBlockData
 
+from .bodies import Body
 from .interpolation import (
     CollocationInterpolation,
     ContinuousSetStates,
@@ -27,6 +28,7 @@ from .interpolation import (
     dae_interpolation,
     parent_of,
 )
+from .pose_rules import asked_pose
 
 # A local fraction this close to a node counts as the node.
 _AT_NODE = 1e-12
@@ -69,6 +71,38 @@ class Motion:
             return nodes[nearest]
         return float(nodes[0] + fraction * (nodes[-1] - nodes[0]))
 
+    def description(self, bodies: Mapping[str, Body]) -> str:
+        """What the motion of these bodies between the points is, and how that is known, in words."""
+        if self.interpolation is None:
+            return "the points alone; nothing is known of the motion between them"
+        by_formula = [f"'{name}'" for name, body in bodies.items() if body.between_points is not None]
+        others = any(body.moves and body.between_points is None for body in bodies.values())
+        words = [self.interpolation.description] if others or not by_formula else []
+        if by_formula:
+            words.append(f"the formula between_points of {', '.join(by_formula)}")
+        return "; ".join(words)
+
+    def is_assumed(self, bodies: Mapping[str, Body]) -> bool:
+        """Whether nothing in the model says that some of these bodies move like this."""
+        moving = [body for body in bodies.values() if body.moves and body.between_points is None]
+        return self.interpolation is not None and self.interpolation.is_assumed and bool(moving)
+
+    def check_formula(self, body: Body, name: str) -> None:
+        """Refuse a formula for the pose between points where the model itself says what the motion is.
+
+        Raises
+        ------
+        ObstacleError
+            Naming the body.
+        """
+        if body.between_points is None or (self.interpolation is not None and self.interpolation.is_assumed):
+            return
+        known = "there is none" if self.interpolation is None else f"it is {self.interpolation.description}"
+        raise ObstacleError(
+            f"'{name}' has between_points=, but the motion between these points needs no formula: {known}. Leave "
+            "between_points= out; it is for points that are plain numbers."
+        )
+
     def time_at(self, index: Any) -> Any:
         """Time at an index: the index itself, or an expression where the duration is free."""
         return index if self.interpolation is None else self.interpolation.time_at(index)
@@ -82,12 +116,19 @@ class Motion:
             Naming the body and the time, when the rule has no result there.
         """
         try:
-            return rule(self.block, t)
+            return asked_pose(lambda: rule(self.block, t), rule, self.block, name)
         except KeyError as error:
             raise ObstacleError(
                 f"the pose of '{name}' has no value at t = {t!r} ({error}). It is evaluated at every point and at both "
                 "ends of every interval, where states have values, but controls and algebraics may have none."
             ) from error
+
+    def pose_of(self, body: Body, interval: int, fraction: float, *, name: str = "body") -> Any:
+        """Pose of a moving body at a local fraction of an interval: by its own formula, or else by `pose_at`."""
+        assert body.pose is not None
+        if body.between_points is None or self.index_at(interval, fraction) in self.intervals[interval]:
+            return self.pose_at(body.pose, interval, fraction, name=name)
+        return body.between_points(self.block, self.intervals[interval][0], fraction)
 
     def pose_at(self, rule: Callable[..., Any], interval: int, fraction: float, *, name: str = "body") -> Any:
         """Pose at a local fraction of an interval, in expressions of the variables at the nodes.
@@ -115,7 +156,15 @@ class Motion:
         index = self.index_at(interval, fraction)
         if index in self.intervals[interval]:
             return self.pose_at_node(rule, index, name=name)
-        return rule_result(rule, self.block, _SignalsAtPoint(self.interpolation, interval, fraction, index), name)
+        return asked_pose(
+            lambda: self.between_nodes(rule, interval, fraction, f"the pose of '{name}'"), rule, self.block, name
+        )
+
+    def between_nodes(self, rule: Callable[..., Any], interval: int, fraction: float, what: str) -> Any:
+        """What a rule says at a local fraction of an interval, with interpolated signals; `what` is for messages."""
+        assert self.interpolation is not None
+        index = self.index_at(interval, fraction)
+        return rule_result(rule, self.block, _SignalsAtPoint(self.interpolation, interval, fraction, index), what)
 
 
 class _SignalsAtPoint(Signals):
@@ -173,7 +222,9 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     if len(points) < 2:
         return Motion(parent_block, points, None)
     intervals = tuple(itertools.pairwise(points))
-    return Motion(parent_block, points, NodalInterpolation(intervals, intervals, _refuse_states_of_phases(points[0])))
+    return Motion(
+        parent_block, points, NodalInterpolation(intervals, intervals, _refuse_sampled_states(points[0]), is_plain=True)
+    )
 
 
 def _continuous_interpolation(domain: Any) -> Interpolation:
@@ -191,14 +242,25 @@ def _is_number(point: Any) -> bool:
     return isinstance(point, Real) and not isinstance(point, bool)
 
 
-def _refuse_states_of_phases(point: float) -> Callable[[Signal], None]:
+def _refuse_sampled_states(point: float) -> Callable[[Signal], None]:
+    """What has a motion of its own must not be read at plain numbers: lines between them would hide that motion."""
+
     def refuse(signal: Signal) -> None:
-        owner = parent_of(signal.at(point))
-        home = owner.parent_block() if owner is not None else None
-        if isinstance(home, PhaseBlockData):
+        data = signal.at(point)
+        # Through a reference the variable is that of another component.
+        component = parent_of(data) or signal.component
+        owner = component.parent_block()
+        if isinstance(owner, PhaseBlockData):
             raise ObstacleError(
-                f"'{signal.name}' belongs to phase '{home.name}', whose states do not change linearly between points. "
-                f"Give '{home.name}.time' as the set of points."
+                f"'{signal.name}' belongs to phase '{owner.name}', whose states do not change linearly between points. "
+                f"Give '{owner.name}.time' as the set of points."
             )
+        for subset in component.index_set().subsets():
+            phase = subset.parent_block()
+            if subset.ctype is ContinuousSet or isinstance(phase, PhaseBlockData):
+                raise ObstacleError(
+                    f"'{signal.name}' is indexed by '{subset.name}', along which it moves in a way that plain numbers "
+                    f"do not tell. Give '{subset.name}' itself as the set of points, not a list of its members."
+                )
 
     return refuse

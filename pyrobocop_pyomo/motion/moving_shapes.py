@@ -11,9 +11,10 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, Indices
 
 from .bodies import Body
+from .formulas_between_points import FormulaTemplate, formula_template
 from .interval_arithmetic import Interval
 from .motion import Motion
-from .pose_templates import PoseTemplate, node_times, template_of
+from .pose_templates import SignalFormulas, node_times, template_of
 
 _EPS = float(np.finfo(float).eps)
 _SAMPLES = 17
@@ -28,13 +29,13 @@ class MovingShape:
     name : str
     shape : Polytope
         In the body's frame.
-    template : PoseTemplate or None
+    template : SignalFormulas, FormulaTemplate or None
         None for a shape that rests.
     """
 
     name: str
     shape: Polytope
-    template: PoseTemplate | None
+    template: SignalFormulas | FormulaTemplate | None
 
     def corners(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Corners (m, v, d) and rays (m, k, d) in the world, at local fractions of intervals."""
@@ -49,9 +50,9 @@ class MovingShape:
     def mismatch(self, motion: Motion) -> Array:
         """Largest error of a corner's position in the formulas, by interval, shape ``(intervals,)``.
 
-        The error is the distance from where the nodes place the corner, see `PoseTemplate.mismatch`, plus the distance
-        from where a rigid body would have it: a quaternion of length one at the nodes is shorter between them, so that
-        the body shrinks.
+        The error is the distance from where the nodes place the corner, see `SignalFormulas.mismatch`, plus the
+        distance from where a rigid body would have it: a quaternion of length one at the nodes is shorter between them,
+        so that the body shrinks.
         """
         largest = np.zeros(len(motion.intervals))
         if self.template is not None:
@@ -67,7 +68,7 @@ class MovingShape:
             largest += self._distortion(self.template, len(largest))
         return largest
 
-    def _distortion(self, template: PoseTemplate, intervals: int) -> Array:
+    def _distortion(self, template: SignalFormulas | FormulaTemplate, intervals: int) -> Array:
         """Largest distance of a corner from its place on a rigid body, at samples of each interval."""
         d = self.shape.dimension
         interval = np.repeat(np.arange(intervals), _SAMPLES)
@@ -80,6 +81,17 @@ class MovingShape:
         np.maximum.at(largest, interval[finite], stretched)
         lever = np.linalg.norm(np.concatenate([self.shape.vertices, self.shape.rays]), axis=1).max()
         return np.asarray(largest * lever, dtype=np.float64)
+
+    def boxes(self, interval: Indices, start: Array, end: Array) -> Interval:
+        """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
+        if self.template is not None:
+            return self.path_bounds(interval, start, end).boxes()
+        vertices, rays = self.shape.vertices, self.shape.rays
+        slack = 8 * _EPS * np.abs(vertices).max() + self.shape.radius
+        low = np.where((rays < 0.0).any(axis=0), -np.inf, vertices.min(axis=0) - slack)
+        high = np.where((rays > 0.0).any(axis=0), np.inf, vertices.max(axis=0) + slack)
+        alike = (len(interval), len(low))
+        return Interval(np.broadcast_to(low, alike), np.broadcast_to(high, alike))
 
     def path_bounds(self, interval: Indices, start: Array, end: Array) -> PathBounds:
         """Bounds on the corners' paths over subintervals ``[start, end]`` of intervals."""
@@ -176,9 +188,19 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
     shapes = {}
     times = node_times(motion)
     for name, body in bodies.items():
-        template = None if body.pose is None else template_of(motion, body.pose, name, body.dimension, times)
+        template = _template(motion, body, name, times)
         shapes[name] = [MovingShape(label, part, template) for label, part in body.named_parts(name)]
     return shapes
+
+
+def _template(
+    motion: Motion, body: Body, name: str, times: dict[float, float]
+) -> SignalFormulas | FormulaTemplate | None:
+    if body.pose is None:
+        return None
+    if body.between_points is not None:
+        return formula_template(motion, body, name)
+    return template_of(motion, body.pose, name, body.dimension, times)
 
 
 def _rotated(rotation: Array, vectors: Array) -> Array:

@@ -1,4 +1,4 @@
-"""`PoseTemplate`: a pose as formulas in signals, evaluated at many instants or on many subintervals at once."""
+"""`SignalFormulas`: a pose or a length as formulas in signals, evaluated at many instants or subintervals at once."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
+from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import (
     bernstein_from_samples,
@@ -24,8 +24,10 @@ from pyrobocop_pyomo.numerics.bernstein import (
 )
 
 from .expression_values import ExpressionValues
-from .interpolation import Interpolation
+from .interpolation import Interpolation, parent_of
 from .motion import Motion
+from .pose_rules import asked_pose
+from .table_functions import TableFunction
 from .taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 # Largest difference of template and rule at a node, relative to the size of the pose.
@@ -44,11 +46,14 @@ class PiecewisePolynomial:
         Its value at a node of the motion.
     coefficients : three arrays, shapes (intervals, degree + 1), (intervals, degree) and (intervals, degree - 1)
         Bernstein coefficients of the polynomials and of their first two derivatives.
+    component : Var or None
+        What the signal is read from; None for time.
     """
 
     placeholder: Any
     at_node: Callable[[Any], float]
     coefficients: tuple[Array, Array, Array]
+    component: Any = None
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Values at local fractions of intervals, shape ``(m,)``."""
@@ -63,32 +68,30 @@ class PiecewisePolynomial:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTemplate:
-    """The formulas of a pose rule; made by `template_of`.
+class SignalFormulas:
+    """Formulas in signals: what a rule says for all instants at once.
 
     Attributes
     ----------
     name : str
-        Name of the body in messages.
-    pose : Pose
-        Of expressions in placeholders.
+        What the rule is about, in messages: "the pose of 'car'".
+    entries : list
+        Expressions in placeholders, or numbers. Of a pose: the rotation row by row, then the translation.
     signals : tuple of PiecewisePolynomial
+    parameters : tuple of str
+        Names of the parameters over time that are joined by lines, which is assumed.
     """
 
     name: str
-    pose: Pose
+    entries: list[Any]
     signals: tuple[PiecewisePolynomial, ...]
+    parameters: tuple[str, ...]
     _owner: Any  # Pyomo holds parents by weak references: keeps the placeholders' owner alive
 
-    @property
-    def entries(self) -> list[Any]:
-        """The rotation row by row, then the translation: ``d * d + d`` expressions or numbers."""
-        return self.pose.entries
-
     def values(self, interval: Indices, fraction: Array) -> Array:
-        """Entries at local fractions of intervals, shape ``(m, d * d + d)``."""
+        """Entries at local fractions of intervals, shape ``(m, entries)``."""
         leaves = {id(signal.placeholder): signal.values(interval, fraction) for signal in self.signals}
-        return self._evaluated(leaves, len(interval))
+        return self.evaluated(leaves, len(interval))
 
     def taylor_forms(self, interval: Indices, start: Array, end: Array) -> list[TaylorForm]:
         """Bounds of the entries and their derivatives on subintervals."""
@@ -97,17 +100,18 @@ class PoseTemplate:
         forms = [known.of(entry) for entry in self.entries]
         return [form if isinstance(form, TaylorForm) else TaylorForm.constant(form, len(interval)) for form in forms]
 
-    def _evaluated(self, leaves: dict[int, Array], count: int) -> Array:
+    def evaluated(self, leaves: dict[int, Array], count: int) -> Array:
+        """Entries for other values of the placeholders, by their identities, shape ``(count, entries)``."""
         known = ExpressionValues(leaves)
         return np.array([np.broadcast_to(known.of(entry), count) for entry in self.entries], dtype=float).T
 
     def _at_nodes(self, nodes: list[Any]) -> Array:
-        """Entries from the values at nodes, shape ``(len(nodes), d * d + d)``."""
+        """Entries from the values at nodes, shape ``(len(nodes), entries)``."""
         leaves = {
             id(signal.placeholder): np.array([signal.at_node(node) for node in nodes], dtype=float)
             for signal in self.signals
         }
-        return self._evaluated(leaves, len(nodes))
+        return self.evaluated(leaves, len(nodes))
 
     def mismatch(self, motion: Motion) -> tuple[Indices, Array]:
         """Differences of the entries at the nodes of each interval from those that its polynomials give there.
@@ -118,7 +122,7 @@ class PoseTemplate:
         Returns
         -------
         interval : array, shape (m,)
-        difference : array, shape (m, d * d + d)
+        difference : array, shape (m, entries)
             NaN where a polynomial has no value.
         """
         counts = [len(nodes) for nodes in motion.intervals]
@@ -127,21 +131,19 @@ class PoseTemplate:
         at_nodes = self._at_nodes([node for nodes in motion.intervals for node in nodes])
         return interval, at_nodes - self.values(interval, fraction)
 
-    def check(self, motion: Motion, rule: Callable[..., Any]) -> None:
-        """Compare with the rule at all nodes.
+    def check(self, nodes: list[Any], expected: Array) -> None:
+        """Compare with what the rule says at nodes, shape ``(len(nodes), entries)``.
 
         Raises
         ------
         ObstacleError
-            Naming the body and the node where they differ.
+            Naming the rule and the node where they differ.
         """
-        nodes = sorted({node for interval in motion.intervals for node in interval})
-        expected = np.array([_numbers(motion.pose_at_node(rule, node, name=self.name)) for node in nodes])
         differences = np.abs(self._at_nodes(nodes) - expected).max(axis=1)
         worst = int(np.argmax(np.where(np.isnan(differences), np.inf, differences)))
         if not differences[worst] <= _AGREEMENT * max(1.0, float(np.abs(expected).max())):
             raise ObstacleError(
-                f"the pose of '{self.name}': at t = {nodes[worst]:g} the rule differs by {differences[worst]:.3g} from "
+                f"{self.name}: at t = {nodes[worst]:g} the rule differs by {differences[worst]:.3g} from "
                 "the formula that it gives for all t. A motion between the nodes is known only where the rule is one "
                 "formula in t and in what it reads at t through its first argument."
             )
@@ -149,7 +151,7 @@ class PoseTemplate:
 
 def template_of(
     motion: Motion, rule: Callable[..., Any], name: str, dimension: int, times: Mapping[float, float] | None = None
-) -> PoseTemplate:
+) -> SignalFormulas:
     """Evaluate a pose rule for all instants at once, and check the result at the nodes.
 
     Parameters
@@ -169,21 +171,70 @@ def template_of(
         Naming the body, when the rule reads a signal that is not continuous, cannot be evaluated with placeholders, or
         does not return a pose of the body's dimension.
     """
-    assert motion.interpolation is not None
-    placeholders = _SignalPlaceholders(motion, motion.interpolation, times)
-    pose = rule_result(rule, motion.block, placeholders, name)
-    if not isinstance(pose, Pose) or pose.dimension != dimension:
+    what = f"the pose of '{name}'"
+    placeholders = _placeholders(motion, times)
+    pose = asked_pose(lambda: rule_result(rule, motion.block, placeholders, what), rule, motion.block, name)
+    if pose.dimension != dimension:
         raise ObstacleError(
-            f"the pose of '{name}': its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
+            f"{what}: its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
             f"{'planar_pose' if dimension == 2 else 'spatial_pose'}."
         )
-    template = PoseTemplate(name, pose, tuple(placeholders.signals.values()), placeholders.owner)
+
+    def at_node(node: Any) -> list[float]:
+        return entry_values(motion.pose_at_node(rule, node, name=name).entries)
+
+    return _checked_formulas(motion, SignalFormulas(what, pose.entries, *placeholders.known), at_node)
+
+
+def length_formulas_of(
+    motion: Motion, rule: Callable[..., Any], what: str, times: Mapping[float, float] | None = None
+) -> SignalFormulas:
+    """Evaluate a rule for a length, such as a clearance, as `template_of` does; there is one entry.
+
+    Parameters
+    ----------
+    motion : Motion
+    rule : callable
+        ``rule(block, t)`` returns a number or an expression.
+    what : str
+        What the rule is about, in messages.
+    times : mapping of node to float, optional
+
+    Raises
+    ------
+    ObstacleError
+        Naming what the rule is about, as `template_of`.
+    """
+    placeholders, length = _evaluated_once(motion, rule, what, times)
+    formulas = SignalFormulas(what, [length], *placeholders.known)
+    return _checked_formulas(motion, formulas, lambda node: entry_values([rule(motion.block, node)]))
+
+
+def _evaluated_once(
+    motion: Motion, rule: Callable[..., Any], what: str, times: Mapping[float, float] | None
+) -> tuple[_SignalPlaceholders, Any]:
+    """What a rule says in placeholders."""
+    placeholders = _placeholders(motion, times)
+    with slips_explained(rule, what, motion.block, ("b", "t"), ObstacleError):
+        return placeholders, rule_result(rule, motion.block, placeholders, what)
+
+
+def _placeholders(motion: Motion, times: Mapping[float, float] | None) -> _SignalPlaceholders:
+    assert motion.interpolation is not None
+    return _SignalPlaceholders(motion, motion.interpolation, times)
+
+
+def _checked_formulas(
+    motion: Motion, formulas: SignalFormulas, at_node: Callable[[Any], list[float]]
+) -> SignalFormulas:
+    """The formulas, after they were compared with the rule at all nodes."""
     try:
         with np.errstate(all="ignore"):  # values that are not finite fail the check
-            template.check(motion, rule)
+            nodes = sorted({node for interval in motion.intervals for node in interval})
+            formulas.check(nodes, np.array([at_node(node) for node in nodes]))
     except ObstacleError as error:
-        raise error if f"'{name}'" in str(error) else ObstacleError(f"the pose of '{name}': {error}") from error
-    return template
+        raise error if formulas.name in str(error) else ObstacleError(f"{formulas.name}: {error}") from error
+    return formulas
 
 
 class _SignalPlaceholders(Signals):
@@ -192,6 +243,7 @@ class _SignalPlaceholders(Signals):
     def __init__(self, motion: Motion, interpolation: Interpolation, times: Mapping[float, float] | None) -> None:
         self.owner = ConcreteModel()
         self.signals: dict[Any, PiecewisePolynomial] = {}
+        self.lines: dict[Any, Any] = {}
         self._motion = motion
         self._interpolation = interpolation
         self._times = times
@@ -199,20 +251,43 @@ class _SignalPlaceholders(Signals):
         self._add("index", "t", float, ends)
         self.index = self.signals["index"].placeholder
 
-    def _add(self, key: Any, name: str, at_node: Callable[[Any], float], coefficients: Array) -> None:
+    @property
+    def known(self) -> tuple[tuple[PiecewisePolynomial, ...], tuple[str, ...], Any]:
+        """Signals and parameters that were read, and what keeps their placeholders alive."""
+        names = tuple(dict.fromkeys(expression._fcn.function.name for expression in self.lines.values()))
+        return tuple(self.signals.values()), names, self.owner
+
+    def _add(
+        self, key: Any, name: str, at_node: Callable[[Any], float], coefficients: Array, component: Any = None
+    ) -> None:
         placeholder = Var(initialize=0.0)  # Pyomo evaluates indices
         # Messages quote formulas: the placeholder has the user's name of the signal.
         self.owner.add_component(unique_component_name(self.owner, name), placeholder)
         slope = derivative_coefficients(coefficients)
         derivatives = (coefficients, slope, derivative_coefficients(slope))
-        self.signals[key] = PiecewisePolynomial(placeholder, at_node, derivatives)
+        self.signals[key] = PiecewisePolynomial(placeholder, at_node, derivatives, component)
 
     def value_of(self, signal: Signal) -> Any:
+        if self._interpolation.joins_lines(signal):
+            return self._line(signal)
         if signal.identity not in self.signals:
             self._interpolation.check(signal)
             coefficients = _coefficients(self._interpolation, signal)
-            self._add(signal.identity, signal.name, lambda node: _number(signal.at(node), signal), coefficients)
+            component = parent_of(signal.at(self._motion.intervals[0][0]))
+            self._add(
+                signal.identity, signal.name, lambda node: _number(signal.at(node), signal), coefficients, component
+            )
         return self.signals[signal.identity].placeholder
+
+    def _line(self, signal: Signal) -> Any:
+        """A parameter over time: lines between its values, as a function of the index."""
+        self._interpolation.check(signal)
+        if signal.identity not in self.lines:
+            nodes = sorted({node for interval in self._motion.intervals for node in interval})
+            values = np.array([[_number(signal.at(node), signal)] for node in nodes])
+            lines = TableFunction(signal.name, np.array(nodes, dtype=float), values, [signal.name])
+            self.lines[signal.identity] = lines(self.index)[0]
+        return self.lines[signal.identity]
 
     def time_at(self, block: Any) -> Any:
         if not self._interpolation.is_time_of(block):
@@ -254,6 +329,7 @@ def _number(leaf: Any, signal: Signal) -> float:
     return float(number)
 
 
-def _numbers(pose: Pose) -> list[float]:
+def entry_values(entries: list[Any]) -> list[float]:
+    """Entries at the current values."""
     known = ExpressionValues({})  # evaluates sines and cosines that several entries share once
-    return [known.of(entry) for entry in pose.entries]
+    return [known.of(entry) for entry in entries]

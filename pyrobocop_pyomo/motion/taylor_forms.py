@@ -74,46 +74,46 @@ class TaylorForm:
         if p == 0.0:
             return TaylorForm.constant(1.0, len(u.low))
         slope = u.power(p - 1.0).times(p)
-        return self._compose(u.power(p), slope, u.power(p - 2.0).times(p * (p - 1.0)))
+        return self.compose(u.power(p), slope, u.power(p - 2.0).times(p * (p - 1.0)))
 
     def sqrt(self) -> TaylorForm:
         """Square root."""
         root = self.value.sqrt()
         slope = root.times(2.0).reciprocal()
-        return self._compose(root, slope, -(slope * (self.value.times(2.0)).reciprocal()))
+        return self.compose(root, slope, -(slope * (self.value.times(2.0)).reciprocal()))
 
     def exp(self) -> TaylorForm:
         """Exponential."""
         grown = self.value.exp()
-        return self._compose(grown, grown, grown)
+        return self.compose(grown, grown, grown)
 
     def log(self) -> TaylorForm:
         """Natural logarithm."""
         slope = self.value.reciprocal()
-        return self._compose(self.value.log(), slope, -(slope.power(2.0)))
+        return self.compose(self.value.log(), slope, -(slope.power(2.0)))
 
     def sin(self) -> TaylorForm:
         """Sine."""
         sine = self.value.sin()
-        return self._compose(sine, self.value.cos(), -sine)
+        return self.compose(sine, self.value.cos(), -sine)
 
     def cos(self) -> TaylorForm:
         """Cosine."""
         cosine = self.value.cos()
-        return self._compose(cosine, -self.value.sin(), -cosine)
+        return self.compose(cosine, -self.value.sin(), -cosine)
 
     def tan(self) -> TaylorForm:
         """Tangent."""
         tangent = self.value.tan()
         slope = tangent.power(2.0) + Interval.of(1.0)
-        return self._compose(tangent, slope, (tangent * slope).times(2.0))
+        return self.compose(tangent, slope, (tangent * slope).times(2.0))
 
     def arctan(self) -> TaylorForm:
         """Inverse tangent."""
         slope = (self.value.power(2.0) + Interval.of(1.0)).reciprocal()
-        return self._compose(self.value.arctan(), slope, -(self.value * slope.power(2.0)).times(2.0))
+        return self.compose(self.value.arctan(), slope, -(self.value * slope.power(2.0)).times(2.0))
 
-    def _compose(self, value: Interval, slope: Interval, curvature: Interval) -> TaylorForm:
+    def compose(self, value: Interval, slope: Interval, curvature: Interval) -> TaylorForm:
         """Chain rule: ``g(f)' = g'(f) f'`` and ``g(f)'' = g''(f) f'^2 + g'(f) f''``."""
         return TaylorForm(value, slope * self.first, curvature * self.first.power(2.0) + slope * self.second)
 

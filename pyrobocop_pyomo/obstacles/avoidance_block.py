@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Container, Hashable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import Any as AnyIndex
@@ -23,11 +25,31 @@ from pyrobocop_pyomo.motion.safety_report import SafetyReport
 
 from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
 from .block_arguments import set_of_points, sort_arguments
-from .formulations import SeparationIndex
+from .broad_phase import (
+    BUILT_WITHOUT_GUESS,
+    add_back,
+    apply_broad_phase,
+    is_on,
+    near_segments,
+    near_the_motion,
+    places_of,
+)
+from .clearances import FreeClearance, asked_at, least_possible, update_estimates, verified_clearances
+from .clocks import check_rules
+from .formulations import SeparationIndex, TurningPlane
+from .impossible_gaps import check_gaps
 from .initial_checks import check_fixed_poses, check_poses, has_values, warn_about_quaternions
-from .initial_separations import apply_broad_phase, is_far, start_all, start_one
+from .initial_separations import start_all, start_new, start_one
 from .scene import BodyPair
-from .separation_rows import add_poses, add_separation, harden, remove_separation, soften, update_softness
+from .separation_rows import (
+    add_poses,
+    add_separation,
+    harden,
+    remove_separations,
+    soften,
+    update_soft_clearance_cost,
+    update_softness,
+)
 from .snapshot import Snapshot, proven_gap
 
 
@@ -43,7 +65,9 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
     required : Expression
         Gap that each separation has to prove: clearance, radii and margin, less the slack.
     clearance : Param
-        By body pair; mutable.
+        By body pair, of those whose clearance is a number; mutable.
+    least_clearance : Var
+        Where a `FreeClearance` was given: what all body pairs that have it keep.
     clearance_scale : Param
         Factor of all clearances, 1 at first; mutable.
     margin : Param
@@ -52,6 +76,10 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         By separation, while the block is softened.
     softness : Expression
         Cost of the slack, for the objective; 0 unless softened.
+    missed : Var
+        With a soft clearance: how much of the preferred one each separation misses.
+    soft_clearance_cost : Expression
+        With a soft clearance: the cost of what is missed, to be added to the objective.
     """
 
     _kind = "obstacle avoidance"
@@ -85,29 +113,78 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
     def _build(self, points: Any, **options: Any) -> None:
         points = set_of_points(self, points)
         self._record = record = AvoidanceOptions(**options).record(self._what, points)
-        scene = record.scene
+        numbers = {pair: asked for pair, asked in record.asked.items() if isinstance(asked, float)}
         self.clearance_scale = Param(initialize=1.0, mutable=True, doc="factor of all clearances")
         self.clearance = Param(
-            scene.body_pairs, initialize=scene.clearances, mutable=True, doc="clearance of each body pair"
+            list(numbers), initialize=numbers, mutable=True, doc="clearance of each body pair that has a number"
         )
+        free = [asked for asked in record.asked.values() if isinstance(asked, FreeClearance)]
+        if free:
+            self.least_clearance = Var(bounds=free[0].bounds, initialize=free[0].start, doc="clearance that is kept")
         self.separations = Set(dimen=3, doc="first, second, start of a segment of motion")
         self.margin = Param(self.separations, mutable=True, default=0.0, doc="added to the clearance")
         self.required = Expression(AnyIndex, doc="gap that a separation has to prove")
         self.slack = Var(self.separations, bounds=(0, None), dense=False, doc="gap that is missing, while softened")
         self.softness_weight = Param(initialize=1.0, mutable=True, doc="cost of a unit of slack")
         self.softness = Expression(expr=0.0, doc="cost of the slack")
+        if record.soft_clearance is not None:
+            self.preferred_clearance = Expression(expr=record.soft_clearance.preferred, doc="clearance preferred")
+            self.missed = Var(self.separations, bounds=(0, None), dense=False, doc="preferred clearance that is missed")
+            self.asked_is_kept = Constraint(AnyIndex, doc="no more is missed than what is asked allows")
+            self.soft_clearance_cost = Expression(expr=0.0, doc="cost of what is missed, for the objective")
         record.formulation.declare(self, self.axes)
         motion = self.motion
-        part_pairs = [(first.name, second.name) for first, second in scene.part_pairs()]
+        for name, body in record.scene.bodies.items():
+            motion.check_formula(body, name)
+        scene = record.scene
+        check_rules(self._what, motion, scene.bodies, scene.obstacles, between=record.per_interval)
+        self._separate()
+
+    def _separate(self) -> None:
+        """Add the separations of the whole motion, before any refinement."""
+        record, motion = self.record, self.motion
+        part_pairs = [(first.name, second.name) for first, second in record.scene.part_pairs()]
         segments = segments_of_motion(self._what, part_pairs, motion, record.per_interval)
         add_poses(record, motion, segments)
+        update_estimates(self)
         snapshot = Snapshot(record, self._what)
+        record.pruned = {segment.index: segment for segment in segments}
         # Without an initial guess no shapes are known to be far apart; initialize() applies the broad phase again.
-        if record.broad_phase is not None and has_values(record):
-            record.pruned = {segment.index: segment for segment in segments if is_far(snapshot, segment)}
-        for segment in segments:
-            if segment.index not in record.pruned:
-                add_separation(self, record, segment)
+        kept = np.ones(len(segments), dtype=bool)
+        if is_on(record) and has_values(record):
+            kept = near_segments(snapshot, segments)
+        elif is_on(record) and len(segments) > BUILT_WITHOUT_GUESS:
+            kept[:] = False
+        with PauseGC():
+            add_back(self, record, [segments[k] for k in np.flatnonzero(kept).tolist()])
+        update_soft_clearance_cost(self, record)
+
+    # ---------------------------------------------------------------- another mesh below
+
+    @property
+    def can_follow_times(self) -> bool:
+        """True: separations can be made for other times."""
+        return True
+
+    def stands_on(self, sets: Container[int]) -> bool:
+        """True where the motion is over one of the sets, which are given by their identities."""
+        return id(self.record.points) in sets
+
+    def follow_times(self) -> None:
+        """Separate the shapes anew over the times that there are now; margins and splits start again.
+
+        Raises
+        ------
+        ObstacleError
+            As `initialize`, which sets the start values.
+        """
+        record = self.record
+        remove_separations(self, record, list(record.segments.values()))
+        record.pruned, record.pinned, record.poses, record.lengths = {}, set(), {}, {}
+        self._separate()
+        update_softness(self, record)
+        if has_values(record):
+            self.initialize()
 
     # ---------------------------------------------------------------- start values
 
@@ -131,16 +208,19 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         record, snapshot = self.record, Snapshot(self.record, self._what)
         given = dict(record.directions if directions is None else directions)
         units = record.scene.unit_directions(self._what, given)
-        check_poses(snapshot)
-        check_fixed_poses(snapshot, self.clearance)
+        check_poses(snapshot, self.motion)
+        check_fixed_poses(snapshot, lambda pair, time: least_possible(asked_at(self, pair, time)))
+        check_gaps(snapshot)
+        update_estimates(self)
         warn_about_quaternions(snapshot, self.model())
         record.directions = given
         with PauseGC():
             apply_broad_phase(self, snapshot)
             update_softness(self, record)
-            overlapping = start_all(self, snapshot, units, seed)
+            update_soft_clearance_cost(self, record)
+            record.overlapping = start_all(self, snapshot, units, seed)
             if record.formulation.norms:
-                chosen = ("ball" if overlapping else "sphere") if record.norm == "auto" else record.norm
+                chosen = ("ball" if record.overlapping else "sphere") if record.norm == "auto" else record.norm
                 self.set_norm("sphere" if record.soft else chosen)
 
     # ---------------------------------------------------------------- checks
@@ -156,21 +236,41 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         """
         snapshot = Snapshot(self.record, self._what)
         segments = self.record.segments
+        if isinstance(self.record.formulation, TurningPlane):
+            return {index: self._gap_of_turning_plane(snapshot, segment) for index, segment in segments.items()}
         return {
             index: proven_gap(*snapshot.placed_pair(segment), self._normal(index))
             for index, segment in segments.items()
         }
 
-    def verify(self, tolerance: float | None = None) -> SafetyReport:
+    def _gap_of_turning_plane(self, snapshot: Snapshot, segment: MotionSegment) -> float:
+        """The least gap at the times covered, each with the normal of that time."""
+        normals, _ = TurningPlane().ends(self, segment.index)
+        local = segment.local_times or (0.0,)
+        single = [MotionSegment(segment.first, segment.second, None, (time,)) for time in segment.times]
+        return min(
+            proven_gap(*snapshot.placed_pair(one), (1.0 - s) * normals[0] + s * normals[1])
+            for one, s in zip(single, local, strict=True)
+        )
+
+    def verify(self, tolerance: float | None = None, *, equations: bool = True) -> SafetyReport:
         """Check the motion that the current values describe: all body pairs, at all times between the points.
 
         Parameters
         ----------
         tolerance : float, optional
             How much of a clearance may be missing; 1 % by default.
+        equations : bool
+            Whether the motion that the equations make of the plan's controls is proven as well.
         """
-        clearances = {pair: value(self.clearance[pair]) for pair in self.record.scene.body_pairs}
-        return verify_clearance(self.motion, self.record.scene.bodies, clearances, tolerance=tolerance)
+        bodies = self.record.scene.bodies
+        report = verify_clearance(
+            self.motion, bodies, verified_clearances(self), tolerance=tolerance, equations=equations
+        )
+        if self.record.soft_clearance is None:
+            return report
+        preferred = float(value(self.preferred_clearance))
+        return replace(report, body_pairs=tuple(replace(pair, preferred=preferred) for pair in report.body_pairs))
 
     # ---------------------------------------------------------------- changes between solves
 
@@ -198,13 +298,14 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         with PauseGC():
             add_poses(record, motion, (left, right))
             margin, normal = value(self.margin[segment.index]), self._normal(segment.index)
-            remove_separation(self, record, segment)
+            remove_separations(self, record, [segment])
             for half in (left, right):
                 add_separation(self, record, half)
                 record.pinned.add(half.index)
                 self.margin[half.index] = margin
                 start_one(self, Snapshot(record, self._what), half, normal)
             update_softness(self, record)
+            update_soft_clearance_cost(self, record)
         return left.index, right.index
 
     def restore(self, first: str, second: str, interval: Hashable) -> list[SeparationIndex]:
@@ -225,14 +326,45 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         record, snapshot = self.record, Snapshot(self.record, self._what)
         pair = record.scene.body_pair(self._what, first, second)
         concerned = [segment for segment in record.pruned.values() if record.concerns(segment, pair, interval)]
-        with PauseGC():
-            for segment in concerned:
-                del record.pruned[segment.index]
-                record.pinned.add(segment.index)
-                add_separation(self, record, segment)
-                start_one(self, snapshot, segment)
-            update_softness(self, record)
+        record.pinned.update(segment.index for segment in concerned)
+        self._bring_back(snapshot, concerned)
         return [segment.index for segment in concerned]
+
+    def restore_near(self, missed: Iterable[tuple[str, str, Hashable]]) -> list[SeparationIndex]:
+        """Add separations that the broad phase left out and that were missed, and others that the motion is near to.
+
+        What comes back is never left out again. Beyond the missed ones that is for the broad phase that is on by
+        itself to choose: everything within a reach that grows with each call.
+
+        Parameters
+        ----------
+        missed : iterable of (first, second, interval)
+            Names of two convex parts, and the position of an interval; with ``between=None`` the time.
+
+        Returns
+        -------
+        list of indices
+            Of the separations added; empty where none of the missed ones were left out.
+        """
+        record, snapshot = self.record, Snapshot(self.record, self._what)
+        left_out = places_of(record.pruned.values())
+        asked = [segment for place in dict.fromkeys(missed) for segment in left_out.get(place, ())]
+        added = near_the_motion(snapshot, asked)
+        record.pinned.update(segment.index for segment in added)
+        self._bring_back(snapshot, added)
+        return [segment.index for segment in added]
+
+    def _bring_back(self, snapshot: Snapshot, segments: list[MotionSegment]) -> None:
+        """Add separations that were left out, with start values at the current poses."""
+        record = self.record
+        if not segments:
+            return
+        units = record.scene.unit_directions(self._what, record.directions)
+        with PauseGC():
+            add_back(self, record, segments)
+            start_new(self, snapshot, segments, units)
+            update_softness(self, record)
+            update_soft_clearance_cost(self, record)
 
     def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
         """Add a margin to the clearance of one separation, for the motion between its poses."""
@@ -315,25 +447,33 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         Bodies that the plan moves.
     obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such
         Bodies that it does not move. A list of polytopes is one obstacle, their union; a `Body` moves by itself.
-    clearance : float or mapping of body pair to float
-        Distance to be kept, > 0.
+    clearance : number, Param, Var, expression, callable or FreeClearance; or mapping of body pair to such
+        Distance to be kept, > 0. A rule is called as ``rule(block, t)``, like that of a pose: ``lambda b, t: 0.1 + 0.2
+        * b.v[t]``. A `FreeClearance` is chosen by the optimiser: ``least_clearance``.
     body, pose : Polytope and callable, optional
         Short for ``bodies={"body": Body(body, pose=pose)}``.
+    between_points : callable, optional
+        ``between_points(block, t, fraction)`` of that body, see `Body`: the pose between points that are plain
+        numbers.
     body_pairs : networkx.Graph or iterable of (str, str), optional
         Which bodies keep clear of which; by default every body of every obstacle and of every other body.
     exclude : iterable of (str, str)
         Body pairs to leave out, such as adjacent links of an arm.
     formulation : str or Formulation
-        ``"plane"`` (default), ``"dual"``, ``"mixed"``, ``"offset"`` or ``"optimality"``.
+        ``"plane"`` (default), ``"turning plane"``, ``"dual"``, ``"mixed"``, ``"offset"`` or ``"optimality"``.
     norm : str
         Length of the normals: ``"sphere"`` fixes it, ``"ball"`` bounds it; ``"auto"`` takes the sphere where the
         initial guess is clear of obstacles, the ball where it is not.
     between : str or None
         ``"plane"`` asks for one plane per interval, which separates the shapes at all poses of it; None separates them
         at each point on its own. By default ``"plane"`` where the formulation can.
-    broad_phase : float, optional
+    broad_phase : float, "auto" or None
         Body pairs that are farther apart than this at the initial guess are left out, interval by interval. `verify`
-        checks all.
+        checks all, and `solve` brings back what the plan comes near to. By default the length follows from the scene
+        and grows whenever a pair comes back; scenes with few separations keep all. None leaves nothing out.
+    soft_clearance : (number or Param, number or Param), optional
+        A larger clearance that is preferred, and the cost of a unit of length missed, by each pair of convex parts, on
+        average over the motion. Add ``soft_clearance_cost`` to the objective.
     rule : callable, optional
         ``rule(block, *index)`` calls ``block.build(points, bodies=..., ...)``; for indexed blocks.
 
@@ -380,12 +520,14 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
         clearance: Any = None,
         body: Any = None,
         pose: Rule | None = None,
+        between_points: Rule | None = None,
         body_pairs: Any = None,
         exclude: Any = (),
         formulation: Any = "plane",
         norm: str = "auto",
         between: str | None = "auto",
-        broad_phase: float | None = None,
+        broad_phase: float | str | None = "auto",
+        soft_clearance: Any = None,
         rule: Rule | None = None,
         **block_options: Any,
     ) -> None:
@@ -395,12 +537,14 @@ class ObstacleAvoidanceBlock(BuiltBlock, data=ObstacleAvoidanceBlockData):
             "clearance": clearance,
             "body": body,
             "pose": pose,
+            "between_points": between_points,
             "body_pairs": body_pairs,
             "exclude": exclude,
             "formulation": formulation,
             "norm": norm,
             "between": between,
             "broad_phase": broad_phase,
+            "soft_clearance": soft_clearance,
         }
         indexes, built_from = sort_arguments("an ObstacleAvoidanceBlock", points, options, rule)
         super().__init__(*indexes, **built_from, **block_options)

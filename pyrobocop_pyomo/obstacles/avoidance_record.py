@@ -13,6 +13,7 @@ from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 
+from .clearances import FreeClearance, SoftClearance, asked_clearances, check_preference, checked_soft_clearance
 from .formulations import FORMULATIONS, Formulation, SeparationIndex
 from .scene import BodyPair, Scene, make_scene
 
@@ -44,11 +45,20 @@ class MotionSegment:
         """Index of the separation in all components."""
         return (self.first, self.second, self.times[0])
 
-    def pose_at(self, motion: Motion, rule: Callable[..., Any], position: int, body: str) -> Pose:
-        """Expressions of the pose at one of the times."""
+    @property
+    def local_times(self) -> tuple[float, ...]:
+        """Positions of the times within the segment, from 0 to 1; empty where the separation is for one time."""
+        if not self.fractions:
+            return ()
+        start, width = self.fractions[0], self.fractions[-1] - self.fractions[0]
+        return (0.0, *((fraction - start) / width for fraction in self.fractions[1:-1]), 1.0)
+
+    def pose_at(self, motion: Motion, body: Body, position: int, name: str) -> Pose:
+        """Expressions of the pose of a moving body at one of the times."""
         if self.interval is None:
-            return motion.pose_at_node(rule, self.times[position], name=body)
-        return motion.pose_at(rule, self.interval, self.fractions[position], name=body)
+            assert body.pose is not None
+            return motion.pose_at_node(body.pose, self.times[position], name=name)
+        return motion.pose_of(body, self.interval, self.fractions[position], name=name)
 
     def halves(self, motion: Motion) -> tuple[MotionSegment, MotionSegment]:
         """The two halves; they share the time in the middle, which is added where it is not one of the times."""
@@ -103,7 +113,7 @@ class AvoidanceRecord:
         ``"auto"``, ``"ball"`` or ``"sphere"``, as given.
     per_interval : bool
         True where one separation covers an interval.
-    broad_phase : float or None
+    broad_phase : float, "auto" or None
     segments : dict of index to MotionSegment
         Those that have a separation.
     pruned : dict of index to MotionSegment
@@ -118,6 +128,16 @@ class AvoidanceRecord:
         The norm that the rows have.
     soft : bool
         True while the rows have slack.
+    reach : float
+        Up to which distance a broad phase that is on by itself has looked so far.
+    overlapping : dict of pair of parts to int
+        Number of segments on which they overlapped when start values were set last.
+    asked : dict of body pair to clearance
+        Floats, expressions, `ClearanceRule` or `FreeClearance`.
+    soft_clearance : SoftClearance or None
+        What is preferred, beside what is asked.
+    lengths : dict of (body, body, time) to expression
+        What the rules of clearances ask for at the times of the poses.
     """
 
     scene: Scene
@@ -125,7 +145,7 @@ class AvoidanceRecord:
     formulation: Formulation
     norm: str
     per_interval: bool
-    broad_phase: float | None
+    broad_phase: float | str | None
     segments: dict[SeparationIndex, MotionSegment] = field(default_factory=dict)
     pruned: dict[SeparationIndex, MotionSegment] = field(default_factory=dict)
     pinned: set[SeparationIndex] = field(default_factory=set)
@@ -133,6 +153,16 @@ class AvoidanceRecord:
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
     soft: bool = False
+    reach: float = 0.0
+    overlapping: dict[tuple[str, str], int] = field(default_factory=dict)
+    asked: dict[BodyPair, Any] = field(default_factory=dict)
+    soft_clearance: SoftClearance | None = None
+    lengths: dict[tuple[str, str, Hashable], Any] = field(default_factory=dict)
+
+    @property
+    def depends_on_what_is_far(self) -> bool:
+        """Whether distances beyond the clearance count: where more is preferred, or the optimiser chooses how much."""
+        return self.soft_clearance is not None or any(isinstance(a, FreeClearance) for a in self.asked.values())
 
     @property
     def dimension(self) -> int:
@@ -141,10 +171,20 @@ class AvoidanceRecord:
 
     def segments_of(self, first: str, second: str) -> list[MotionSegment]:
         """Segments of a pair of convex parts, along time."""
-        segments = [segment for segment in self.segments.values() if (segment.first, segment.second) == (first, second)]
-        if self.per_interval:
-            segments.sort(key=lambda segment: (segment.interval, segment.fractions[0]))
-        return segments
+        return self.along_time(
+            [segment for segment in self.segments.values() if (segment.first, segment.second) == (first, second)]
+        )
+
+    def along_time(self, segments: list[MotionSegment]) -> list[MotionSegment]:
+        """Segments of one pair of parts in the order of time."""
+        return sorted(segments, key=lambda one: (one.interval, one.fractions[0])) if self.per_interval else segments
+
+    def by_part_pair(self) -> dict[tuple[str, str], list[MotionSegment]]:
+        """`segments_of` every pair of convex parts that has some."""
+        found: dict[tuple[str, str], list[MotionSegment]] = {}
+        for segment in self.segments.values():
+            found.setdefault((segment.first, segment.second), []).append(segment)
+        return {pair: self.along_time(segments) for pair, segments in found.items()}
 
     def concerns(self, segment: MotionSegment, pair: BodyPair, interval: Hashable) -> bool:
         """True when a segment is one of a body pair, in an interval (or at a time, for a separation of one time)."""
@@ -164,12 +204,14 @@ class AvoidanceOptions:
     clearance: Any = None
     body: Any = None
     pose: Callable[..., Any] | None = None
+    between_points: Callable[..., Any] | None = None
     body_pairs: Any = None
     exclude: Any = ()
     formulation: str | Formulation = "plane"
     norm: str = "auto"
     between: str | None = "auto"
-    broad_phase: float | None = None
+    broad_phase: float | str | None = "auto"
+    soft_clearance: Any = None
 
     def record(self, what: str, points: Any) -> AvoidanceRecord:
         """The record of a new block.
@@ -185,27 +227,43 @@ class AvoidanceOptions:
             what,
             bodies=self._bodies(what),
             obstacles=self.obstacles,
-            clearance=self.clearance,
             body_pairs=self.body_pairs,
             exclude=self.exclude,
         )
+        asked = asked_clearances(what, scene.body_pairs, scene.bodies, self.clearance)
+        soft = checked_soft_clearance(what, self.soft_clearance)
+        check_preference(what, soft, asked)
         formulation = self._formulation(what)
         _check_shapes(what, scene, formulation)
         self._check_norm(what, formulation)
         per_interval = self._per_interval(what, formulation)
-        self._check_broad_phase(what, scene)
-        return AvoidanceRecord(scene, points, formulation, self.norm, per_interval, self.broad_phase)
+        self._check_broad_phase(what, [number for number in asked.values() if isinstance(number, float)])
+        return AvoidanceRecord(
+            scene,
+            points,
+            formulation,
+            self.norm,
+            per_interval,
+            self.broad_phase,
+            asked=asked,
+            soft_clearance=soft,
+        )
 
     def _bodies(self, what: str) -> Any:
         if self.body is None:
             if self.pose is not None:
                 raise ObstacleError(f"{what}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
+            if self.between_points is not None:
+                raise ObstacleError(
+                    f"{what}: between_points= goes with body=; with bodies=, give Body(shape, pose=rule, "
+                    "between_points=formula)."
+                )
             return self.bodies
         if self.bodies is not None:
             raise ObstacleError(f"{what}: give bodies= or body=, not both.")
         if self.pose is None:
             raise ObstacleError(f"{what}: body= needs pose=rule, which says where the body is: rule(block, t) -> Pose.")
-        return {"body": Body(self.body, pose=self.pose)}
+        return {"body": Body(self.body, self.pose, self.between_points)}
 
     def _formulation(self, what: str) -> Formulation:
         if not isinstance(self.formulation, str):
@@ -233,13 +291,13 @@ class AvoidanceOptions:
             )
         return self.between is not None and formulation.covers_intervals
 
-    def _check_broad_phase(self, what: str, scene: Scene) -> None:
+    def _check_broad_phase(self, what: str, clearances: list[float]) -> None:
         length = self.broad_phase
-        if length is None:
+        if length is None or (isinstance(length, str) and length == "auto"):
             return
-        if not isinstance(length, Real) or not math.isfinite(length):
-            raise ObstacleError(f"{what}: broad_phase is {length!r}; it is a length, or None.")
-        largest = max(scene.clearances.values())
+        if not isinstance(length, Real) or isinstance(length, bool) or not math.isfinite(length):
+            raise ObstacleError(f'{what}: broad_phase is {length!r}; it is "auto", a length, or None.')
+        largest = max(clearances, default=0.0)
         if length <= largest:
             raise ObstacleError(
                 f"{what}: broad_phase {length:g} leaves out body pairs that are nearer than the clearance {largest:g}. "

@@ -55,9 +55,19 @@ def set_of_points(block: Any, points: Any) -> Any:
     ObstacleError
         When it is neither a set nor numbers.
     """
+    if hasattr(points, "time_at") and hasattr(points, "time"):
+        raise ObstacleError(
+            f"{block._what}: its points are the phase '{points.name}'; give its times, '{points.name}.time'."
+        )
     if hasattr(points, "ctype"):
         return points
     if not isinstance(points, Iterable):
         raise ObstacleError(f"{block._what}: its points are {points!r}; expected a set of times, such as phase.time.")
+    points = list(points)
+    if any(hasattr(point, "ctype") for point in points):
+        raise ObstacleError(
+            f"{block._what}: its points are a list of sets, {', '.join(point.name for point in points)}. A block "
+            "covers one set of times: add one block for each phase."
+        )
     block.points = Set(initialize=list(points), ordered=True, doc="times that were given")
     return block.points

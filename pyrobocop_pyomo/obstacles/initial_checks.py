@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.visitor import identify_variables
 
@@ -16,9 +17,12 @@ from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
 from pyrobocop_pyomo.modeling.row_violations import constraint_violation
 from pyrobocop_pyomo.modeling.variable_values import values_restored
+from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
+from pyrobocop_pyomo.motion.required_clearance import clearance_text, required_clearance
 
 from .avoidance_record import AvoidanceRecord
+from .clearances import ClearanceRule, clearance_values
 from .snapshot import Snapshot, variables_of
 
 LOGGER = logging.getLogger(__name__)
@@ -26,10 +30,15 @@ LOGGER = logging.getLogger(__name__)
 NEARLY = 1e-9
 # Smallest ratio of a clearance and the tolerance of rows that still tells clear from touching.
 TOLERANCES_PER_CLEARANCE = 100.0
+# Equations of motion add up about ten coordinates with weights of about ten.
+ROUNDING_PER_TOLERANCE = 0.02
 
 
-def check_poses(snapshot: Snapshot) -> None:
+def check_poses(snapshot: Snapshot, motion: Motion) -> None:
     """Check that every pose is a rotation and a translation at the current values.
+
+    Poses between the nodes, where separations were split, are not judged: a quaternion of length one at the nodes is
+    shorter between them, and the proof knows what that means.
 
     Raises
     ------
@@ -37,8 +46,9 @@ def check_poses(snapshot: Snapshot) -> None:
         Naming the body and the time.
     """
     in_degrees: set[str] = set()
+    nodes = {*motion.points, *(node for interval in motion.intervals for node in interval)}
     for (body, time), pose in snapshot.record.poses.items():
-        if time is None:
+        if time not in nodes:
             continue
         snapshot.pose(body, time)
         try:
@@ -50,8 +60,14 @@ def check_poses(snapshot: Snapshot) -> None:
             raise ObstacleError(f"{snapshot.what}: at {time}, {error}") from None
 
 
-def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]) -> None:
+def check_fixed_poses(snapshot: Snapshot, clearance_at: Callable[[tuple[str, str], Hashable], float]) -> None:
     """Check that no body pair is closer than its clearance where both poses are fixed, which no plan could change.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    clearance_at : callable
+        ``clearance_at(body_pair, time)``: the least that any plan keeps there.
 
     Raises
     ------
@@ -66,8 +82,8 @@ def check_fixed_poses(snapshot: Snapshot, clearances: dict[tuple[str, str], Any]
     for first, second in scene.part_pairs():
         moving = [part.body for part in (first, second) if not scene.is_static(part.body)]
         times = [time for time in fixed.get(moving[0], ()) if all(time in fixed.get(body, ()) for body in moving)]
-        asked = value(clearances[first.body, second.body])
         for time in times:
+            asked = clearance_at((first.body, second.body), time)
             p, q = snapshot.vertices(first, [time]), snapshot.vertices(second, [time])
             rays = snapshot.rays(first, [time]), snapshot.rays(second, [time])
             near = distance_of_points(p, q, q_rays=rays[1], p_rays=rays[0])
@@ -91,13 +107,56 @@ def check_clearances(block: Any, tolerance: float) -> None:
     ObstacleError
         Naming the block and the body pair.
     """
-    for (first, second), clearance in block.clearance.items():
-        if value(clearance) < TOLERANCES_PER_CLEARANCE * tolerance:
+    for pair in block.record.asked:
+        least = min(clearance_values(block, pair))
+        if np.isnan(least):
             raise ObstacleError(
-                f"obstacle avoidance '{block.name}': the clearance between '{first}' and '{second}' is "
-                f"{value(clearance):g}, less than {TOLERANCES_PER_CLEARANCE:g} times the {tolerance:g} that "
-                "constraints may be violated by. Choose a unit of length in which the clearance is a larger "
-                "number, or lower feasibility_tolerance."
+                f"obstacle avoidance '{block.name}': {clearance_text(pair)} has no value. Give its parameters values, "
+                "and its variables an initial guess."
+            )
+        if least < TOLERANCES_PER_CLEARANCE * tolerance:
+            raise ObstacleError(
+                f"obstacle avoidance '{block.name}': {clearance_text(pair)} is {least:g}, less than "
+                f"{TOLERANCES_PER_CLEARANCE:g} times the {tolerance:g} that constraints may be violated by. Choose a "
+                "unit of length in which the clearance is a larger number, or lower feasibility_tolerance."
+            )
+
+
+def warn_about_soft_clearance(block: Any) -> None:
+    """Warn where a clearance is preferred, but missing it costs nothing."""
+    if block.record.soft_clearance is None or not len(block.missed):
+        return
+    missed = {id(variable) for variable in block.missed.values()}
+    objectives = block.model().component_data_objects(Objective, active=True, descend_into=True)
+    if any(id(read) in missed for objective in objectives for read in identify_variables(objective.expr)):
+        return
+    LOGGER.warning(
+        "obstacle avoidance '%s': soft_clearance prefers a clearance of %g, but missing it costs nothing. Add "
+        "%s.soft_clearance_cost to the objective.",
+        block.name,
+        value(block.preferred_clearance),
+        block.name,
+    )
+
+
+def check_digits(block: Any, tolerance: float) -> None:
+    """Check that coordinates of the bodies that move are small enough to tell what rows ask for from rounding.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body, its coordinate and what can be told apart there.
+    """
+    snapshot = Snapshot(block.record, f"obstacle avoidance '{block.name}'")
+    for body, time in block.record.poses:
+        if time is None:
+            continue
+        farthest = float(np.abs(snapshot.pose(body, time)[1]).max())
+        if np.spacing(farthest) > tolerance * ROUNDING_PER_TOLERANCE:
+            raise ObstacleError(
+                f"{snapshot.what}: '{body}' is at the coordinate {farthest:.6g} at {time}, where numbers are "
+                f"{np.spacing(farthest):.2g} apart: rows cannot hold to {tolerance:g}. Move the origin near the start: "
+                "subtract it from the poses and from all shapes, with as many digits as they are given with."
             )
 
 
@@ -115,6 +174,9 @@ def check_motion(block: Any) -> None:
         snapshot.pose(body, time)
     if motion.intervals:
         moving_shapes(motion, {name: scene.bodies[name] for pair in scene.body_pairs for name in pair})
+        for pair, asked in block.record.asked.items():
+            if isinstance(asked, ClearanceRule):
+                required_clearance(motion, asked, pair)
 
 
 def check_contained_motion(region: Any) -> None:
@@ -138,8 +200,11 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
     ObstacleError
         Naming the containment, the side, the time and by how much the body is beyond it.
     """
-    poses = region.record.poses
-    fixed = {time for time, pose in poses.items() if all(variable.fixed for variable in variables_of(pose))}
+    record = region.record
+    fixed = {time for time, pose in record.poses.items() if all(variable.fixed for variable in variables_of(pose))}
+    if len(record.regions) > 1:
+        _check_fixed_in_union(region, fixed, tolerance)
+        return
     beyond = {
         (time, side): constraint_violation(row) for (time, _, side), row in region.inside.items() if time in fixed
     }
@@ -151,6 +216,19 @@ def check_fixed_inside(region: Any, tolerance: float) -> None:
             f"beyond side {side + 1} of the region, with the clearance of {value(region.clearance):g}. Move the fixed "
             "pose, or ask for a larger region."
         )
+
+
+def _check_fixed_in_union(region: Any, fixed: set[Hashable], tolerance: float) -> None:
+    record, asked = region.record, float(value(region.clearance))
+    for time in record.times:
+        rooms = region.rooms_at(time) if time in fixed else ()
+        if len(rooms) and max(rooms) < asked - tolerance:
+            nearest = int(np.argmax(rooms))
+            raise ObstacleError(
+                f"containment '{region.name}': at {time}, where the pose is fixed, the body is inside none of the "
+                f"{len(record.regions)} regions: region {nearest + 1} lacks {asked - max(rooms):.6g}, with the "
+                f"clearance of {asked:g}. Move the fixed pose, or add a region."
+            )
 
 
 def has_values(record: AvoidanceRecord) -> bool:

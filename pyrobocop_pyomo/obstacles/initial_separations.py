@@ -1,4 +1,4 @@
-"""Start values of separations from exact distances at the current poses, and the broad phase.
+"""Start values of separations from exact distances at the current poses.
 
 Where shapes overlap, a normal of the deepest overlap may flip from one segment to the next. There, dynamic programming
 chooses normals that are cheap and consistent along time.
@@ -14,13 +14,14 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import distance_of_points, separating_directions
+from pyrobocop_pyomo.geometry import separating_directions
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
+from .broad_phase import swept_distances
 from .formulations import PlacedShape
 from .scene import BodyPair
-from .separation_rows import add_separation, remove_separation
+from .separation_rows import start_missed
 from .snapshot import Snapshot, gap_along
 
 LOGGER = logging.getLogger(__name__)
@@ -42,17 +43,21 @@ def start_all(block: Any, snapshot: Snapshot, directions: Mapping[BodyPair, Arra
     record = snapshot.record
     generator = np.random.default_rng(seed)
     overlapping = {}
+    by_pair = record.by_part_pair()
+    everywhere = [segment for segments in by_pair.values() for segment in segments]
+    gaps, nearest = swept_distances(snapshot, everywhere)
+    known = {segment.index: k for k, segment in enumerate(everywhere)}
     for first, second in record.scene.part_pairs():
-        segments = record.segments_of(first.name, second.name)
-        if not segments:
+        segments = by_pair.get((first.name, second.name))
+        if segments is None:
             continue
-        placed = [snapshot.placed_pair(segment) for segment in segments]
+        rows = [known[segment.index] for segment in segments]
         wanted = directions.get((first.body, second.body))
-        normals, gaps = choose_normals(placed, generator, wanted)
-        for segment, pair, normal in zip(segments, placed, normals, strict=True):
-            _start(block, record, segment, pair, normal)
-        if (gaps <= 0).any():
-            overlapping[first.name, second.name] = int((gaps <= 0).sum())
+        normals = choose_normals(snapshot, segments, gaps[rows], nearest[rows], generator, wanted)
+        for segment, normal in zip(segments, normals, strict=True):
+            _start(block, record, segment, snapshot.placed_pair(segment), normal)
+        if (gaps[rows] <= 0).any():
+            overlapping[first.name, second.name] = int((gaps[rows] <= 0).sum())
     if overlapping:
         LOGGER.info(
             "%s: the initial guess overlaps for %s; normals are chosen along time, ties broken with seed %d.",
@@ -63,17 +68,60 @@ def start_all(block: Any, snapshot: Snapshot, directions: Mapping[BodyPair, Arra
     return overlapping
 
 
+def start_new(
+    block: Any, snapshot: Snapshot, added: Sequence[MotionSegment], directions: Mapping[BodyPair, Array]
+) -> None:
+    """Set start values of separations that were added; those beside them in time have some, and are left alone."""
+    record = snapshot.record
+    new = {segment.index for segment in added}
+    gaps, nearest = swept_distances(snapshot, added)
+    known = {segment.index: k for k, segment in enumerate(added)}
+    by_pair = record.by_part_pair()
+    for pair in dict.fromkeys((segment.first, segment.second) for segment in added):
+        bodies = record.scene.parts[pair[0]].body, record.scene.parts[pair[1]].body
+        segments = by_pair[pair]
+        for run in _runs(np.array([segment.index in new for segment in segments])):
+            before = _unit_normal(block, segments[run.start - 1]) if run.start > 0 else None
+            after = _unit_normal(block, segments[run.stop]) if run.stop < len(segments) else None
+            rows = [known[segment.index] for segment in segments[run]]
+            normals = choose_normals(
+                snapshot,
+                segments[run],
+                gaps[rows],
+                nearest[rows],
+                np.random.default_rng(0),
+                directions.get(bodies),
+                (before, after),
+            )
+            for segment, normal in zip(segments[run], normals, strict=True):
+                _start(block, record, segment, snapshot.placed_pair(segment), normal)
+
+
 def start_one(block: Any, snapshot: Snapshot, segment: MotionSegment, normal: Array | None = None) -> None:
     """Set start values of one separation; where shapes overlap, with the given normal."""
-    pair = snapshot.placed_pair(segment)
-    usable = normal is not None and np.isfinite(normal).all() and np.linalg.norm(normal) > 0
-    direction = normal / np.linalg.norm(normal) if usable and normal is not None else None
-    normals, _ = choose_normals([pair], np.random.default_rng(0), direction)
-    _start(block, snapshot.record, segment, pair, normals[0])
+    direction = _unit(normal)
+    gaps, nearest = swept_distances(snapshot, [segment])
+    normals = choose_normals(snapshot, [segment], gaps, nearest, np.random.default_rng(0), direction)
+    _start(block, snapshot.record, segment, snapshot.placed_pair(segment), normals[0])
+
+
+def _unit_normal(block: Any, segment: MotionSegment) -> Array | None:
+    """The normal that a separation has now."""
+    entries = [value(block.normal[(*segment.index, axis)], exception=False) for axis in block.axes]
+    return None if None in entries else _unit(np.array(entries, dtype=float))
+
+
+def _unit(normal: Array | None) -> Array | None:
+    """A vector made to have length one; None where it cannot be."""
+    length = np.nan if normal is None else np.linalg.norm(normal)
+    return normal / length if normal is not None and np.isfinite(length) and length > 0 else None
 
 
 def _start(block: Any, record: AvoidanceRecord, segment: MotionSegment, pair: PlacedPair, normal: Array) -> None:
     index = segment.index
+    if record.soft_clearance is not None:
+        radii = pair[0].shape.radius + pair[1].shape.radius
+        start_missed(block, segment, float(gap_along(normal[None, :], *pair)[0]) + radii)
     if record.soft:
         block.slack[index].set_value(0.0)
         proven = float(gap_along(normal[None, :], *pair)[0]) + pair[0].shape.radius + pair[1].shape.radius
@@ -81,100 +129,65 @@ def _start(block: Any, record: AvoidanceRecord, segment: MotionSegment, pair: Pl
     record.formulation.start(block, index, *pair, normal)
 
 
-# ---------------------------------------------------------------------------------------------------------- broad phase
-
-
-def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
-    """Remove separations of shapes that are far apart at the current poses, and add those that are not any more."""
-    record = snapshot.record
-    for segment in list(record.segments.values()):
-        if segment.index not in record.pinned and is_far(snapshot, segment):
-            remove_separation(block, record, segment)
-            record.pruned[segment.index] = segment
-    for segment in list(record.pruned.values()):
-        if not is_far(snapshot, segment):
-            del record.pruned[segment.index]
-            add_separation(block, record, segment)
-
-
-def is_far(snapshot: Snapshot, segment: MotionSegment) -> bool:
-    """True when the broad phase may leave a segment out at the current poses."""
-    length = snapshot.record.broad_phase
-    return length is not None and _farther_apart(*snapshot.placed_pair(segment), length)
-
-
-def _farther_apart(first: PlacedShape, second: PlacedShape, length: float) -> bool:
-    """True when the convex hulls of all that two shapes sweep are farther apart than a length."""
-    radii = first.shape.radius + second.shape.radius
-    unbounded = len(first.rays) or len(second.rays)
-    # Boxes decide most cases, and the exact distance decides the others.
-    if not unbounded and _box_distance(first.vertices, second.vertices) - radii > length:
-        return True
-    near = distance_of_points(first.vertices, second.vertices, q_rays=second.rays, p_rays=first.rays)
-    return bool(near.distance - radii > length)
-
-
-def _box_distance(first: Array, second: Array) -> float:
-    """Distance between the axis-aligned boxes around two sets of points (k, d)."""
-    between = np.maximum(first.min(axis=0) - second.max(axis=0), second.min(axis=0) - first.max(axis=0))
-    return float(np.linalg.norm(np.maximum(between, 0.0)))
-
-
 # --------------------------------------------------------------------------------------------------- choice of normals
 
 
 def choose_normals(
-    pairs: Sequence[PlacedPair], generator: np.random.Generator, direction: Array | None = None
-) -> tuple[Array, Array]:
-    """Unit normals for the segments of one pair of parts, along time.
+    snapshot: Snapshot,
+    segments: Sequence[MotionSegment],
+    gaps: Array,
+    nearest: Array,
+    generator: np.random.Generator,
+    direction: Array | None = None,
+    beside: tuple[Array | None, Array | None] = (None, None),
+) -> Array:
+    """Unit normals for the segments of one pair of parts, along time, shape ``(k, d)``.
 
     Where the swept shapes are apart, the normal of their distance. Where they overlap, normals with the least sum of
     overlap depths and turns, between the normals of the segments before and after.
 
     Parameters
     ----------
-    pairs : sequence of (first, second)
-        One per segment.
+    snapshot : Snapshot
+    segments : sequence of MotionSegment
+    gaps : (k,)
+        Signed distances of the swept shapes, negative where they overlap.
+    nearest : (k, d)
+        Their normals.
     generator : numpy.random.Generator
         Breaks ties where opposite directions are equally good.
     direction : (d,), optional
         Unit vector to be used wherever shapes overlap.
-
-    Returns
-    -------
-    normals : (k, d)
-    gaps : (k,)
-        Signed distances of the swept shapes, negative where they overlap.
+    beside : pair of (d,) or None
+        Normals of the segments before and after all of these.
 
     Raises
     ------
     ObstacleError
         When both are unbounded, and no direction separates them.
     """
-    nearest = [distance_of_points(p.vertices, q.vertices, q_rays=q.rays, p_rays=p.rays) for p, q in pairs]
-    gaps = np.array(
-        [near.distance - p.shape.radius - q.shape.radius for near, (p, q) in zip(nearest, pairs, strict=True)]
-    )
-    normals = np.array([near.normal for near in nearest])
     if np.isneginf(gaps).any():
-        names = [placed.shape.name for placed in pairs[int(gaps.argmin())]]
+        segment = segments[int(gaps.argmin())]
         raise ObstacleError(
-            f"'{names[0]}' and '{names[1]}' overlap without end: no plane separates them anywhere. Bound one of them."
+            f"'{segment.first}' and '{segment.second}' overlap without end: no plane separates them anywhere. Bound "
+            "one of them."
         )
+    normals = nearest.copy()
     for run in _runs(gaps <= 0):
         if direction is not None:
             normals[run] = direction
             continue
-        before = normals[run.start - 1] if run.start > 0 else None
-        after = normals[run.stop] if run.stop < len(pairs) else None
+        before = normals[run.start - 1] if run.start > 0 else beside[0]
+        after = normals[run.stop] if run.stop < len(segments) else beside[1]
         extra = [normal for normal in (before, after) if normal is not None]
-        candidates = [_candidates(*pairs[k], [normals[k], *extra]) for k in range(run.start, run.stop)]
+        pairs = [snapshot.placed_pair(segment) for segment in segments[run]]
+        candidates = [_candidates(*pair, [normal, *extra]) for pair, normal in zip(pairs, normals[run], strict=True)]
         preferred = np.array(generator.standard_normal(normals.shape[1]))
         preferred = preferred / np.linalg.norm(preferred)
-        chosen = _cheapest_path(candidates, pairs[run], before, after, preferred)
+        chosen = _cheapest_path(candidates, pairs, before, after, preferred)
         tilted = chosen + PREFERENCE * generator.standard_normal(chosen.shape)
         normals[run] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
-    return normals, gaps
+    return normals
 
 
 def _runs(overlapping: BoolArray) -> list[slice]:

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 
-from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.errors import GeometryError, ObstacleError
+from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
-from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
+from pyrobocop_pyomo.motion.pose_templates import node_times
+from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
 
 # Least number of poses: the path looks smooth, and every frame of an animation has a pose near its time.
@@ -80,34 +82,41 @@ def animate_avoidance(avoid: Any, path: str | Path, *, title: str | None = None,
 
 def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
     """Times, the paths of moving bodies, and the resting shapes."""
-    motion, scene = avoid.motion, avoid.record.scene
-    moving = {name: body for name, body in scene.bodies.items() if body.pose is not None}
-    between = bool(motion.intervals) and all(_moves_between(motion, body, name) for name, body in moving.items())
-    time = _times_between(motion) if between else _times_of_points(motion)
-    poses_of = _poses_between if between else _poses_at_points
-    bodies = [BodyPath(body.parts, *_numbers(poses_of(motion, body, name)), name) for name, body in moving.items()]
-    resting = [part for name, body in scene.bodies.items() if body.pose is None for _, part in body.named_parts(name)]
-    return time, bodies, resting
-
-
-def _moves_between(motion: Motion, body: Body, name: str) -> bool:
-    """False for a pose that reads a control or an algebraic variable: such a body is drawn at the points only."""
+    motion, bodies = avoid.motion, avoid.record.scene.bodies
+    moving = {name: body for name, body in bodies.items() if body.moves}
+    resting = [part for name, body in bodies.items() if not body.moves for _, part in body.named_parts(name)]
     try:
-        motion.pose_at(body.pose, 0, 0.5, name=name)  # type: ignore[arg-type]
-    except ObstacleError:
-        return False
-    return True
+        shapes = moving_shapes(motion, moving) if motion.intervals else {}
+    except ObstacleError:  # a pose that reads a control or an algebraic variable: drawn at the points only
+        shapes = {}
+    if not shapes:
+        paths = [BodyPath(body.parts, *_at_points(motion, body, name), name) for name, body in moving.items()]
+        return _times_of_points(motion), paths, resting
+    interval, fraction = _instants(len(motion.intervals))
+    times = node_times(motion)
+    ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in motion.intervals])
+    time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
+    paths = [
+        BodyPath(body.parts, *_between_points(shapes[name][0], body.dimension, interval, fraction), name)
+        for name, body in moving.items()
+    ]
+    return time, paths, resting
 
 
-def _places(motion: Motion) -> list[tuple[int, float]]:
-    """Intervals and fractions, the last end included."""
-    last = len(motion.intervals) - 1
-    share = max(2, -(-_FEWEST_POSES // (last + 1)))
-    return [(interval, i / share) for interval in range(last + 1) for i in range(share)] + [(last, 1.0)]
+def _instants(intervals: int) -> tuple[Indices, Array]:
+    """Intervals and local fractions, the last end included."""
+    share = max(2, -(-_FEWEST_POSES // intervals))
+    interval = np.append(np.repeat(np.arange(intervals), share), intervals - 1)
+    return interval, np.append(np.tile(np.arange(share) / share, intervals), 1.0)
 
 
-def _times_between(motion: Motion) -> Array:
-    return np.array([pyo.value(motion.time_at(motion.index_at(*place))) for place in _places(motion)], dtype=float)
+def _between_points(shape: MovingShape, dimension: int, interval: Indices, fraction: Array) -> tuple[Array, Array]:
+    assert shape.template is not None
+    entries = shape.template.values(interval, fraction)
+    count = dimension * dimension
+    if not np.isfinite(entries).all():
+        raise GeometryError(f"'{shape.name}': its pose has no finite value everywhere, so that it cannot be drawn.")
+    return entries[:, :count].reshape(-1, dimension, dimension), entries[:, count:]
 
 
 def _times_of_points(motion: Motion) -> Array:
@@ -116,14 +125,7 @@ def _times_of_points(motion: Motion) -> Array:
     return np.array(times if all(isinstance(time, Real) for time in times) else range(len(times)), dtype=float)
 
 
-def _poses_between(motion: Motion, body: Body, name: str) -> list[Pose]:
-    return [motion.pose_at(body.pose, *place, name=name) for place in _places(motion)]  # type: ignore[arg-type]
-
-
-def _poses_at_points(motion: Motion, body: Body, name: str) -> list[Pose]:
-    return [motion.pose_at_node(body.pose, point, name=name) for point in motion.points]  # type: ignore[arg-type]
-
-
-def _numbers(poses: list[Pose]) -> tuple[Array, Array]:
+def _at_points(motion: Motion, body: Body, name: str) -> tuple[Array, Array]:
+    poses = [motion.pose_at_node(body.pose, point, name=name) for point in motion.points]  # type: ignore[arg-type]
     rotations, translations = zip(*(pose.numbers() for pose in poses), strict=True)
     return np.array(rotations), np.array(translations)

@@ -74,6 +74,40 @@ def reroute(block: Any) -> list[str]:
     return rerouted
 
 
+def runs_into_several(block: Any) -> bool:
+    """Whether start values were set for a motion that runs into two or more static obstacles.
+
+    Each has its own cheapest way out, and they may contradict each other. Where the user has said where to pass, it is
+    not asked.
+    """
+    record = block.record
+    if record.directions:
+        return False
+    bodies = {record.scene.parts[second].body for _, second in record.overlapping}
+    return sum(record.scene.is_static(body) for body in bodies) >= 2
+
+
+def can_turn_at_both_ends(block: Any) -> bool:
+    """Whether every body that moves could turn on the spot where its motion starts and ends, clear of what rests.
+
+    A car whose start or goal has no such room needs manoeuvres, which a path for a ball does not know.
+    """
+    motion, scene = block.motion, block.record.scene
+    if not motion.intervals:
+        return False
+    for name, body in scene.bodies.items():
+        if name in scene.obstacles or body.pose is None:
+            continue
+        balls, walls = _balls(scene, name), _walls(scene, name)
+        clearance = max(value for pair, value in scene.clearances.items() if name in pair)
+        ends = [motion.intervals[0][0], motion.intervals[-1][-1]]
+        poses = [motion.pose_at_node(body.pose, end, name=name).numbers() for end in ends]
+        middles = np.array([rotation @ balls.middle + place for rotation, place in poses])
+        if (distance_lower_bounds(middles, walls) < balls.outer + clearance).any():
+            return False
+    return True
+
+
 @dataclass(frozen=True)
 class InnerAndOuterBall:
     """The balls inside and around a shape, about one point of it.
@@ -141,10 +175,9 @@ def path_among_obstacles(
     cell = max(finest / np.sqrt(len(size)), float((size.prod() / MOST_CELLS) ** (1 / len(size))))
     counts = np.maximum(np.ceil(size / cell).astype(int), 1) + 1
     axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    distance = distance_lower_bounds(points.reshape(-1, len(size)), obstacles).reshape(counts)
     needed = max(balls.inner + clearance, 0.5 * cell * np.sqrt(len(size)))
     comfort = max(balls.outer + clearance, needed + cell)
+    distance = grid_lower_bounds(axes, obstacles, comfort)
     cost = 1.0 + NARROW * np.clip((comfort - distance) / (comfort - needed), 0.0, 1.0)
     cost[distance < needed] = BLOCKED
     spacing = size / (counts - 1)
@@ -157,6 +190,36 @@ def path_among_obstacles(
     if (cost[tuple(cells.T)] >= BLOCKED)[far].any():
         return None
     return np.vstack([start, path[1:-1], goal])
+
+
+def grid_lower_bounds(axes: Sequence[Array], obstacles: Sequence[Polytope], beyond: float) -> Array:
+    """Lower bounds of the distances of all points of a grid to the nearest of the obstacles, at most `beyond`.
+
+    Parameters
+    ----------
+    axes : sequence of (n_i,) array
+        Coordinates along each axis, increasing.
+    obstacles : sequence of Polytope
+    beyond : float
+        What is farther away is not looked at: each obstacle concerns the cells around it only.
+    """
+    found = np.full([len(axis) for axis in axes], beyond)
+    for obstacle in obstacles:
+        window = tuple(slice(None) for _ in axes)
+        if obstacle.is_bounded:
+            far = obstacle.radius + beyond
+            below, above = obstacle.vertices.min(axis=0) - far, obstacle.vertices.max(axis=0) + far
+            window = tuple(
+                slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high, side="right")))
+                for axis, low, high in zip(axes, below, above, strict=True)
+            )
+        near = np.stack(
+            np.meshgrid(*(axis[part] for axis, part in zip(axes, window, strict=True)), indexing="ij"), axis=-1
+        )
+        if near.size:
+            bounds = distance_lower_bounds(near.reshape(-1, len(axes)), [obstacle]).reshape(near.shape[:-1])
+            found[window] = np.minimum(found[window], bounds)
+    return found
 
 
 def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array:
@@ -178,13 +241,7 @@ def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array
 def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entries: Any) -> Array | None:
     """Translations (nodes, d) along the path, each at the fraction that the guess has covered; None without a path."""
     balls = _balls(scene, name)
-    walls = [
-        part.shape
-        for pair in scene.body_pairs
-        if name in pair
-        for part in scene.parts_of(pair[0] if pair[1] == name else pair[1])
-        if scene.is_static(part.body)
-    ]
+    walls = _walls(scene, name)
     if not walls:
         return None
     arms = np.array([rotation @ balls.middle for rotation, _ in numbers])
@@ -193,6 +250,17 @@ def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entri
     low, high = _region(before, balls, clearance, entries, arms)
     path = path_among_obstacles(before[0], before[-1], balls, walls, clearance, low, high)
     return None if path is None else _along(path, before) - arms
+
+
+def _walls(scene: Scene, name: str) -> list[Polytope]:
+    """All that rests and that a body keeps clear of."""
+    return [
+        part.shape
+        for pair in scene.body_pairs
+        if name in pair
+        for part in scene.parts_of(pair[0] if pair[1] == name else pair[1])
+        if scene.is_static(part.body)
+    ]
 
 
 def _balls(scene: Scene, name: str) -> InnerAndOuterBall:

@@ -1,14 +1,12 @@
-"""Bodies and obstacles by name, their convex parts, the body pairs that keep clear of each other, the clearances."""
+"""Bodies and obstacles by name, their convex parts, the body pairs that keep clear of each other."""
 
 from __future__ import annotations
 
 import copy
 import logging
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -54,7 +52,7 @@ class Scene:
         Names of the bodies that the plan cannot move.
     parts : dict of name of a part to ConvexPart
     graph : networkx.Graph
-        Names of bodies, an edge for each body pair that is watched, with its ``clearance``.
+        Names of bodies, an edge for each body pair that is watched, with its ``clearance`` as a number.
     """
 
     bodies: Mapping[str, Body]
@@ -84,7 +82,7 @@ class Scene:
 
     @property
     def clearances(self) -> dict[BodyPair, float]:
-        """Clearance asked of each body pair."""
+        """About the clearance of each body pair, as a number; what is asked is on the block."""
         return {pair: self.graph.edges[pair]["clearance"] for pair in self.body_pairs}
 
     def body_pair(self, what: str, first: str, second: str) -> BodyPair:
@@ -133,9 +131,7 @@ class Scene:
 # -------------------------------------------------------------------------------- scenes from arguments of the block
 
 
-def make_scene(
-    what: str, *, bodies: Any, obstacles: Any, clearance: Any, body_pairs: Any, exclude: Iterable[BodyPair]
-) -> Scene:
+def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclude: Iterable[BodyPair]) -> Scene:
     """Make a scene from arguments of `ObstacleAvoidanceBlock`, and check them.
 
     Parameters
@@ -144,7 +140,6 @@ def make_scene(
         Name of the block in messages.
     bodies : mapping of name to Body or Polytope
     obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such
-    clearance : float or mapping of body pair to float
     body_pairs : None, networkx.Graph or iterable of body pairs
     exclude : iterable of body pairs
 
@@ -171,7 +166,7 @@ def make_scene(
             parts[part.name] = part
     _check_dimensions(what, parts)
     graph = _graph(what, everybody, frozenset(fixed), body_pairs, exclude)
-    _set_clearances(what, graph, everybody, clearance)
+    networkx.set_edge_attributes(graph, 0.0, "clearance")
     scene = Scene(everybody, frozenset(fixed), parts, graph)
     _log_oddities(what, scene)
     return scene
@@ -183,6 +178,8 @@ def _named(what: str, plural: str, singular: str, given: Any) -> dict[str, Any]:
     if isinstance(given, (Polytope, Body)):
         raise ObstacleError(f"{what}: {plural}= takes a dict of names; write {plural}={{'{singular}': ...}}.")
     if not isinstance(given, Mapping):
+        if not isinstance(given, Iterable) or isinstance(given, str):
+            raise ObstacleError(f"{what}: {plural}= is {given!r}; expected a dict of names, or a list of shapes.")
         return {f"{singular} {number}": shape for number, shape in enumerate(given, start=1)}
     for name in given:
         if not isinstance(name, str) or not name:
@@ -197,8 +194,13 @@ def _body(what: str, name: str, given: Any) -> Body:
         isinstance(given, (list, tuple)) and given and all(isinstance(shape, Polytope) for shape in given)
     ):
         return Body(given)
+    remedy = ""
+    if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], Polytope):
+        remedy = " Write Body(shape, pose=rule)."
+    elif isinstance(given, (np.ndarray, list, tuple)):
+        remedy = " Corners make a shape by rcp.Polytope.from_vertices(corners)."
     raise ObstacleError(
-        f"{what}: '{name}' is {given!r}; expected a Polytope, a list of Polytopes, or Body(shape, pose=rule)."
+        f"{what}: '{name}' is {given!r}; expected a Polytope, a list of Polytopes, or Body(shape, pose=rule).{remedy}"
     )
 
 
@@ -264,39 +266,10 @@ def _graph(
     return graph
 
 
-def _set_clearances(what: str, graph: Any, bodies: Mapping[str, Body], clearance: Any) -> None:
-    if isinstance(clearance, Mapping):
-        asked = {
-            frozenset(_checked_pair(what, "clearance", pair, bodies)): number for pair, number in clearance.items()
-        }
-        missing = [edge for edge in graph.edges if frozenset(edge) not in asked]
-        if missing:
-            raise ObstacleError(
-                f"{what}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
-                "pairs out by exclude=."
-            )
-        unwatched = [tuple(sorted(pair)) for pair in asked if not graph.has_edge(*pair)]
-        if unwatched:
-            raise ObstacleError(
-                f"{what}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
-                "Add the pair to body_pairs=, or leave it out of clearance=."
-            )
-    else:
-        asked = {frozenset(edge): clearance for edge in graph.edges}
-    for first, second in graph.edges:
-        number = asked[frozenset((first, second))]
-        if not isinstance(number, Real) or isinstance(number, bool) or not math.isfinite(number) or number <= 0:
-            raise ObstacleError(
-                f"{what}: the clearance between '{first}' and '{second}' is {number!r}; it must be a length > 0. "
-                "Without clearance nothing tells touching from overlapping; choose well above the solver's tolerance."
-            )
-        graph.edges[first, second]["clearance"] = float(number)
-
-
 def _log_oddities(what: str, scene: Scene) -> None:
     """Log what is no error but seldom intended."""
     static = [part for part in scene.parts.values() if scene.is_static(part.body)]
-    for first, second in combinations(static, 2):
+    for first, second in _whose_boxes_meet(static):
         if first.body != second.body and _overlap(first.shape, second.shape):
             LOGGER.info(
                 "%s: '%s' and '%s' stand still and overlap; no row holds them apart.", what, first.name, second.name
@@ -312,6 +285,18 @@ def _log_oddities(what: str, scene: Scene) -> None:
                 max(extents) / min(extents),
                 smaller.name,
             )
+
+
+def _whose_boxes_meet(parts: list[ConvexPart]) -> list[tuple[ConvexPart, ConvexPart]]:
+    """Pairs of parts whose axis-aligned boxes meet: all others are apart."""
+    if not parts:
+        return []
+    low = np.array([part.shape.vertices.min(axis=0) - part.shape.radius for part in parts])
+    high = np.array([part.shape.vertices.max(axis=0) + part.shape.radius for part in parts])
+    unbounded = [not part.shape.is_bounded for part in parts]
+    low[unbounded], high[unbounded] = -np.inf, np.inf
+    meet = (low[:, None] <= high[None]).all(axis=2) & (low[None] <= high[:, None]).all(axis=2)
+    return [(parts[i], parts[j]) for i, j in np.argwhere(np.triu(meet, 1)).tolist()]
 
 
 def _overlap(first: Polytope, second: Polytope) -> bool:

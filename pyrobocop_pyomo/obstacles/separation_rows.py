@@ -6,18 +6,22 @@ from collections.abc import Iterable
 from typing import Any
 
 from pyomo.core.base.set import Set
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.motion.motion import Motion
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
+from .clearances import ClearanceRule, asked_at, length_at
 from .formulations import PosedShape, SeparationIndex
 from .scene import ConvexPart
 
 
 def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[MotionSegment]) -> None:
-    """Make the expressions of the poses at all times of the segments, once for all body pairs.
+    """Make the expressions of the poses, and of clearances that change, at all times of the segments.
+
+    Poses are made once for all body pairs.
 
     Raises
     ------
@@ -25,24 +29,36 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
         When a rule returns no pose, or one of another dimension than its body.
     """
     scene = record.scene
+    done: set[tuple[str, tuple[Any, ...]]] = set()
     for segment in segments:
         for name in {scene.parts[segment.first].body, scene.parts[segment.second].body}:
-            rule = scene.bodies[name].pose
-            if rule is None:
-                record.poses.setdefault((name, None), Pose.identity(record.dimension))
+            body = scene.bodies[name]
+            if not body.moves:
+                if (name, None) not in record.poses:
+                    record.poses[name, None] = Pose.identity(record.dimension)
                 continue
+            if (name, segment.times) in done:
+                continue
+            done.add((name, segment.times))
             for position, time in enumerate(segment.times):
                 if (name, time) not in record.poses:
-                    pose = segment.pose_at(motion, rule, position, name)
+                    pose = segment.pose_at(motion, body, position, name)
                     record.poses[name, time] = _checked_pose(pose, name, time, record.dimension)
+    for segment in segments:
+        pair = _bodies(record, segment)
+        asked = record.asked[pair]
+        if isinstance(asked, ClearanceRule):
+            for position, time in enumerate(segment.times):
+                if (*pair, time) not in record.lengths:
+                    record.lengths[(*pair, time)] = length_at(motion, asked, pair, segment, position)
 
 
-def _checked_pose(pose: Any, name: str, time: Any, dimension: int) -> Pose:
-    if not isinstance(pose, Pose):
-        raise ObstacleError(
-            f"the pose rule of '{name}' returned {pose!r} at {time}; expected a Pose: return planar_pose(x, y, theta) "
-            "in the plane, spatial_pose(...) in space."
-        )
+def _bodies(record: AvoidanceRecord, segment: MotionSegment) -> tuple[str, str]:
+    """Names of the two bodies of a segment."""
+    return record.scene.parts[segment.first].body, record.scene.parts[segment.second].body
+
+
+def _checked_pose(pose: Pose, name: str, time: Any, dimension: int) -> Pose:
     if pose.dimension != dimension:
         raise ObstacleError(
             f"'{name}' has {dimension} dimensions and its pose at {time} has {pose.dimension}. "
@@ -58,42 +74,78 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
     record.segments[index] = segment
     if record.soft:
         block.slack.add(index).set_value(0.0)
+    if record.soft_clearance is not None:
+        _prefer(block, record, segment)
     block.required.add(index, _required_gap(block, record, segment))
     first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
-    record.formulation.add(block, index, _posed(record, first, segment), _posed(record, second, segment))
+    rises = _rises(block, record, segment)
+    rising = second if record.scene.is_static(first.body) else first
+    shapes = [_posed(record, part, segment, rises if part is rising else ()) for part in (first, second)]
+    record.formulation.add(block, index, *shapes)
     if record.norm_now != "ball":
         record.formulation.set_norm(block, index, record.norm_now)
 
 
-def _posed(record: AvoidanceRecord, part: ConvexPart, segment: MotionSegment) -> PosedShape:
+def _posed(
+    record: AvoidanceRecord, part: ConvexPart, segment: MotionSegment, rises: tuple[Any, ...] = ()
+) -> PosedShape:
     if record.scene.is_static(part.body):
         return PosedShape(part.shape, ((segment.times[0], record.poses[part.body, None]),))
-    return PosedShape(part.shape, tuple((time, record.poses[part.body, time]) for time in segment.times))
+    poses = tuple((time, record.poses[part.body, time]) for time in segment.times)
+    return PosedShape(part.shape, poses, rises, segment.local_times)
+
+
+def _rises(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> tuple[Any, ...]:
+    """How much more is asked for at each time of a segment than at its first; empty where it is always the same."""
+    pair = _bodies(record, segment)
+    if record.soft_clearance is not None or not isinstance(record.asked[pair], ClearanceRule):
+        return ()
+    asked = [asked_at(block, pair, time) for time in segment.times]
+    return (0.0, *((later - asked[0]) * block.clearance_scale for later in asked[1:]))
+
+
+def _prefer(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> None:
+    """Let a separation miss the preferred clearance, down to the one that is asked."""
+    index, pair = segment.index, _bodies(record, segment)
+    missed = block.missed.add(index)
+    if missed.value is None:
+        missed.set_value(0.0)
+    rule = isinstance(record.asked[pair], ClearanceRule)
+    for time in segment.times if rule else segment.times[:1]:
+        kept = block.preferred_clearance - missed - asked_at(block, pair, time)
+        block.asked_is_kept.add((*index, time), (0.0, kept, None))
 
 
 def _required_gap(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> Any:
-    """Clearance, radii and margin, less the slack."""
+    """Clearance at the first time, radii and margin, less the slack."""
     first, second = record.scene.parts[segment.first], record.scene.parts[segment.second]
-    asked = block.clearance[first.body, second.body] * block.clearance_scale + block.margin[segment.index]
+    if record.soft_clearance is None:
+        length = asked_at(block, (first.body, second.body), segment.times[0])
+    else:
+        length = block.preferred_clearance - block.missed[segment.index]
+    asked = length * block.clearance_scale + block.margin[segment.index]
     radii = first.shape.radius + second.shape.radius
     total = asked + radii if radii else asked
     return total - block.slack[segment.index] if record.soft else total
 
 
-def remove_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> None:
-    """Remove all members of a separation from the block."""
-    index = segment.index
+def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[MotionSegment]) -> None:
+    """Remove all members of separations from the block."""
+    removed = {segment.index for segment in segments}
+    if not removed:
+        return
     for component in block.component_map().values():
         if component.is_indexed() and component.ctype is not Set:
-            for key in [key for key in component._data if _belongs(key, index)]:
+            for key in [key for key in component._data if _belongs(key, removed)]:
                 del component[key]
-    block.separations.remove(index)
-    del record.segments[index]
+    for index in removed:
+        block.separations.remove(index)
+        del record.segments[index]
 
 
-def _belongs(key: Any, index: SeparationIndex) -> bool:
+def _belongs(key: Any, separations: set[SeparationIndex]) -> bool:
     """Indices of members start with the index of their separation; some have a word before it."""
-    return isinstance(key, tuple) and (key[:3] == index or key[1:4] == index)
+    return isinstance(key, tuple) and (key[:3] in separations or key[1:4] in separations)
 
 
 def soften(block: Any, record: AvoidanceRecord) -> None:
@@ -118,3 +170,33 @@ def update_softness(block: Any, record: AvoidanceRecord) -> None:
     """Update the cost of the slack after separations were added or removed."""
     slacks = sum(block.slack[index] for index in record.segments) if record.soft else 0.0
     block.softness.set_value(block.softness_weight * slacks if record.soft else 0.0)
+
+
+def update_soft_clearance_cost(block: Any, record: AvoidanceRecord) -> None:
+    """Update the cost of a preferred clearance after separations were added or removed."""
+    if record.soft_clearance is None:
+        return
+    points = len(record.points)
+    intervals = block.motion.intervals if record.per_interval else ()
+    whole = intervals[-1][-1] - intervals[0][0] if intervals else 0.0
+    shares = {}
+    for index, segment in record.segments.items():
+        if segment.interval is None:
+            shares[index] = 1.0 / points
+        else:
+            nodes = intervals[segment.interval]
+            shares[index] = (segment.fractions[-1] - segment.fractions[0]) * (nodes[-1] - nodes[0]) / whole
+    average = sum(share * block.missed[index] for index, share in shares.items())
+    block.soft_clearance_cost.set_value(record.soft_clearance.weight * average)
+
+
+def start_missed(block: Any, segment: MotionSegment, proven: float) -> None:
+    """Start with what a separation misses of the preferred clearance, where it proves a gap."""
+    if block.record.soft_clearance is None:
+        return
+    missed = block.missed[segment.index]
+    missed.set_value(0.0)
+    lacking = value(block.required[segment.index]) - proven
+    places = [(*segment.index, time) for time in segment.times]
+    most = min(value(block.asked_is_kept[place].body) for place in places if place in block.asked_is_kept)
+    missed.set_value(min(max(lacking, 0.0), max(most, 0.0)))

@@ -8,6 +8,7 @@ Samples are enough for it, since `verify` proves the result.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,14 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
-from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
+from pyrobocop_pyomo.motion.required_clearance import RequiredClearance, required_clearance
+from pyrobocop_pyomo.motion.safety_report import SafetyReport
 from pyrobocop_pyomo.numerics import Array
 
 from .avoidance_record import MotionSegment
-from .formulations import SeparationIndex
+from .broad_phase import places_of
+from .clearances import ClearanceRule
+from .formulations import SeparationIndex, TurningPlane
 
 logger = logging.getLogger(__name__)
 
@@ -53,20 +57,28 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
         return _restore_at_points(block, report)
     done: dict[str, int] = {}
     paths = _Paths(record, block.motion)
-    deviations = {index: paths.deviation(segment, _normal(block, index)) for index, segment in record.segments.items()}
+    before_now = list(record.segments.values())
+    deviations = paths.deviations(before_now, [_plane(block, segment.index) for segment in before_now])
+    present = places_of(before_now)
     unsafe: dict[SeparationIndex, float] = {}
+    of_equations = _equations_deviations(record, report)
+    to_split: list[SeparationIndex] = []
+    missed = []
     for pair in report.body_pairs:
         for interval in pair.unproven:
-            bodies = (record.scene.parts[name].body for name in (pair.first, pair.second))
-            restored = block.restore(*bodies, interval)
-            if restored:
-                done["separations restored"] = done.get("separations restored", 0) + len(restored)
-                continue
-            missing = pair.clearance - float(np.nan_to_num(pair.interval_distance[interval], nan=pair.clearance))
-            unsafe |= {segment.index: missing for segment in _segments(record, pair, interval)}
-    for index, deviation in deviations.items():
+            missing = float(np.nan_to_num(pair.missing[interval], nan=0.0))
+            place = (pair.first, pair.second, interval)
+            segments = present.get(place, ())
+            unsafe |= {segment.index: missing for segment in segments}
+            if interval not in pair.plan_only:  # planes of shorter segments bring the equations no nearer
+                to_split += [segment.index for segment in segments]
+            missed += [] if place in present else [place]
+    restored = block.restore_near(missed)
+    if restored:
+        done["separations restored"] = len(restored)
+    for index, deviation in zip([segment.index for segment in before_now], deviations.tolist(), strict=True):
         before = value(block.margin[index])
-        wanted = DEVIATION_FACTOR * deviation
+        wanted = DEVIATION_FACTOR * deviation + of_equations.get(index, 0.0)
         if index in unsafe:
             # The deviation alone was not enough last time, or the closest instant has another normal.
             wanted = max(wanted, before + unsafe[index])
@@ -74,7 +86,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
             block.set_margin(*index, wanted)
             done["margins raised"] = done.get("margins raised", 0) + 1
     if split:
-        count = sum(_split(block, index, paths) for index in unsafe)
+        count = sum(_split(block, index, paths) for index in dict.fromkeys(to_split))
         if count:
             done["separations split"] = count
     return _logged(block, [f"{count} {what}" for what, count in done.items()])
@@ -98,9 +110,8 @@ def tighten_containment(region: Any, report: SafetyReport) -> list[str]:
     missing = np.zeros(len(intervals))
     for pair in report.body_pairs if intervals else ():
         # Where no instant is too close, only the proof is missing, by at most the tolerance.
-        distance = np.fmin(np.nan_to_num(pair.interval_distance, nan=np.inf), pair.clearance - pair.tolerance)
-        unproven = pair.interval_proven < pair.clearance - pair.tolerance
-        missing = np.maximum(missing, np.where(unproven, pair.clearance - distance, 0.0))
+        unproven = list(pair.unproven)
+        missing[unproven] = np.fmax(missing[unproven], np.fmax(pair.missing[unproven], pair.tolerance))
     for interval in np.flatnonzero(missing).tolist():
         before = max(value(region.margin[time]) for time in intervals[interval])
         region.set_margin(interval, before + DEVIATION_FACTOR * float(missing[interval]))
@@ -126,13 +137,13 @@ def split_violated(block: Any, tolerance: float = 1e-6) -> int:
 
 def _restore_at_points(block: Any, report: SafetyReport) -> list[str]:
     """Restore separations that were left out: those of single times cannot be tightened for the motion in between."""
-    record, motion = block.record, block.motion
-    parts, count = record.scene.parts, 0
+    motion = block.motion
+    missed = []
     for pair in report.body_pairs:
-        bodies = (parts[pair.first].body, parts[pair.second].body)
         for place in pair.unproven:
             times = motion.intervals[place] if motion.intervals else (motion.points[place],)
-            count += sum(len(block.restore(*bodies, time)) for time in times)
+            missed += [(pair.first, pair.second, time) for time in times]
+    count = len(block.restore_near(missed))
     return _logged(block, [f"{count} separations restored"] if count else [])
 
 
@@ -148,43 +159,108 @@ class _Paths:
         bodies = {name: record.scene.bodies[name] for pair in record.scene.body_pairs for name in pair}
         shapes = moving_shapes(motion, bodies)
         self._shapes = {shape.name: shape for parts in shapes.values() for shape in parts}
+        self._bodies = {name: part.body for name, part in record.scene.parts.items()}
+        # What a clearance asks for counts like the reach of a shape: along its chord it is covered, above it is not.
+        self._rising = {
+            pair: required_clearance(motion, asked, pair)
+            for pair, asked in record.asked.items()
+            if isinstance(asked, ClearanceRule) and record.soft_clearance is None
+        }
 
-    def deviation(self, segment: MotionSegment, normal: Array) -> float:
-        """How much farther the shapes reach along a normal during a segment than at its poses."""
-        length = np.linalg.norm(normal)
-        if not 0.0 < length < np.inf:
-            return 0.0
-        direction = normal / length
-        first, second = (self._shapes[name] for name in (segment.first, segment.second))
-        return self._reach_beyond(first, segment, -direction) + self._reach_beyond(second, segment, direction)
+    def deviations(self, segments: Sequence[MotionSegment], planes: Sequence[tuple[Array, Array]]) -> Array:
+        """How much farther the shapes reach across a plane during each segment than at its poses, shape (k,)."""
+        found = np.zeros(len(segments))
+        if not segments:
+            return found
+        with np.errstate(all="ignore"):
+            lengths = np.array([np.linalg.norm(normals, axis=1).max() for normals, _ in planes])
+            directions = np.array([normals for normals, _ in planes]) / lengths[:, None, None]
+            offsets = np.array([ends for _, ends in planes]) / lengths[:, None]
+        usable = np.isfinite(directions).all(axis=(1, 2)) & np.isfinite(offsets).all(axis=1)
+        for side, sign in (("first", -1.0), ("second", 1.0)):
+            of_shape: dict[str, list[int]] = {}
+            for k in np.flatnonzero(usable).tolist():
+                of_shape.setdefault(getattr(segments[k], side), []).append(k)
+            for name, members in of_shape.items():
+                shape = self._shapes[name]
+                if shape.template is not None:
+                    chosen = [segments[k] for k in members]
+                    rising = [self._rising_with(segment, side) for segment in chosen]
+                    plane = sign * directions[members], sign * offsets[members]
+                    found[members] += _reach_beyond(shape, chosen, *plane, rising)
+        return found
 
-    def _reach_beyond(self, shape: MovingShape, segment: MotionSegment, direction: Array) -> float:
-        """How much farther one shape reaches along a direction than at the poses of the segment."""
-        if shape.template is None:
-            return 0.0
-        dense = np.linspace(segment.fractions[0], segment.fractions[-1], SAMPLES_PER_SEGMENT)
-        farthest = []
-        for fractions in (dense, np.array(segment.fractions)):
-            corners, _ = shape.corners(np.full(len(fractions), segment.interval), fractions)
-            farthest.append(float((corners @ direction).max()))
-        return max(farthest[0] - farthest[1], 0.0)
+    def _rising_with(self, segment: MotionSegment, side: str) -> RequiredClearance | None:
+        """The changing clearance that grows one of the two shapes: the first, unless that one rests."""
+        grown = "first" if self._shapes[segment.first].template is not None else "second"
+        pair = self._bodies[segment.first], self._bodies[segment.second]
+        return self._rising.get(pair) if side == grown else None
 
 
-def _segments(record: Any, pair: BodyPairSafety, interval: int) -> list[MotionSegment]:
-    segments: list[MotionSegment] = record.segments_of(pair.first, pair.second)
-    return [segment for segment in segments if segment.interval == interval]
+def _equations_deviations(record: Any, report: SafetyReport) -> dict[SeparationIndex, float]:
+    """How far the equations lead the shapes of each separation away from the plan; left out where nobody knows."""
+    pairs = {(pair.first, pair.second): pair for pair in report.body_pairs}
+    found: dict[SeparationIndex, float] = {}
+    for segment in record.segments.values():
+        pair = pairs.get((segment.first, segment.second))
+        if pair is not None and segment.interval is not None:
+            deviation = float(pair.interval_deviation[segment.interval])
+            if 0.0 < deviation < np.inf:
+                found[segment.index] = deviation
+    return found
+
+
+def _reach_beyond(
+    shape: MovingShape,
+    segments: Sequence[MotionSegment],
+    directions: Array,
+    offsets: Array,
+    rising: Sequence[RequiredClearance | None],
+) -> Array:
+    """How much farther one shape, grown by what is required, reaches across planes than at the poses, shape (k,).
+
+    Directions (k, 2, d) and offsets (k, 2) are those at the start and the end of each segment, linear in between.
+    """
+    starts = np.array([segment.fractions[0] for segment in segments])
+    widths = np.array([segment.fractions[-1] - segment.fractions[0] for segment in segments])
+    dense = [np.linspace(segment.fractions[0], segment.fractions[-1], SAMPLES_PER_SEGMENT) for segment in segments]
+    posed = [np.array(segment.fractions) for segment in segments]
+    intervals = np.array([segment.interval for segment in segments])
+    farthest = []
+    for instants in (dense, posed):
+        counts = np.array([len(fractions) for fractions in instants])
+        owner, fractions = np.repeat(np.arange(len(segments)), counts), np.concatenate(instants)
+        corners, _ = shape.corners(intervals[owner], fractions)
+        later = (fractions - starts[owner]) / widths[owner]
+        direction = (1.0 - later)[:, None] * directions[owner, 0] + later[:, None] * directions[owner, 1]
+        offset = (1.0 - later) * offsets[owner, 0] + later * offsets[owner, 1]
+        reach = np.einsum("mir,mr->mi", corners, direction).max(axis=1) - offset
+        for k, asked in enumerate(rising):
+            if asked is not None:
+                mine = owner == k
+                reach[mine] += asked.values(intervals[owner[mine]], fractions[mine])
+        farthest.append(np.maximum.reduceat(reach, np.cumsum(counts) - counts))
+    return np.asarray(np.maximum(farthest[0] - farthest[1], 0.0), dtype=np.float64)
 
 
 def _split(block: Any, index: SeparationIndex, paths: _Paths) -> bool:
     segment = block.record.segments[index]
     if segment.fractions[-1] - segment.fractions[0] <= SMALLEST_PART:
         return False
+    (whole,) = paths.deviations([segment], [_plane(block, index)])
+    # What was asked beyond the chord deviation: the motion of the equations may need it in both halves.
+    beyond = max(value(block.margin[index]) - DEVIATION_FACTOR * float(whole), 0.0)
     for half in block.split(*index):
         # The chord deviation of a half is smaller than that of the whole segment.
-        deviation = paths.deviation(block.record.segments[half], _normal(block, half))
-        block.set_margin(*half, DEVIATION_FACTOR * deviation)
+        (deviation,) = paths.deviations([block.record.segments[half]], [_plane(block, half)])
+        block.set_margin(*half, DEVIATION_FACTOR * float(deviation) + beyond)
     return True
 
 
-def _normal(block: Any, index: SeparationIndex) -> Array:
-    return np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)
+def _plane(block: Any, index: SeparationIndex) -> tuple[Array, Array]:
+    """Normals (2, d) and offsets (2,) of a plane at the start and the end of its segment."""
+    formulation = block.record.formulation
+    if isinstance(formulation, TurningPlane):
+        return formulation.ends(block, index)
+    normal = np.array([value(block.normal[(*index, axis)]) for axis in block.axes], dtype=float)
+    return np.array([normal, normal]), np.zeros(2)

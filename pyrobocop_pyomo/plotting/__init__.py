@@ -1,5 +1,6 @@
 """Pictures from plain arrays: the only reader of Matplotlib."""
 
+from .clearances import ClearanceCurve, plot_clearances
 from .mechanisms import draw_linkage, draw_planar_pushing
 from .scenes import BodyPath, animate_scene, draw_scene
 from .signals import mark_phases, plot_signals
@@ -7,11 +8,13 @@ from .solve_results import plot_history, plot_pair_sides, plot_products
 
 __all__ = [
     "BodyPath",
+    "ClearanceCurve",
     "animate_scene",
     "draw_linkage",
     "draw_planar_pushing",
     "draw_scene",
     "mark_phases",
+    "plot_clearances",
     "plot_history",
     "plot_pair_sides",
     "plot_products",

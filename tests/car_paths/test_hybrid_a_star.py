@@ -9,6 +9,12 @@ import numpy as np
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.car_paths.best_first_search import BestFirstSearch
+from pyrobocop_pyomo.car_paths.car_kinematics import follow_arcs
+from pyrobocop_pyomo.car_paths.cost_to_go import CostToGo
+from pyrobocop_pyomo.car_paths.free_space import FreeSpace
+from pyrobocop_pyomo.car_paths.motion_primitives import CarSearch, MotionPrimitives
+from pyrobocop_pyomo.car_paths.shortcuts import with_shortcuts
 from pyrobocop_pyomo.errors import InitialGuessError
 
 from .car_scenes import CAR, PARALLEL, REVERSE, START, STEERING, WHEELBASE, is_free, least_distance, park, without_end
@@ -58,7 +64,8 @@ def test_a_car_is_parked(scene: Any, clearance: float) -> None:
     assert y.min() >= 1
     assert y.max() <= 10
     # No path is shorter than the straight line, and a good one has no detour of the size of the scene.
-    assert math.dist(START[:2], scene["goal"][:2]) < path.length < 25
+    assert math.dist(START[:2], scene["goal"][:2]) < path.length < 17
+    assert path.cusps <= (1 if scene is REVERSE else 3 if clearance == 0.05 else 5)
 
 
 @pytest.mark.parametrize("scene", [REVERSE, PARALLEL], ids=["reverse", "parallel"])
@@ -130,6 +137,22 @@ def test_without_obstacles_the_shortest_path_is_found() -> None:
     assert ahead.length == pytest.approx(8.0, abs=1e-9)
     assert ahead.cusps == 0
     assert np.abs(ahead.steering).max() == 0.0
+
+
+@pytest.mark.parametrize("walls", [{}, REVERSE["obstacles"]], ids=["open", "slot"])
+def test_shortcuts_take_out_what_goes_back_and_forth(walls: Any) -> None:
+    """A path out of the slot that shunts three times for nothing."""
+    primitives = MotionPrimitives.of(WHEELBASE, STEERING, CarSearch())
+    limits = ((-15.0, 15.0), (1.0, 10.0))
+    space = FreeSpace.around(CAR, list(walls.values()), 0.05, 30.0)
+    cost_to_go = CostToGo.to(np.array(START), limits, CAR, list(walls.values()), 0.05, primitives, 30.0)
+    search = BestFirstSearch(np.array([0.0, 1.3, math.pi / 2]), limits, primitives, 1.5, space, cost_to_go)
+    lengths = np.repeat([2.0, -1.0, 2.0, -1.0, 2.0], 20) / 20
+    bent, bends = with_shortcuts(search, lengths, np.zeros(100))
+    assert bent.sum() == pytest.approx(4.0, abs=1e-6)
+    assert np.abs(bent).sum() == pytest.approx(4.0, abs=1e-6)
+    ends = [follow_arcs(search.root, *arcs)[-1] for arcs in ((lengths, np.zeros(100)), (bent, bends))]
+    np.testing.assert_allclose(*ends, atol=1e-6)
 
 
 def test_padded_flat_and_pointlike_shapes_are_kept_clear_of() -> None:

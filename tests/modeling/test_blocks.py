@@ -72,7 +72,7 @@ def test_signatures_show_the_keywords_of_each_kind() -> None:
 
 def test_build_has_the_keywords_of_its_block() -> None:
     keywords = list(inspect.signature(rcp.Containment.build).parameters)
-    assert keywords == ["self", "points", "body", "pose", "region", "clearance"]
+    assert keywords == ["self", "points", "body", "pose", "region", "clearance", "between_points"]
 
 
 def test_help_shows_what_a_phase_offers() -> None:

@@ -79,7 +79,7 @@ def test_refused_by_name_and_nothing_left(case):
 
 def test_a_pose_that_fails_leaves_nothing():
     m = turning_move(elements=2)
-    with pytest.raises(AttributeError):
+    with pytest.raises(rcp.errors.ObstacleError, match="nothing"):
         avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=lambda b, t: rcp.planar_pose(b.nothing[t], 0))})
     assert m.move.component("avoid") is None
 

@@ -6,9 +6,10 @@ from .offset import Offset
 from .optimality import Optimality
 from .plane import Plane
 from .protocol import Formulation, PlacedShape, PosedShape, SeparationIndex
+from .turning_plane import TurningPlane
 
 FORMULATIONS: dict[str, Formulation] = {
-    formulation.name: formulation for formulation in (Plane(), Dual(), Mixed(), Offset(), Optimality())
+    formulation.name: formulation for formulation in (Plane(), Dual(), Mixed(), Offset(), Optimality(), TurningPlane())
 }
 
 __all__ = [
@@ -22,4 +23,5 @@ __all__ = [
     "Plane",
     "PosedShape",
     "SeparationIndex",
+    "TurningPlane",
 ]

@@ -72,9 +72,11 @@ class Plane:
             ("first", block.first_shape, first, offset + required, True),
             ("second", block.second_shape, second, offset, False),
         ):
-            for time, pose in posed.poses:
+            rises = posed.rises or (0.0,) * len(posed.poses)
+            for (time, pose), rise in zip(posed.poses, rises, strict=True):
                 place = (*index, time)
-                level = block.level.add((name, *place), dot(normal, pose.translation) - extra)
+                moved = extra + rise if upward else extra - rise
+                level = block.level.add((name, *place), dot(normal, pose.translation) - moved)
                 if has_constant_rotation(pose):
                     corners = posed.shape.vertices @ rotation_of(pose).T
                     rays = posed.shape.rays @ rotation_of(pose).T

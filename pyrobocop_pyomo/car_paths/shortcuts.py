@@ -1,0 +1,240 @@
+"""Shortcuts: a path with fewer cusps and less length, from pieces of a path that was found and Reeds-Shepp paths.
+
+A search in cells of poses leaves cusps behind that nothing asks for. Poses along its path, and some beyond its cusps
+where the car goes on a little, are taken as the nodes of a graph without cycles; its edges are Reeds-Shepp paths
+from earlier to later nodes. Edges that might be part of a cheaper way are checked for collisions, the most promising
+first, until none is left or the budget is spent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
+
+from .best_first_search import BestFirstSearch, first_nonzero
+from .car_kinematics import follow_arcs
+from .motion_primitives import count_cusps
+
+NODES = 36
+# Turning radii by which a car goes on beyond a cusp.
+BEYOND = (0.15, 0.35, 0.6)
+# A cusp that the search accepted is worth this many of its costs here: it would need a stop.
+CUSP_FACTOR = 2.0
+# Reeds-Shepp paths per pair of nodes.
+KEPT_PER_PAIR = 2
+CHECKED_AT_ONCE = 200
+MOST_BATCHES = 6
+ROUNDS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Ways from node to node, sorted by the node where they end.
+
+    Attributes
+    ----------
+    start, end : (e,) int arrays
+    cost : (e,) array
+        Length and cusps within.
+    first, last : (e,) arrays
+        Directions in which an edge begins and ends.
+    segments : (e, 5) arrays, two
+        Signed lengths and turns of a Reeds-Shepp path.
+    own : (e,) int array
+        Number of the piece of the path itself that an edge is, or -1.
+    order : (e,) int array
+        Numbers of the edges in another list that these were taken from.
+    """
+
+    start: Indices
+    end: Indices
+    cost: Array
+    first: Array
+    last: Array
+    lengths: Array
+    turns: Array
+    own: Indices
+    order: Indices
+
+
+def _reversed(edges: _Edges, count: int) -> _Edges:
+    """The same ways from the last node to the first."""
+    order = np.argsort(count - 1 - edges.start, kind="stable")
+    start, end = (count - 1 - edges.end)[order], (count - 1 - edges.start)[order]
+    segments = edges.lengths[order], edges.turns[order]
+    return _Edges(
+        start, end, edges.cost[order], edges.last[order], edges.first[order], *segments, edges.own[order], order
+    )
+
+
+def with_shortcuts(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tuple[Array, Array]:
+    """Signed lengths and curvatures of arcs of a path that is no worse than the one given, from the root of a search.
+
+    Parameters
+    ----------
+    search : BestFirstSearch
+        With the free space, the limits and the costs.
+    lengths, curvatures : (s,) arrays
+        Of the arcs of the path.
+    """
+    for _ in range(ROUNDS):
+        better = _shortened(search, lengths, curvatures)
+        if better is None:
+            break
+        lengths, curvatures = better
+    return lengths, curvatures
+
+
+def _shortened(search: BestFirstSearch, lengths: Array, curvatures: Array) -> tuple[Array, Array] | None:
+    moves = np.abs(lengths) > 0.0
+    lengths, curvatures = lengths[moves], curvatures[moves]
+    poses = follow_arcs(search.root, lengths, curvatures)
+    places, kept = _nodes(search, poses, lengths, curvatures)
+    edges = _edges(search, places, kept, lengths)
+    cusp = CUSP_FACTOR * search.primitives.cusp_cost
+    backward = _reversed(edges, len(places))
+    clear = edges.own >= 0
+    banned = np.zeros(len(clear), dtype=bool)
+    least = 1e-6 * search.primitives.turning_radius
+    before, own_way = _cheapest_way(edges, clear, len(places), cusp)[:2]
+    best, way = before, own_way
+    for _ in range(MOST_BATCHES):
+        _, _, reached = _cheapest_way(edges, ~banned, len(places), cusp)
+        _, _, to_go = _cheapest_way(backward, ~banned[backward.order], len(places), cusp)
+        bound = reached[edges.start] + edges.cost + to_go[len(places) - 1 - edges.end]
+        unknown = np.flatnonzero(~clear & ~banned & (bound < best - least))
+        if not len(unknown):
+            break
+        chosen = unknown[np.argsort(bound[unknown], kind="stable")[:CHECKED_AT_ONCE]]
+        good = _are_clear(search, places, edges, chosen)
+        clear[chosen[good]], banned[chosen[~good]] = True, True
+        if good.any():
+            best, way, _ = _cheapest_way(edges, clear, len(places), cusp)
+    return _arcs_of(search, edges, way, kept, lengths, curvatures) if best < before - least else None
+
+
+def _nodes(
+    search: BestFirstSearch, poses: Array, lengths: Array, curvatures: Array
+) -> tuple[Array, list[tuple[int, int]]]:
+    """Poses in the order of the path, ``(n, 3)``, and for each its number on the path, or that of its cusp and -1."""
+    driven = np.concatenate([[0.0], np.cumsum(np.abs(lengths))])
+    even = np.searchsorted(driven, np.linspace(0.0, driven[-1], NODES))
+    cusps = np.flatnonzero(np.diff(np.sign(lengths))) + 1
+    chosen = np.unique(np.clip([*even, *cusps, 0, len(lengths)], 0, len(lengths)))
+    places, kept = [], []
+    radius = search.primitives.turning_radius
+    for k in chosen.tolist():
+        places.append(poses[k])
+        kept.append((k, k))
+        if k in cusps:
+            sign = np.sign(lengths[k - 1])
+            for bend in dict.fromkeys((float(curvatures[k - 1]), 0.0, 1.0 / radius, -1.0 / radius)):
+                arcs = sign * radius * np.diff([0.0, *BEYOND])
+                beyond = follow_arcs(poses[k], arcs, np.full(len(arcs), bend))[1:]
+                inside = search.within(beyond[None])[0] if len(beyond) else False
+                free = search.space.are_free(beyond) if inside else np.zeros(len(beyond), bool)
+                for pose in beyond[np.cumprod(free).astype(bool)]:
+                    places.append(pose)
+                    kept.append((k, -1))
+    return np.array(places), kept
+
+
+def _edges(search: BestFirstSearch, places: Array, kept: list[tuple[int, int]], lengths: Array) -> _Edges:
+    """All pieces of the path from node to node, and the cheapest Reeds-Shepp paths that are cheaper than these."""
+    primitives, cusp = search.primitives, CUSP_FACTOR * search.primitives.cusp_cost
+    count = len(places)
+    driven = np.concatenate([[0.0], np.cumsum(np.abs(lengths))])
+    turned = np.concatenate([[0.0, 0.0], np.cumsum(np.diff(np.sign(lengths)) != 0.0)])
+    number = np.array([k for k, _ in kept])
+    on_path = np.array([own >= 0 for _, own in kept])
+    start, end = np.triu_indices(count, 1)
+    found, words, turns = primitives.reeds_shepp_paths(places[start], places[end])
+    costs = np.abs(words).sum(axis=2) + cusp * count_cusps(words)
+    costs[~np.isfinite(found) | (np.abs(words).sum(axis=2) <= 0.0)] = np.inf
+    best = np.argsort(costs, axis=0, kind="stable")[:KEPT_PER_PAIR]
+    pair = np.broadcast_to(np.arange(len(start)), best.shape)
+    here = driven[number[end]] - driven[number[start]] + cusp * (turned[number[end]] - turned[number[start]])
+    useful = costs[best, pair] < here[pair] + 2.0 * cusp + primitives.turning_radius
+    word, pair = best[useful], pair[useful]
+    segments = words[word, pair]
+    own_nodes = np.flatnonzero(on_path)
+    pieces = list(zip(own_nodes[:-1].tolist(), own_nodes[1:].tolist(), strict=True))
+    own = [(a, b, kept[a][0]) for a, b in pieces]
+    of_path = np.array([(a, b, k) for a, b, k in own], dtype=np.int64).reshape(-1, 3)
+    signs = np.sign(lengths[of_path[:, 2]])
+    spans = driven[number[of_path[:, 1]]] - driven[number[of_path[:, 0]]]
+    reverse = segments[:, ::-1]
+    start_all = np.concatenate([of_path[:, 0], start[pair]])
+    end_all = np.concatenate([of_path[:, 1], end[pair]])
+    order = np.argsort(end_all, kind="stable")
+    return _Edges(
+        start_all[order],
+        end_all[order],
+        np.concatenate([spans, costs[word, pair]])[order],
+        np.concatenate([signs, np.sign(first_nonzero(segments))])[order],
+        np.concatenate([signs, np.sign(first_nonzero(reverse))])[order],
+        np.concatenate([np.zeros((len(signs), segments.shape[1])), segments])[order],
+        np.concatenate([np.zeros((len(signs), segments.shape[1])), turns[word]])[order],
+        np.concatenate([np.arange(len(signs)), np.full(len(word), -1)])[order],
+        order,
+    )
+
+
+def _cheapest_way(edges: _Edges, allowed: BoolArray, count: int, cusp: float) -> tuple[float, list[int], Array]:
+    """Cost and edges from the first node to the last, and the costs of all nodes."""
+    # By node and the direction in which the car gets there, backwards first.
+    cost = np.full((count, 2), np.inf)
+    cost[0] = 0.0
+    arrived = np.full((count, 2), -1)
+    came = np.zeros((count, 2), dtype=int)
+    forwards = (edges.first > 0).astype(int)
+    leaves = (edges.last > 0).astype(int)
+    begins = np.searchsorted(edges.end, np.arange(count + 1))
+    for node in range(1, count):
+        span = np.arange(begins[node], begins[node + 1])
+        span = span[allowed[span]]
+        if not len(span):
+            continue
+        along, against = cost[edges.start[span], forwards[span]], cost[edges.start[span], 1 - forwards[span]] + cusp
+        total = np.minimum(along, against) + edges.cost[span]
+        for way in (0, 1):
+            mine = np.flatnonzero(leaves[span] == way)
+            if len(mine):
+                best = mine[total[mine].argmin()]
+                cost[node, way], arrived[node, way] = total[best], span[best]
+                straight = along[best] <= against[best]
+                came[node, way] = forwards[span[best]] if straight else 1 - forwards[span[best]]
+    way = int(cost[-1].argmin())
+    found, node, total_cost = [], count - 1, float(cost[-1, way])
+    while node > 0:
+        edge = int(arrived[node, way])
+        if edge < 0:
+            return float("inf"), [], cost.min(axis=1)
+        found.append(edge)
+        node, way = int(edges.start[edge]), int(came[node, way])
+    return total_cost, found[::-1], cost.min(axis=1)
+
+
+def _are_clear(search: BestFirstSearch, places: Array, edges: _Edges, chosen: Indices) -> BoolArray:
+    arcs = [search.primitives.short_arcs(edges.lengths[edge], edges.turns[edge]) for edge in chosen.tolist()]
+    return search.are_clear(places[edges.start[chosen]], arcs)[0]
+
+
+def _arcs_of(
+    search: BestFirstSearch, edges: _Edges, way: list[int], kept: list[tuple[int, int]], lengths: Array,
+    curvatures: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    found_lengths, found_curvatures = [], []
+    for edge in way:
+        if edges.own[edge] >= 0:
+            piece = slice(kept[edges.start[edge]][0], kept[edges.end[edge]][0])
+            found_lengths.append(lengths[piece])
+            found_curvatures.append(curvatures[piece])
+        else:
+            arcs, bends = search.primitives.short_arcs(edges.lengths[edge], edges.turns[edge])
+            found_lengths.append(arcs)
+            found_curvatures.append(bends)
+    return np.concatenate(found_lengths), np.concatenate(found_curvatures)

@@ -1,0 +1,144 @@
+"""Typical slips in rules: what an error from inside a rule means, and what to write instead."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from pyomo.common.errors import PyomoException
+from pyomo.core.base.block import Block
+
+from pyrobocop_pyomo.errors import PyRobocopError
+
+from .expression_nodes import NUMPY_NAMES
+
+_OF_NUMPY = {numpy_name: name for name, numpy_name in NUMPY_NAMES.items()}
+_UFUNC = re.compile(r"has no callable (\w+) method")
+_NO_ATTRIBUTE = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
+_FAMILY = re.compile(r"Indexed\w+|ComponentProxy|NotImplementedType")
+
+
+@contextmanager
+def slips_explained(
+    rule: Any, what: str, block: Any, arguments: Sequence[str], error: type[PyRobocopError]
+) -> Iterator[None]:
+    """Explain what a rule raises, where it is a slip that is known; anything else stays as it is.
+
+    Parameters
+    ----------
+    rule : callable
+    what : str
+        The rule in messages: ``"the pose of 'car'"``.
+    block : Block
+        First argument of the rule.
+    arguments : sequence of str
+        Names of the arguments that the rule is called with.
+    error : type of exception
+        What is raised instead.
+    """
+    try:
+        yield
+    except PyRobocopError:
+        raise
+    except (TypeError, AttributeError, PyomoException) as found:
+        slip = slip_of(rule, found, block, arguments)
+        if slip is None:
+            raise
+        raise error(f"{what}: {slip}") from found
+
+
+def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -> str | None:
+    """What was most likely meant, and how it is written; None for an error that is no known slip."""
+    text = str(error)
+    if isinstance(error, PyomoException):
+        return _of_condition(text)
+    if isinstance(error, AttributeError):
+        named = _NO_ATTRIBUTE.search(text)
+        of_block = named is not None and named.group(1) == type(block).__name__
+        return _of_missing(named.group(2), block, arguments) if named and of_block else None
+    if not _takes(rule, len(arguments)):
+        given = ", ".join(arguments)
+        return (
+            f"its rule cannot be called with {len(arguments)} arguments, rule({given}). Write 'lambda b, "
+            f"{', '.join(arguments[1:])}: ...', where b is {_named(block)}."
+        )
+    if "Implicit conversion of Pyomo" in text or "must be real number" in text:
+        return (
+            f"its rule gives a variable, or {arguments[1]}, to a function that needs a number, such as math.cos or "
+            "float(). Use Pyomo's functions: pyo.cos, pyo.sin, pyo.sqrt."
+        )
+    if (found := _UFUNC.search(text)) is not None:
+        name = found.group(1)
+        instead = f"pyo.{_OF_NUMPY[name]}(...)" if name in _OF_NUMPY else "Pyomo's functions"
+        return f"its rule gives a variable to np.{name}, which takes numbers. Use {instead}."
+    if type(block).__name__ in text or "BlockProxy" in text:
+        return block_as_number(block, arguments)
+    if "unhashable type: 'VarData'" in text:
+        return "its rule gives a variable at one time as a key. Keys are whole states: {b.x: ...}, not {b.x[t]: ...}."
+    if "NoneType" in text:
+        return "its rule computes with None. Is a return statement missing, or a variable without value read by .value?"
+    if _FAMILY.search(text) is not None:
+        return forgotten_index(arguments[1])
+    return None
+
+
+def block_as_number(block: Any, arguments: Sequence[str]) -> str:
+    """The remedy for a first argument that is taken for a coordinate."""
+    return (
+        f"its rule uses its first argument, {_named(block)}, as a number. The rule is called as "
+        f"rule({', '.join(arguments)}) and reads variables as b.x[{arguments[1]}]."
+    )
+
+
+def forgotten_index(index: str = "t", component: str = "b.x") -> str:
+    """The remedy for a variable that is read without its index."""
+    return (
+        f"its rule uses '{component}', a variable at all times, as one number. Is an index missing? Write "
+        f"{component}[{index}]."
+    )
+
+
+def _of_condition(text: str) -> str | None:
+    if "Cannot convert non-constant Pyomo expression" not in text:
+        return None
+    return (
+        "its rule asks whether a relation of variables, or of t, is true, by 'if', 'and', min, max, or a chain such as "
+        "0 <= b.x[t] <= 1. A rule states formulas: write (0, b.x[t], 1) for two bounds, and pyo.Expr_if or "
+        "complementarity for a choice."
+    )
+
+
+def _of_missing(name: str, block: Any, arguments: Sequence[str]) -> str | None:
+    if block is None or hasattr(block, name) or not hasattr(block, "component_map"):
+        return None
+    message = f"its rule reads '{name}', which {_named(block)} does not have: that is the first argument of the rule"
+    others = [
+        other
+        for other in block.model().block_data_objects(active=None, descend_into=Block)
+        if other is not block and other.component(name) is not None
+    ]
+    if others:
+        path = others[0].name
+        own = f"b.{path}" if block is block.model() else f"b.model().{path}"
+        return f"{message}. '{path}' has it: state this on '{path}' instead, or write {own}.{name}[{arguments[1]}]."
+    near = difflib.get_close_matches(name, list(block.component_map()), n=1)
+    return f"{message}. {f'Did you mean {near[0]!r}?' if near else 'Declare it before the rule is stated.'}"
+
+
+def _named(block: Any) -> str:
+    kind = "phase" if hasattr(block, "time_at") else "model" if block is block.model() else "block"
+    return f"the {kind} '{block.name}'"
+
+
+def _takes(rule: Callable[..., Any], count: int) -> bool:
+    try:
+        inspect.signature(rule).bind(*range(count))
+    except TypeError:
+        return False
+    except ValueError:  # a callable of C, which has no signature
+        return True
+    return True

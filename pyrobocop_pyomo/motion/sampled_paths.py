@@ -1,0 +1,235 @@
+"""Poses at times, read from arrays: a `SampledPath` says what the motion between them is."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Pose, check_pose, spatial_pose
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
+
+logger = logging.getLogger(__name__)
+
+TURNS = ("shorter", "as given")
+QUATERNION_ORDERS = ("wxyz", "xyzw")
+# Quaternions of files and messages are rounded; what is farther from length one is most likely no quaternion.
+_LENGTH_ERROR = 1e-3
+_ROTATION_ERROR = 1e-6
+# A turn this close to half a turn has no shorter way.
+_HALF_TURN = 1e-6
+_SHAPES = {
+    2: "(N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous matrices; or a list of Pose",
+    3: "(N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a quaternion; (N, 4, 4) for "
+    "homogeneous matrices; or a list of Pose",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPath:
+    """Poses at times. In between the reference point moves on straight lines, and the body turns at constant rates.
+
+    Attributes
+    ----------
+    times : array, shape (N,)
+        Increasing.
+    positions : array, shape (N, d)
+    angles : array, shape (N,), or None
+        In the plane: heading in radians, linear between the times.
+    rotations : array, shape (N, 3, 3), or None
+        In space: each turns into the next about an axis that does not change, the shorter way.
+    """
+
+    times: Array
+    positions: Array
+    angles: Array | None
+    rotations: Array | None
+
+    def turns(self) -> Array:
+        """In space: the turn from each rotation to the next, axis times angle in the body's frame, shape (N - 1, 3)."""
+        assert self.rotations is not None
+        between = self.rotations[:-1].transpose(0, 2, 1) @ self.rotations[1:]
+        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec(), dtype=np.float64)
+
+    def at(self, times: Array) -> SampledPath:
+        """The same motion with poses at other times, which have its own among them."""
+        positions = np.column_stack([np.interp(times, self.times, column) for column in self.positions.T])
+        if self.rotations is None:
+            assert self.angles is not None
+            return SampledPath(times, positions, np.interp(times, self.times, self.angles), None)
+        interval = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        fraction = (times - self.times[interval]) / (self.times[interval + 1] - self.times[interval])
+        turned = scipy.spatial.transform.Rotation.from_rotvec(fraction[:, None] * self.turns()[interval]).as_matrix()
+        return SampledPath(times, positions, None, self.rotations[interval] @ turned)
+
+
+def read_times(given: Any, what: str) -> Array:
+    """Increasing finite numbers, two or more.
+
+    Raises
+    ------
+    ObstacleError
+        Saying which of them does not fit.
+    """
+    try:
+        times = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ObstacleError(f"{what}: expected numbers, such as seconds: {error}.") from None
+    if times.ndim != 1 or len(times) < 2:
+        raise ObstacleError(
+            f"{what}: an array of shape {times.shape}; expected two times or more, shape (N,). Where only the order of "
+            "the poses is known, give range(N)."
+        )
+    if not np.isfinite(times).all():
+        raise ObstacleError(f"{what}: the time of row {int(np.argmin(np.isfinite(times)))} is not finite.")
+    wrong = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(wrong):
+        k = int(wrong[0])
+        raise ObstacleError(
+            f"{what}: times must increase, but row {k + 1} ({times[k + 1]:g}) follows row {k} ({times[k]:g}). Sort the "
+            "rows, and leave out those that are repeated."
+        )
+    return times
+
+
+def read_path(
+    given: Any, times: Array, dimension: int, name: str, *, quaternion_order: str | None = None, turns: str = "shorter"
+) -> SampledPath:
+    """The poses of one body at given times.
+
+    Parameters
+    ----------
+    given : array_like or list of Pose
+        One pose per time, in one of the forms that `verify_motion` describes.
+    times : array, shape (N,)
+    dimension : int
+        Of the body.
+    name : str
+        Of the body, for messages.
+    quaternion_order : str, optional
+        ``"wxyz"`` or ``"xyzw"``.
+    turns : str
+        ``"shorter"`` or ``"as given"``, see `verify_motion`.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body and the row.
+    """
+    what = f"the poses of '{name}'"
+    poses = _as_array(given, dimension, name, what)
+    if len(poses) != len(times):
+        raise ObstacleError(f"{what}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
+    finite = np.isfinite(poses.reshape(len(poses), -1)).all(axis=1)
+    if not finite.all():
+        raise ObstacleError(f"{what}: row {int(np.argmin(finite))} has an entry that is not finite.")
+    if dimension == 2:
+        return _planar(poses, times, what, turns)
+    positions, rotations = _spatial(poses, what, quaternion_order)
+    path = SampledPath(times, positions, None, rotations)
+    angles = np.linalg.norm(path.turns(), axis=1)
+    _refuse_half_turns(angles, what)
+    return path
+
+
+def _as_array(given: Any, dimension: int, name: str, what: str) -> Array:
+    if isinstance(given, Sequence) and len(given) and all(isinstance(pose, Pose) for pose in given):
+        return _matrices(given, dimension, name)
+    try:
+        poses = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ObstacleError(f"{what}: no array of numbers ({error}); expected {_SHAPES[dimension]}.") from None
+    allowed = {2: [(2,), (3,), (3, 3)], 3: [(3,), (6,), (7,), (4, 4)]}[dimension]
+    if poses.ndim < 2 or poses.shape[1:] not in allowed:
+        raise ObstacleError(f"{what}: an array of shape {poses.shape}; expected {_SHAPES[dimension]}.")
+    return poses
+
+
+def _matrices(poses: Sequence[Pose], dimension: int, name: str) -> Array:
+    stacked = np.zeros((len(poses), dimension + 1, dimension + 1))
+    for k, pose in enumerate(poses):
+        if pose.dimension != dimension:
+            raise ObstacleError(f"the poses of '{name}': row {k} is a pose in {pose.dimension} dimensions.")
+        check_pose(pose, f"{name}, row {k}")
+        stacked[k, :-1, :-1], stacked[k, :-1, -1] = pose.numbers()
+        stacked[k, -1, -1] = 1.0
+    return stacked
+
+
+def _planar(poses: Array, times: Array, what: str, turns: str) -> SampledPath:
+    if poses.ndim == 3:
+        rotations = _checked_rotations(poses, what)
+        positions, angles = poses[:, :2, 2], np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
+        turns = "shorter"  # matrices know no whole turns
+    else:
+        positions = poses[:, :2]
+        angles = poses[:, 2] if poses.shape[1] == 3 else np.zeros(len(poses))
+    if turns == "shorter":
+        steps = np.diff(angles)
+        shorter = np.remainder(steps + np.pi, 2.0 * np.pi) - np.pi
+        _refuse_half_turns(np.abs(shorter), what)
+        changed = int((np.abs(shorter - steps) > 1e-9).sum())
+        if changed:
+            logger.info(
+                "%s: %d steps of the heading are longer than half a turn; the body is taken to turn the shorter way. "
+                "Say turns='as given' where it does not.",
+                what,
+                changed,
+            )
+            angles = angles[0] + np.concatenate([[0.0], np.cumsum(shorter)])
+    return SampledPath(times, positions, angles, None)
+
+
+def _refuse_half_turns(angles: Array, what: str) -> None:
+    half = np.flatnonzero(angles >= np.pi - _HALF_TURN)
+    if len(half):
+        raise ObstacleError(
+            f"{what}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are equally "
+            "short. Give poses in between."
+        )
+
+
+def _spatial(poses: Array, what: str, quaternion_order: str | None) -> tuple[Array, Array]:
+    if poses.ndim == 3:
+        return poses[:, :3, 3], _checked_rotations(poses, what)
+    positions = poses[:, :3]
+    if poses.shape[1] == 3:
+        return positions, np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+    if poses.shape[1] == 6:
+        return positions, np.array([spatial_pose(row[:3], euler=row[3:].tolist()).numbers()[0] for row in poses])
+    if quaternion_order not in QUATERNION_ORDERS:
+        raise ObstacleError(
+            f"{what}: quaternion_order={quaternion_order!r}; say quaternion_order='wxyz' where the columns are "
+            "x, y, z, qw, qx, qy, qz, as in spatial_pose, or 'xyzw' where they are x, y, z, qx, qy, qz, qw, as in "
+            "ROS and SciPy."
+        )
+    quaternions = poses[:, 3:] if quaternion_order == "xyzw" else np.roll(poses[:, 3:], -1, axis=1)
+    lengths = np.linalg.norm(quaternions, axis=1)
+    worst = int(np.argmax(np.abs(lengths - 1.0)))
+    if abs(lengths[worst] - 1.0) > _LENGTH_ERROR:
+        raise ObstacleError(
+            f"{what}: the quaternion of row {worst} has length {lengths[worst]:.6g}; expected 1. Check which columns "
+            "are the quaternion."
+        )
+    return positions, scipy.spatial.transform.Rotation.from_quat(quaternions / lengths[:, None]).as_matrix()
+
+
+def _checked_rotations(matrices: Array, what: str) -> Array:
+    """Rotations of homogeneous matrices, their rounding removed."""
+    d = matrices.shape[1] - 1
+    last = np.abs(matrices[:, -1] - np.eye(d + 1)[-1]).max(axis=1)
+    rotations = matrices[:, :d, :d]
+    error = np.maximum(np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(d)).max(axis=(1, 2)), last)
+    error = np.where(np.linalg.det(rotations) < 0.0, np.inf, error)
+    worst = int(np.argmax(error))
+    if error[worst] > _ROTATION_ERROR:
+        raise ObstacleError(
+            f"{what}: the matrix of row {worst} is not [[R, p], [0, 1]] with a rotation R (error {error[worst]:.3g})."
+        )
+    left, _, right = np.linalg.svd(rotations)
+    return np.asarray(left @ right, dtype=np.float64)

@@ -1,0 +1,219 @@
+"""The broad phase: which separations a solve needs, by how near the shapes come to each other.
+
+Distances are those of the convex hulls of all that two shapes sweep in a segment of motion, as in the start values.
+Axis-aligned boxes decide most of them, for all segments at once.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.geometry import distances_of_points
+from pyrobocop_pyomo.motion.safety_report import SafetyReport
+from pyrobocop_pyomo.numerics import Array, BoolArray
+
+from .avoidance_record import AvoidanceRecord, MotionSegment
+from .formulations import SeparationIndex
+from .separation_rows import add_separation, remove_separations
+from .snapshot import Snapshot
+
+# With so few separations the broad phase that is on by itself leaves none out.
+KEPT_ANYWAY = 200
+# A model with more separations than this is not built before its motion has an initial guess.
+BUILT_WITHOUT_GUESS = 2000
+# The reach grows by this factor whenever a pair comes back that was left out.
+GROWTH = 1.5
+# Share of all intervals by which a plan may be earlier or later at a place than the initial guess.
+EARLIER_OR_LATER = 0.04
+
+
+def swept_distances(
+    snapshot: Snapshot, segments: Sequence[MotionSegment], beyond: float = np.inf
+) -> tuple[Array, Array]:
+    """Signed distances (k,) and normals (k, d) of what two shapes sweep on each segment.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    segments : sequence of MotionSegment
+    beyond : float
+        Where boxes are farther apart than this, their distance is given, and no normal.
+
+    Returns
+    -------
+    distances : (k,) array
+        Padding included; minus infinity where both shapes overlap without end.
+    normals : (k, d) array
+        Unit vectors from the second shape to the first; NaN beyond.
+    """
+    if not segments:
+        return np.empty(0), np.empty((0, snapshot.record.dimension))
+    distances, radii = _box_distances(snapshot, segments)
+    normals = np.full((len(segments), snapshot.record.dimension), np.nan)
+    alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
+    corners: dict[int, tuple[Array, ...]] = {}
+    for k in np.flatnonzero(~(distances > beyond)).tolist():
+        first, second = snapshot.placed_pair(segments[k])
+        corners[k] = first.vertices, second.vertices, first.rays, second.rays
+        alike[tuple(map(len, corners[k]))].append(k)
+    for members in alike.values():
+        p, q, p_rays, q_rays = (np.stack([corners[k][side] for k in members]) for side in range(4))
+        exact, normals[members] = distances_of_points(p, q, p_rays, q_rays)
+        distances[members] = exact - radii[members]
+    return distances, normals
+
+
+def _box_distances(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> tuple[Array, Array]:
+    """Distances of the boxes around what two shapes sweep, less their padding, and the padding; both (k,)."""
+    parts = snapshot.record.scene.parts
+    known: dict[Hashable, Array] = {}
+    rows: list[tuple[Array, Array]] = []
+    radii = []
+    for segment in segments:
+        sides = []
+        for name in (segment.first, segment.second):
+            part = parts[name]
+            key = (name, None if snapshot.record.scene.is_static(part.body) else segment.times)
+            if key not in known:
+                corners = snapshot.vertices(part, segment.times)
+                box = np.concatenate([corners.min(axis=0), corners.max(axis=0)])
+                if len(part.shape.rays):
+                    box = np.repeat([-np.inf, np.inf], corners.shape[1])
+                known[key] = box
+            sides.append(known[key])
+        rows.append((sides[0], sides[1]))
+        radii.append(parts[segment.first].shape.radius + parts[segment.second].shape.radius)
+    first, second = (np.array([row[side] for row in rows]) for side in range(2))
+    d = snapshot.record.dimension
+    between = np.maximum(first[:, :d] - second[:, d:], second[:, :d] - first[:, d:])
+    return np.linalg.norm(np.maximum(between, 0.0), axis=1) - np.array(radii), np.array(radii)
+
+
+# ------------------------------------------------------------------------------------------------- what is left out
+
+
+def is_on(record: AvoidanceRecord) -> bool:
+    """Whether separations may be left out at all."""
+    if record.broad_phase == "auto":
+        return not record.depends_on_what_is_far and len(record.segments) + len(record.pruned) > KEPT_ANYWAY
+    return record.broad_phase is not None
+
+
+def near_segments(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> BoolArray:
+    """Which segments the broad phase keeps at the current poses, shape (k,)."""
+    record = snapshot.record
+    if not is_on(record):
+        return np.ones(len(segments), dtype=bool)
+    if not isinstance(record.broad_phase, str):
+        length = float(record.broad_phase or 0.0)
+        distances, _ = swept_distances(snapshot, segments, length)
+        return ~(distances > length)
+    least = least_reach(record)
+    distances, _ = swept_distances(snapshot, segments, max(record.reach, least))
+    deepest = float(np.maximum(-distances[np.isfinite(distances)], 0.0).max(initial=0.0))
+    # Whoever leaves an overlap on its other side goes farther than its depth, and by its own size past the neighbours.
+    reach = max(record.reach, least + deepest)
+    if deepest > 0.0:
+        distances, _ = swept_distances(snapshot, segments, reach)
+    return _earlier_or_later(record, segments, ~(distances > reach))
+
+
+def least_reach(record: AvoidanceRecord) -> float:
+    """What a broad phase that is on by itself looks at in any scene: twice the clearance and the largest mover."""
+    scene = record.scene
+    movers = {part.name: part.shape for part in scene.parts.values() if not scene.is_static(part.body)}
+    sizes = [float(np.linalg.norm(np.ptp(shape.vertices, axis=0))) + 2 * shape.radius for shape in movers.values()]
+    return 2.0 * max(scene.clearances.values()) + max(sizes, default=0.0)
+
+
+def _earlier_or_later(record: AvoidanceRecord, segments: Sequence[MotionSegment], near: BoolArray) -> BoolArray:
+    """Also the intervals shortly before and after one that is near: plans change the speed of a guess first."""
+    if not record.per_interval:
+        return near
+    count = 1 + max(segment.interval or 0 for segment in segments)
+    reached = int(np.ceil(EARLIER_OR_LATER * count))
+    places: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for k in np.flatnonzero(near).tolist():
+        places[segments[k].first, segments[k].second].append(segments[k].interval or 0)
+    widened = {}
+    for pair, intervals in places.items():
+        kept = np.zeros(count, dtype=bool)
+        for interval in intervals:
+            kept[max(interval - reached, 0) : interval + reached + 1] = True
+        widened[pair] = kept
+    return np.array(
+        [
+            (segment.first, segment.second) in widened
+            and bool(widened[segment.first, segment.second][segment.interval or 0])
+            for segment in segments
+        ]
+    )
+
+
+def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
+    """Remove separations of shapes that are far apart at the current poses, and add those that are not any more."""
+    record = snapshot.record
+    if not (is_on(record) or record.pruned):
+        return
+    everywhere = [*record.segments.values(), *record.pruned.values()]
+    kept = near_segments(snapshot, everywhere)
+    removed = [
+        segment
+        for segment, near in zip(everywhere, kept.tolist(), strict=True)
+        if not near and segment.index in record.segments and segment.index not in record.pinned
+    ]
+    added = [
+        segment
+        for segment, near in zip(everywhere, kept.tolist(), strict=True)
+        if near and segment.index in record.pruned
+    ]
+    remove_separations(block, record, removed)
+    record.pruned.update({segment.index: segment for segment in removed})
+    add_back(block, record, added)
+
+
+def add_back(block: Any, record: AvoidanceRecord, segments: Sequence[MotionSegment]) -> None:
+    """Add separations that were left out; they have no start values yet."""
+    for segment in segments:
+        del record.pruned[segment.index]
+        add_separation(block, record, segment)
+
+
+def near_the_motion(snapshot: Snapshot, asked: Sequence[MotionSegment]) -> list[MotionSegment]:
+    """What comes back together with separations that were missed: all that is near the motion, in a growing reach.
+
+    One pair that was missed is seldom alone: the plan has gone where nothing was looked at. Only a broad phase that is
+    on by itself may choose what else comes back.
+    """
+    record = snapshot.record
+    found: dict[SeparationIndex, MotionSegment] = {segment.index: segment for segment in asked}
+    if record.broad_phase == "auto" and asked:
+        record.reach = GROWTH * max(record.reach, least_reach(record))
+        left_out = list(record.pruned.values())
+        distances, _ = swept_distances(snapshot, left_out, record.reach)
+        near = _earlier_or_later(record, left_out, ~(distances > record.reach))
+        found.update({left_out[k].index: left_out[k] for k in np.flatnonzero(near).tolist()})
+    return list(found.values())
+
+
+def ran_through_what_was_left_out(block: Any, report: SafetyReport) -> bool:
+    """Whether a motion overlaps with something from which no separation kept it away."""
+    present = places_of(block.record.segments.values())
+    return block.record.per_interval and any(
+        (pair.first, pair.second, interval) not in present
+        for pair in report.body_pairs
+        for interval in np.flatnonzero(pair.interval_distance < 0.0).tolist()
+    )
+
+
+def places_of(segments: Iterable[MotionSegment]) -> dict[tuple[str, str, Hashable], list[MotionSegment]]:
+    """Segments by their two parts and their interval, or their time where they are for a single one."""
+    places: dict[tuple[str, str, Hashable], list[MotionSegment]] = defaultdict(list)
+    for segment in segments:
+        place = segment.times[0] if segment.interval is None else segment.interval
+        places[segment.first, segment.second, place].append(segment)
+    return places

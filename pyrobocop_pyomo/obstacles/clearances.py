@@ -1,0 +1,299 @@
+"""What is asked for as clearance: numbers, parameters, variables, expressions, rules of time; and preferences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
+from pyomo.core.base.indexed_component import IndexedComponent
+from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.copied_rules import copied_rule
+from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.rule_slips import slips_explained
+from pyrobocop_pyomo.motion.motion import Motion
+from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
+
+BodyPair = tuple[str, str]
+
+
+def _lost_rule(block: Any, t: Any) -> Any:
+    """Replaces a rule that a pickle cannot hold."""
+    raise ObstacleError("the rule for a clearance did not survive pickling. Define it at the top level of a module.")
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceRule:
+    """A clearance that changes in time: ``rule(block, t)``, as the user gave it; in a copied model, of the copy."""
+
+    rule: Callable[[Any, Any], Any]
+
+    def __call__(self, block: Any, t: Any) -> Any:
+        """The clearance at a time."""
+        return self.rule(block, t)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ClearanceRule:
+        rule = copied_rule(self.rule, memo)
+        return self if rule is self.rule else ClearanceRule(rule)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"rule": picklable_or_none(self.rule) or _lost_rule}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeClearance:
+    """A clearance that the optimiser chooses, for `ObstacleAvoidanceBlock`: its ``least_clearance``.
+
+    All body pairs that are given one keep the same clearance, which is a variable of the block. With
+    ``pyo.Objective(expr=avoid.least_clearance, sense=pyo.maximize)`` the plan keeps as far away as it can.
+
+    Attributes
+    ----------
+    bounds : (float, float or None)
+        The lower one must be > 0: so much is kept in any case.
+    initial_guess : float, optional
+        The lower bound by default.
+
+    Examples
+    --------
+    >>> import pyrobocop_pyomo as rcp
+    >>> rcp.FreeClearance(bounds=(0.02, 1.0))
+    FreeClearance(bounds=(0.02, 1.0), initial_guess=None)
+    """
+
+    bounds: tuple[float, float | None]
+    initial_guess: float | None = None
+
+    def __post_init__(self) -> None:
+        try:
+            lower, upper = self.bounds
+        except (TypeError, ValueError):
+            raise ObstacleError(
+                f"a FreeClearance with bounds = {self.bounds!r}; expected a pair (lower, upper), the upper may be None."
+            ) from None
+        if not (_is_length(lower) and (upper is None or (_is_length(upper) and upper >= lower))):
+            raise ObstacleError(
+                f"a FreeClearance with bounds = {self.bounds!r}; expected 0 < lower <= upper, or None for the upper. "
+                "Without a clearance nothing tells touching from overlapping."
+            )
+        guess = self.initial_guess
+        if guess is not None and not (_is_length(guess) and lower <= guess <= (math.inf if upper is None else upper)):
+            raise ObstacleError(f"a FreeClearance with initial_guess = {guess!r}, outside its bounds {self.bounds!r}.")
+
+    @property
+    def start(self) -> float:
+        """The value that the variable starts at."""
+        return float(self.bounds[0] if self.initial_guess is None else self.initial_guess)
+
+
+@dataclass(frozen=True)
+class SoftClearance:
+    """A clearance that is preferred to the one asked for, and the cost of missing it.
+
+    Attributes
+    ----------
+    preferred : number, Param or expression
+        The same at all times.
+    weight : number or Param
+        Cost of a unit of length missed, by each pair of convex parts, on average over the motion.
+    """
+
+    preferred: Any
+    weight: Any
+
+
+def _is_length(number: Any) -> bool:
+    return isinstance(number, Real) and not isinstance(number, bool) and 0.0 < float(number) < math.inf
+
+
+# ------------------------------------------------------------------------------------------------------ what was given
+
+
+def asked_clearances(
+    what: str, body_pairs: Iterable[BodyPair], bodies: Iterable[str], clearance: Any
+) -> dict[BodyPair, Any]:
+    """The clearance of each watched body pair: a float, an expression, a `ClearanceRule` or a `FreeClearance`.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body pair, where it is no length, or is missing.
+    """
+    pairs = list(body_pairs)
+    if isinstance(clearance, IndexedComponent) and clearance.is_indexed():
+        clearance = {key: clearance[key] for key in clearance}
+    if isinstance(clearance, Mapping):
+        asked = {frozenset(_checked_key(what, key, bodies)): given for key, given in clearance.items()}
+        missing = [pair for pair in pairs if frozenset(pair) not in asked]
+        if missing:
+            raise ObstacleError(
+                f"{what}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
+                "pairs out by exclude=."
+            )
+        watched = {frozenset(pair) for pair in pairs}
+        unwatched = [tuple(sorted(pair)) for pair in asked if pair not in watched]
+        if unwatched:
+            raise ObstacleError(
+                f"{what}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
+                "Add the pair to body_pairs=, or leave it out of clearance=."
+            )
+    else:
+        asked = {frozenset(pair): clearance for pair in pairs}
+    free = {given for given in asked.values() if isinstance(given, FreeClearance)}
+    if len(free) > 1:
+        raise ObstacleError(
+            f"{what}: clearance= has {len(free)} different FreeClearance; a block has one least_clearance. Give all of "
+            "its free body pairs the same one, or use a Var of the model for each."
+        )
+    return {pair: _checked_clearance(what, pair, asked[frozenset(pair)]) for pair in pairs}
+
+
+def _checked_key(what: str, given: Any, bodies: Iterable[str]) -> BodyPair:
+    if not (isinstance(given, tuple) and len(given) == 2 and given[0] != given[1]):
+        raise ObstacleError(f"{what}: clearance= holds {given!r}; expected a pair of two different names.")
+    for name in given:
+        if name not in bodies:
+            listed = ", ".join(f"'{body}'" for body in bodies)
+            raise ObstacleError(f"{what}: clearance= names {name!r}, which is not among {listed}.")
+    return given
+
+
+def _checked_clearance(what: str, pair: BodyPair, given: Any) -> Any:
+    if isinstance(given, (ClearanceRule, FreeClearance)):
+        return given
+    if is_clearance_rule(given):
+        return ClearanceRule(given)
+    if isinstance(given, NumericValue):
+        known = value(given, exception=False) if is_fixed(given) else None
+        if known is not None and not _is_length(float(known)):
+            raise ObstacleError(
+                f"{what}: {clearance_text(pair)} is '{given}' = {float(known):g}; it must be a length > 0. "
+                "Give the parameter another value."
+            )
+        # An immutable Param is a number.
+        return given if not given.is_constant() else float(value(given))
+    if not _is_length(given):
+        raise ObstacleError(
+            f"{what}: {clearance_text(pair)} is {given!r}; it must be a length > 0: a number, a Param, a Var or an "
+            "expression of the model, a rule(block, t) or a FreeClearance. Without clearance nothing tells touching "
+            "from overlapping; choose well above the solver's tolerance."
+        )
+    return float(given)
+
+
+def checked_soft_clearance(what: str, given: Any) -> SoftClearance | None:
+    """The preferred clearance and its weight.
+
+    Raises
+    ------
+    ObstacleError
+        Where they are not two positive numbers or expressions.
+    """
+    if given is None or isinstance(given, SoftClearance):
+        return given
+    if not (isinstance(given, (tuple, list)) and len(given) == 2):
+        raise ObstacleError(
+            f"{what}: soft_clearance is {given!r}; expected (preferred, weight): a length larger than the clearance, "
+            "and the cost of a unit of length missed."
+        )
+    for name, entry in zip(("preferred clearance", "weight"), given, strict=True):
+        number = value(entry, exception=False) if isinstance(entry, NumericValue) else entry
+        if not _is_length(number):
+            raise ObstacleError(f"{what}: soft_clearance has the {name} {entry!r}; it must be a number > 0 or a Param.")
+    return SoftClearance(*given)
+
+
+def check_preference(what: str, soft: SoftClearance | None, asked: Mapping[BodyPair, Any]) -> None:
+    """Check that the preferred clearance is larger than all that are numbers.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body pair.
+    """
+    for pair, given in asked.items():
+        if soft is not None and isinstance(given, float) and value(soft.preferred) <= given:
+            raise ObstacleError(
+                f"{what}: soft_clearance prefers {value(soft.preferred):g}, which is not more than "
+                f"{clearance_text(pair)}, {given:g}. Prefer more, or ask for less."
+            )
+
+
+# ------------------------------------------------------------------------------------------------- on a block, at times
+
+
+def length_at(motion: Motion, rule: ClearanceRule, pair: BodyPair, segment: Any, position: int) -> Any:
+    """What a rule asks for at one of the times of a segment, in expressions of the variables at the nodes.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body pair and the time.
+    """
+    what, time = clearance_text(pair), segment.times[position]
+    if segment.interval is None or time in motion.intervals[segment.interval]:
+        try:
+            with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
+                found = rule(motion.block, time)
+        except KeyError as error:
+            raise ObstacleError(
+                f"{what} has no value at t = {time!r} ({error}). It is evaluated at every point and at both ends of "
+                "every interval, where states have values, but controls and algebraics may have none."
+            ) from error
+    else:
+        with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
+            found = motion.between_nodes(rule, segment.interval, segment.fractions[position], what)
+    known = isinstance(found, Real) or (isinstance(found, NumericValue) and is_fixed(found))
+    if not isinstance(found, (Real, NumericValue)) or isinstance(found, bool):
+        raise ObstacleError(f"{what} at t = {time!r} is {found!r}; its rule must return a length.")
+    if known and not _is_length(clearance_value(found, what)):
+        raise ObstacleError(f"{what} at t = {time!r} is {value(found):g}; it must be a length > 0.")
+    return found
+
+
+def asked_at(block: Any, pair: BodyPair, time: Hashable) -> Any:
+    """The clearance of a body pair at a time with a pose, as an expression."""
+    asked = block.record.asked[pair]
+    if isinstance(asked, float):
+        return block.clearance[pair]
+    if isinstance(asked, FreeClearance):
+        return block.least_clearance
+    return block.record.lengths[(*pair, time)] if isinstance(asked, ClearanceRule) else asked
+
+
+def verified_clearances(block: Any) -> dict[BodyPair, Any]:
+    """The clearances that `verify_clearance` takes: numbers, expressions and rules."""
+    found = {}
+    for pair, asked in block.record.asked.items():
+        found[pair] = asked if isinstance(asked, ClearanceRule) else asked_at(block, pair, None)
+    return found
+
+
+def clearance_values(block: Any, pair: BodyPair) -> list[float]:
+    """The clearance of a body pair at all times with a pose, at the current values; NaN where there are none."""
+    asked = block.record.asked[pair]
+    times = [key[2] for key in block.record.lengths if key[:2] == pair] if isinstance(asked, ClearanceRule) else [None]
+    numbers = [value(asked_at(block, pair, time), exception=False) for time in times]
+    return [math.nan if number is None else float(number) for number in numbers]
+
+
+def least_possible(expression: Any) -> float:
+    """The least value of a clearance, whatever its variables become; 0 where it is not known."""
+    if isinstance(expression, Real):
+        return float(expression)
+    lower, _ = ExpressionBoundsVisitor(use_fixed_var_values_as_bounds=True).walk_expression(expression)
+    return max(float(lower), 0.0) if lower is not None and math.isfinite(lower) else 0.0
+
+
+def update_estimates(block: Any) -> None:
+    """Note the largest clearance of each body pair as a number, for what needs to know about how far away is enough."""
+    record = block.record
+    preferred = 0.0 if record.soft_clearance is None else float(value(record.soft_clearance.preferred))
+    for pair in record.asked:
+        known = [number for number in clearance_values(block, pair) if math.isfinite(number)]
+        record.scene.graph.edges[pair]["clearance"] = max([preferred, *known])

@@ -1,0 +1,256 @@
+"""Gaps that are too narrow for a body, where they close every way from its fixed start to its fixed goal.
+
+The largest disc inside a body keeps at least the body's distances. Its middle stays outside of every resting obstacle
+grown by the disc's radius and the clearance. Where two grown obstacles overlap, the disc does not pass between them.
+These gaps form a graph, and a cycle of it that goes around one of two places an odd number of times, and around the
+other an even number of times, separates the two: no motion leads from one to the other. Since grown obstacles are
+convex, all closed curves in their union are cycles of this graph up to deformation. Unbounded obstacles are joined at
+infinity. Bounds of variables are not used, since they hold at the nodes only: what is refused is impossible.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope, distance_of_points
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
+
+from .clearances import ClearanceRule, FreeClearance, least_possible
+from .scene import ConvexPart
+from .snapshot import Snapshot, variables_of
+
+# Relative to the scene: a gap counts as closed where this much more is missing than rounding explains.
+CLEARLY = 1e-6
+# Relative to the scene: how far away the middle of an unbounded part is.
+FAR = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedGap:
+    """Two resting parts between which a disc does not pass.
+
+    Attributes
+    ----------
+    first, second : int
+        Positions of the parts.
+    width, needed : float
+        Distance between the parts, and what the disc takes with its clearances.
+    path : (k, 2) array
+        From the middle of the first to that of the second, inside of what the disc's middle cannot enter; the middle of
+        an unbounded part is far away.
+    """
+
+    first: int
+    second: int
+    width: float
+    needed: float
+    path: Array
+
+
+def check_gaps(snapshot: Snapshot) -> None:
+    """Check that no body in the plane is shut off from its goal, where poses are fixed and obstacles rest.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body and the widest of the gaps that shut it off, with its free width and the width needed.
+    """
+    record, scene = snapshot.record, snapshot.record.scene
+    if record.dimension != 2 or not record.per_interval:
+        return
+    for name, body in scene.bodies.items():
+        if name in scene.obstacles or not body.moves:
+            continue
+        places = _fixed_times(snapshot, name)
+        if len(places) < 2:
+            continue
+        part, middle, radius = max(
+            ((part, *largest_disc(part.shape)) for part in scene.parts_of(name)), key=lambda found: found[2]
+        )
+        walls, grown = _walls(snapshot, name, radius)
+        shapes = [wall.shape for wall in walls]
+        gaps = closed_gaps(shapes, grown)
+        unbounded = [k for k, shape in enumerate(shapes) if not shape.is_bounded]
+        ends = [rotation @ middle + shift for rotation, shift in (snapshot.pose(part.body, at) for at in places)]
+        for (before, start), (after, goal) in itertools.pairwise(zip(places, ends, strict=True)):
+            gap = gap_that_separates(gaps, len(walls), start, goal, unbounded)
+            if gap is not None:
+                first, second = walls[gap.first].name, walls[gap.second].name
+                raise ObstacleError(
+                    f"{snapshot.what}: '{name}' cannot get from where it is fixed at {before} to where it is fixed at "
+                    f"{after}: the free width between '{first}' and '{second}' is {max(gap.width, 0.0):.6g}, needed is "
+                    f"{gap.needed:.6g} (its own width {2 * radius:.6g}, and the clearances), and all other ways are "
+                    "closed or narrower. Move an obstacle, ask for less clearance, or move the start or the goal."
+                )
+
+
+def largest_disc(shape: Polytope) -> tuple[Array, float]:
+    """Middle (d,) and radius of the largest disc or ball inside a shape, its padding included."""
+    if shape.is_flat or not shape.is_bounded:
+        return shape.vertices.mean(axis=0), shape.radius
+    normals, offsets = shape.halfspaces
+    d = shape.dimension
+    found = scipy.optimize.linprog(
+        np.append(np.zeros(d), -1.0),
+        A_ub=np.column_stack([normals, np.ones(len(normals))]),
+        b_ub=offsets,
+        bounds=[(None, None)] * d + [(0, None)],
+    )
+    if not found.success:
+        return shape.vertices.mean(axis=0), shape.radius
+    middle = found.x[:d]
+    # What the linear program returns is recomputed: the disc must be inside in any case.
+    return middle, max(float((offsets - normals @ middle).min()), 0.0) + shape.radius
+
+
+def closed_gaps(shapes: Sequence[Polytope], grown: Array) -> list[ClosedGap]:
+    """Gaps between shapes in the plane that are narrower than what both are grown by together."""
+    if len(shapes) < 2:
+        return []
+    low = np.array([shape.vertices.min(axis=0) for shape in shapes]) - grown[:, None]
+    high = np.array([shape.vertices.max(axis=0) for shape in shapes]) + grown[:, None]
+    size = float(np.ptp(np.concatenate([low, high]), axis=0).max())
+    slack = CLEARLY * size
+    unbounded = [not shape.is_bounded for shape in shapes]
+    low[unbounded], high[unbounded] = -np.inf, np.inf
+    meet = (low[:, None] <= high[None]).all(axis=2) & (low[None] <= high[:, None]).all(axis=2)
+    gaps = []
+    for i, j in np.argwhere(np.triu(meet, 1)).tolist():
+        first, second = shapes[i], shapes[j]
+        if unbounded[i] and unbounded[j]:
+            continue  # they meet at infinity
+        near = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
+        room = float(grown[i] + grown[j])
+        if not near.distance < room - slack:
+            continue
+        if near.distance > -room + slack:
+            between = np.array([near.first_point, near.second_point])
+        else:
+            # Deep in each other: the straight line between the nearest points may leave both.
+            common = _common_point(first, second)
+            if common is None:
+                continue
+            between = common[None, :]
+        far = FAR * (size + float(np.abs(between).max()))
+        path = np.vstack([_middle(first, between[0], far), between, _middle(second, between[-1], far)])
+        radii = first.radius + second.radius
+        gaps.append(ClosedGap(i, j, float(near.distance) - radii, room - radii, path))
+    return gaps
+
+
+def _middle(shape: Polytope, seen_from: Array, far: float) -> Array:
+    """A point of the shape to which a straight line from a point of it stays inside; far away, if there is no end."""
+    if shape.is_bounded:
+        return shape.vertices.mean(axis=0)
+    return np.asarray(seen_from + far * shape.rays[0], dtype=np.float64)
+
+
+def _common_point(first: Polytope, second: Polytope) -> Array | None:
+    """A point inside of both shapes; None for flat ones."""
+    if first.is_flat or second.is_flat:
+        return None
+    sides = [shape.halfspaces for shape in (first, second)]
+    # Mostly a corner or the middle of one is inside the other, and no linear program is needed.
+    for shape, (facets, heights) in ((first, sides[1]), (second, sides[0])):
+        known = np.vstack([shape.vertices, shape.center])
+        inside = np.flatnonzero((known @ facets.T <= heights).all(axis=1))
+        if len(inside):
+            return np.asarray(known[inside[0]], dtype=np.float64)
+    normals, offsets = np.vstack([side[0] for side in sides]), np.concatenate([side[1] for side in sides])
+    found = scipy.optimize.linprog(
+        [0.0, 0.0, -1.0],
+        A_ub=np.column_stack([normals, np.ones(len(normals))]),
+        b_ub=offsets,
+        bounds=[(None, None), (None, None), (0, None)],
+    )
+    return found.x[:2] if found.success else None
+
+
+def gap_that_separates(
+    gaps: Sequence[ClosedGap], count: int, start: Array, goal: Array, unbounded: Sequence[int] = ()
+) -> ClosedGap | None:
+    """The gap that has to be widened first for a way from start to goal; None where they are not proven to be apart.
+
+    Parameters
+    ----------
+    gaps : sequence of ClosedGap
+    count : int
+        Number of parts.
+    start, goal : (2,) array
+        Outside of all grown parts.
+    unbounded : sequence of int
+        Parts that meet at infinity.
+    """
+    # Each part knows its root, and how often, modulo two, the path to it crosses the line from start to goal.
+    root, odd = list(range(count)), [False] * count
+
+    def found(part: int) -> tuple[int, bool]:
+        crossings = False
+        while root[part] != part:
+            crossings ^= odd[part]
+            part = root[part]
+        return part, crossings
+
+    for part in unbounded:
+        root[part] = unbounded[0]
+    # From the gaps in which most is missing to the widest: the first cycle that separates is closed by its widest gap.
+    for gap in sorted(gaps, key=lambda gap: gap.width - gap.needed):
+        (first, from_first), (second, from_second) = found(gap.first), found(gap.second)
+        crossed = from_first ^ from_second ^ crosses_oddly(gap.path, start, goal)
+        if first != second:
+            root[second], odd[second] = first, crossed
+        elif crossed:
+            return gap
+    return None
+
+
+def crosses_oddly(path: Array, start: Array, goal: Array) -> bool:
+    """Whether a polyline (k, 2) crosses the line segment from start to goal an odd number of times."""
+    along = goal - start
+    offsets = path - start
+    side = along[0] * offsets[:, 1] - along[1] * offsets[:, 0]
+    count = 0
+    for k in np.flatnonzero((side[:-1] > 0.0) != (side[1:] > 0.0)).tolist():
+        share = side[k] / (side[k] - side[k + 1])
+        point = offsets[k] + share * (offsets[k + 1] - offsets[k])
+        count += 0.0 < float(point @ along) < float(along @ along)
+    return count % 2 == 1
+
+
+def _fixed_times(snapshot: Snapshot, name: str) -> list[Any]:
+    """Times at which all that a pose reads is fixed, the earliest first."""
+    poses = snapshot.record.poses
+    times = [
+        time
+        for (body, time), pose in poses.items()
+        if body == name and time is not None and all(variable.fixed for variable in variables_of(pose))
+    ]
+    return sorted(times)
+
+
+def _walls(snapshot: Snapshot, name: str, radius: float) -> tuple[list[ConvexPart], Array]:
+    """Parts that rest, and by how much each grows for the middle of a disc inside the body."""
+    record, scene = snapshot.record, snapshot.record.scene
+    walls, grown = [], []
+    for pair, asked in record.asked.items():
+        if name not in pair:
+            continue
+        other = pair[0] if pair[1] == name else pair[1]
+        if not scene.is_static(other):
+            continue
+        least = 0.0
+        if isinstance(asked, FreeClearance):
+            least = asked.bounds[0]
+        elif not isinstance(asked, ClearanceRule):
+            least = least_possible(asked)
+        for part in scene.parts_of(other):
+            walls.append(part)
+            grown.append(radius + least + part.shape.radius)
+    return walls, np.array(grown)

@@ -1,0 +1,237 @@
+"""`verify_motion`: the proof of clearances for any path, without a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.motion import SafetyReport, verify_clearance
+from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.motion.given_motions import motion_along_paths, motion_along_trajectory
+from pyrobocop_pyomo.motion.sampled_paths import TURNS, SampledPath, read_path, read_times
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .clearances import ClearanceRule, FreeClearance, asked_clearances
+from .scene import BodyPair, make_scene
+
+_WHAT = "verify_motion"
+
+
+def verify_motion(
+    path: Any,
+    poses: Any = None,
+    *,
+    body: Any = None,
+    bodies: Any = None,
+    obstacles: Any = None,
+    clearance: Any,
+    body_pairs: Any = None,
+    exclude: Iterable[BodyPair] = (),
+    signals: Mapping[str, Any] | None = None,
+    quaternion_order: str | None = None,
+    turns: str = "shorter",
+    tolerance: float | None = None,
+    depth: int = 24,
+    max_subintervals: int = 20_000,
+) -> SafetyReport:
+    """Prove that bodies keep their clearances along a path of numbers or a trajectory, or find where they do not.
+
+    The proof is that of planned motions: it covers all times, not only those of the poses.
+
+    Parameters
+    ----------
+    path : array_like of shape (N,), or Trajectory
+        Times, increasing, or the trajectory of a phase. ``range(N)`` where only the order of the poses is known.
+    poses : array_like, list of Pose, or mapping of name to such
+        One pose for each time. In the plane (N, 2) for x, y; (N, 3) for x, y, theta; (N, 3, 3) for homogeneous
+        matrices. In space (N, 3) for x, y, z; (N, 6) for x, y, z, roll, pitch, yaw; (N, 7) for x, y, z and a
+        quaternion; (N, 4, 4). Angles are in radians. A mapping gives them by the name of a body or of an obstacle that
+        moves, and may hold ``(times, poses)`` where a body has times of its own, which must cover those of the path.
+    body : Polytope, list of Polytope or Body, optional
+        The only body, in its own frame; short for ``bodies={"body": body}``.
+    bodies : mapping of name to Polytope, list of Polytope or Body, optional
+        Those with a pose rule need no poses: ``rule(block, t)`` is a formula of the time ``t``, of `signals`, or along
+        a trajectory of its states ``block.x[t]``, as for an `ObstacleAvoidanceBlock`. A `Body` with neither a pose rule
+        nor poses rests.
+    obstacles : mapping or list, optional
+        As for an `ObstacleAvoidanceBlock`: shapes in the world, or bodies that move by a pose rule or by `poses`.
+    clearance : float, callable or mapping of body pair to such
+        Distance to be kept, > 0; a rule ``rule(block, t)`` where it changes in time.
+    body_pairs, exclude
+        As for an `ObstacleAvoidanceBlock`.
+    signals : mapping of name to array_like of shape (N,), optional
+        What pose rules read as ``block.name[t]``, linear between the times: the joints of an arm, for example.
+    quaternion_order : str, optional
+        ``"wxyz"`` or ``"xyzw"`` (ROS, SciPy); needed where quaternions are given.
+    turns : str
+        ``"shorter"``: from one pose to the next a body turns by less than half a turn, also where its heading steps
+        from pi to -pi. ``"as given"``, in the plane: headings are linear between their values.
+    tolerance, depth, max_subintervals
+        As for `verify_clearance`.
+
+    Returns
+    -------
+    SafetyReport
+        About this motion: between two poses the origin of a body's frame moves on a straight line, and the body turns
+        at a constant rate, in space about a constant axis. Along a trajectory: the polynomials of its states. Its
+        first line says which. What a robot does between the poses that follows them in another way is not known.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the body and the row, where poses or times do not fit, before anything is proven.
+    """
+    if turns not in TURNS:
+        raise ObstacleError(f"{_WHAT}: turns={turns!r}; expected 'shorter' or 'as given'.")
+    given = _bodies(body, bodies)
+    along = isinstance(path, Trajectory)
+    by_name = _poses_by_name(poses, given)
+    scene_bodies, scene_obstacles = dict(given), _named_obstacles(obstacles)
+    paths: dict[str, SampledPath] = {}
+    rules: dict[str, Any] = {}
+    if along:
+        if by_name or signals:
+            raise ObstacleError(
+                f"{_WHAT}: both a trajectory and poses or signals are given. Give "
+                "bodies={name: Body(shape, pose=rule)}, with rule(b, t) reading the trajectory's states, such as "
+                "planar_pose(b.x[t], b.y[t])."
+            )
+        motion = motion_along_trajectory(path)
+    else:
+        times = read_times(_refused_kinds(path), f"{_WHAT}: the times")
+        everybody = {**scene_obstacles, **scene_bodies}
+        for name, rows in by_name.items():
+            paths[name] = _path_of(name, rows, times, everybody, quaternion_order, turns)
+        joined = _joined_times(times, paths)
+        values = {name: np.interp(joined, times, _signal(name, of, times)) for name, of in (signals or {}).items()}
+        motion, rules = motion_along_paths(joined, {name: found.at(joined) for name, found in paths.items()}, values)
+    for name, rule in rules.items():
+        holder = scene_bodies if name in scene_bodies else scene_obstacles
+        shape = holder[name]
+        holder[name] = Body(shape.shape if isinstance(shape, Body) else shape, rule)
+    _refuse_bodies_without_motion(scene_bodies)
+    scene = make_scene(
+        _WHAT, bodies=scene_bodies, obstacles=scene_obstacles, body_pairs=body_pairs, exclude=tuple(exclude)
+    )
+    asked = asked_clearances(_WHAT, scene.body_pairs, scene.bodies, clearance)
+    clearances = {pair: _plain(of) for pair, of in asked.items()}
+    return verify_clearance(
+        motion, scene.bodies, clearances, tolerance=tolerance, depth=depth, max_subintervals=max_subintervals
+    )
+
+
+def _signal(name: str, given: Any, times: Array) -> Array:
+    try:
+        values = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ObstacleError(f"{_WHAT}: the signal '{name}' is no array of numbers: {error}.") from None
+    if values.shape != times.shape or not np.isfinite(values).all():
+        raise ObstacleError(
+            f"{_WHAT}: the signal '{name}' has the shape {values.shape}; expected {len(times)} finite values, one for "
+            "each time."
+        )
+    return values
+
+
+def _bodies(body: Any, bodies: Any) -> dict[str, Any]:
+    if (body is None) == (bodies is None):
+        raise ObstacleError(f"{_WHAT}: give either body=shape, or bodies={{name: shape}}.")
+    if bodies is None:
+        return {"body": body}
+    if not isinstance(bodies, Mapping) or not bodies:
+        raise ObstacleError(
+            f"{_WHAT}: bodies= is {bodies!r}; expected a dict of names, or body=shape for a single one."
+        )
+    return dict(bodies)
+
+
+def _poses_by_name(poses: Any, bodies: Mapping[str, Any]) -> dict[str, Any]:
+    if poses is None:
+        return {}
+    if isinstance(poses, Mapping):
+        return dict(poses)
+    if len(bodies) > 1:
+        raise ObstacleError(
+            f"{_WHAT}: one list of poses for {len(bodies)} bodies. Give a dict: "
+            f"poses={{{', '.join(f'{name!r}: ...' for name in bodies)}}}."
+        )
+    return {next(iter(bodies)): poses}
+
+
+def _named_obstacles(obstacles: Any) -> dict[str, Any]:
+    """Obstacles by name; those of a list are numbered, as in scenes of avoidance blocks."""
+    if isinstance(obstacles, (Polytope, Body)):
+        return {"obstacle": obstacles}
+    if isinstance(obstacles, Mapping):
+        return dict(obstacles)
+    return {f"obstacle {number}": shape for number, shape in enumerate(obstacles or (), start=1)}
+
+
+def _refused_kinds(path: Any) -> Any:
+    if hasattr(path, "ctype") or hasattr(path, "time_at") or hasattr(path, "grid"):
+        raise ObstacleError(
+            f"{_WHAT}: '{getattr(path, 'name', path)}' is part of a model, or several trajectories in one. Give a "
+            "phase's trajectory, phase.trajectory(), and one call for each phase; or an array of times and poses."
+        )
+    if isinstance(path, np.ndarray) and path.ndim > 1:
+        raise ObstacleError(
+            f"{_WHAT}: the first argument, of shape {path.shape}, is the times, shape (N,); poses come second. "
+            f"Where only the order of the poses is known, give range({len(path)})."
+        )
+    return list(path) if isinstance(path, range) else path
+
+
+def _path_of(
+    name: str, given: Any, times: Array, everybody: Mapping[str, Any], quaternion_order: str | None, turns: str
+) -> SampledPath:
+    if name not in everybody:
+        listed = ", ".join(f"'{known}'" for known in everybody)
+        raise ObstacleError(f"{_WHAT}: poses= names '{name}', which is not among {listed}.")
+    found = everybody[name]
+    shaped = found if isinstance(found, Body) else _shaped(name, found)
+    if shaped.moves:
+        raise ObstacleError(f"{_WHAT}: '{name}' has a pose rule and poses. Give one of them.")
+    if isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1 and np.ndim(given[1]) > 1:
+        own_times = read_times(given[0], f"{_WHAT}: the times of '{name}'")
+        if own_times[0] > times[0] or own_times[-1] < times[-1]:
+            raise ObstacleError(
+                f"{_WHAT}: the times of '{name}' run from {own_times[0]:g} to {own_times[-1]:g}, those of the path "
+                f"from {times[0]:g} to {times[-1]:g}. Nothing is known of '{name}' outside of its times: "
+                "give more of them."
+            )
+        times, given = own_times, given[1]
+    return read_path(given, times, shaped.dimension, name, quaternion_order=quaternion_order, turns=turns)
+
+
+def _shaped(name: str, found: Any) -> Body:
+    try:
+        return Body(found)
+    except (ObstacleError, TypeError) as error:
+        raise ObstacleError(f"{_WHAT}: '{name}': {error}") from None
+
+
+def _joined_times(times: Array, paths: Mapping[str, SampledPath]) -> Array:
+    """All times of all paths, within those of the path that is verified."""
+    everything = np.unique(np.concatenate([times, *(path.times for path in paths.values())]))
+    return everything[(everything >= times[0]) & (everything <= times[-1])]
+
+
+def _refuse_bodies_without_motion(bodies: Mapping[str, Any]) -> None:
+    for name, body in bodies.items():
+        # A Body without pose rule rests on purpose, like the links of a robot that no joint moves.
+        if not isinstance(body, Body):
+            raise ObstacleError(
+                f"{_WHAT}: '{name}' has neither poses nor a pose rule. Give poses={{'{name}': ...}}; what rests "
+                "belongs to obstacles=."
+            )
+
+
+def _plain(asked: Any) -> Any:
+    if isinstance(asked, FreeClearance):
+        raise ObstacleError(f"{_WHAT}: a FreeClearance is for a plan; give the clearance to be proven as a number.")
+    return asked.rule if isinstance(asked, ClearanceRule) else asked

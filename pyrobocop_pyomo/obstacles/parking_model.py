@@ -1,0 +1,181 @@
+"""The model of a parking case: a car, its obstacles, a path of hybrid A* as the initial guess."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.objective import Objective
+from pyomo.core.base.PyomoModel import ConcreteModel
+from pyomo.core.expr import cos, sin, tan
+
+from pyrobocop_pyomo.car_paths import CarPath, CarSearch, ParkingCar, ParkingCase, hybrid_a_star
+from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError
+from pyrobocop_pyomo.geometry import planar_pose, signed_distance
+from pyrobocop_pyomo.motion.bodies import Body
+from pyrobocop_pyomo.phases import Control, Duration, PhaseBlock, State
+
+from .avoidance_block import ObstacleAvoidanceBlock
+
+logger = logging.getLogger(__name__)
+
+# Of the clearance that start and goal have, where that is less than asked for.
+SHARE_OF_AVAILABLE = 0.8
+# Lengths of the car by which the rear axle may go beyond start and goal; the next one where there is no path.
+ROOM = (3.0, 8.0)
+# Widths of the car: the fastest plan is seldom farther from the path than this, and obstacles beyond take no part.
+BROAD_PHASE = 2.5
+SECONDS_PER_ELEMENT = 0.6
+ELEMENTS = (30, 90)
+# Seconds of duration per unit of the integral of squared controls: makes the controls of the fastest plan unique.
+EFFORT = 0.1
+
+
+def parking_model(
+    case: ParkingCase,
+    car: ParkingCar | None = None,
+    *,
+    clearance: float = 0.05,
+    elements: int | None = None,
+    search: CarSearch | None = None,
+    time_limit: float = 30.0,
+) -> ConcreteModel:
+    """Model of a parking case, ready for `solve`: from rest at the start to rest at the goal in little time.
+
+    Coordinates of the model are relative to the start: add ``case.origin`` to x and y.
+
+    Parameters
+    ----------
+    case : ParkingCase
+    car : ParkingCar, optional
+    clearance : float, optional
+        Distance to keep. Where the start or the goal has less, 0.8 times what it has is asked for, and the log says so.
+    elements : int, optional
+        Of the mesh; by default one for 0.6 seconds of the initial guess, from 30 to 90.
+    search : CarSearch, optional
+        Resolution and costs of the path that is the initial guess.
+    time_limit : float, optional
+        Seconds for the search. Where it finds no path, a straight line is the initial guess.
+
+    Returns
+    -------
+    ConcreteModel
+        With the phase ``drive``: states ``x``, ``y``, ``theta``, ``v``, ``steering``, controls ``acceleration`` and
+        ``steering_rate``; its block ``avoid``; and the objective ``cost``, the duration plus a tenth of the integral
+        of squared controls.
+
+    Raises
+    ------
+    ObstacleError
+        When the car overlaps an obstacle at the start or at the goal.
+    """
+    car = ParkingCar() if car is None else car
+    clearance = _possible_clearance(case, car, clearance)
+    path, bounds = _path(case, car, clearance, search, time_limit)
+    duration = 30.0 if path is None else path.timed(0.6 * car.speed, 0.5 * car.acceleration).duration
+    if elements is None:
+        elements = int(np.clip(math.ceil(duration / SECONDS_PER_ELEMENT), *ELEMENTS))
+    final_heading = float(case.goal[2] if path is None else path.poses[-1, 2])
+    m = ConcreteModel(name=case.name)
+    m.drive = b = PhaseBlock(
+        duration=Duration(bounds=(0.1, 20.0 * duration), initial_guess=duration), elements=elements, stages=3
+    )
+    b.x = State(initial=float(case.start[0]), final=float(case.goal[0]), bounds=bounds[0])
+    b.y = State(initial=float(case.start[1]), final=float(case.goal[1]), bounds=bounds[1])
+    b.theta = State(initial=float(case.start[2]), final=final_heading)
+    b.v = State(initial=0, final=0, bounds=(-car.speed, car.speed))
+    b.steering = State(initial=0, bounds=(-car.steering, car.steering))
+    b.acceleration = Control(bounds=(-car.acceleration, car.acceleration), parametrization="piecewise_constant")
+    b.steering_rate = Control(bounds=(-car.steering_rate, car.steering_rate), parametrization="piecewise_constant")
+
+    @b.ode
+    def bicycle(b: Any, t: Any) -> dict[Any, Any]:
+        return {
+            b.x: b.v[t] * cos(b.theta[t]),
+            b.y: b.v[t] * sin(b.theta[t]),
+            b.theta: b.v[t] * tan(b.steering[t]) / car.wheelbase,
+            b.v: b.acceleration[t],
+            b.steering: b.steering_rate[t],
+        }
+
+    if path is None:
+        b.initialize_straight_lines()
+    else:
+        b.initialize(path.initial_guess(b, speed=0.6 * car.speed, acceleration=0.5 * car.acceleration))
+    if case.obstacles:
+        b.avoid = ObstacleAvoidanceBlock(
+            b.time,
+            bodies={"car": Body(car.shape, pose=_pose)},
+            obstacles=dict(case.obstacles),
+            clearance=clearance,
+            broad_phase=BROAD_PHASE * car.width,
+        )
+    m.cost = Objective(expr=b.duration + EFFORT * b.integral(_effort))
+    return m
+
+
+def _pose(b: Any, t: Any) -> Any:
+    return planar_pose(b.x[t], b.y[t], b.theta[t])
+
+
+def _effort(b: Any, t: Any) -> Any:
+    return b.acceleration[t] ** 2 + b.steering_rate[t] ** 2
+
+
+def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) -> float:
+    """The clearance asked for, or less where an end has less.
+
+    Raises
+    ------
+    ObstacleError
+        Naming the obstacle that the car overlaps at an end.
+    """
+    if not (math.isfinite(clearance) and clearance > 0.0):
+        raise ObstacleError(f"parking case '{case.name}': clearance = {clearance}; expected a positive length.")
+    for which, end in (("start", case.start), ("goal", case.goal)):
+        for name, shape in case.parts.items():
+            distance = signed_distance(car.shape, shape, planar_pose(*end.tolist())).distance
+            if distance <= 0.0:
+                raise ObstacleError(
+                    f"parking case '{case.name}': at the {which} the car overlaps '{name}' by {-distance:.6g}. Is its "
+                    "pose that of the middle of the rear axle, and its size that of ParkingCar?"
+                )
+            if distance < clearance:
+                logger.warning(
+                    "parking case '%s': at the %s '%s' is %.4g away, less than the clearance %.4g; %.4g is asked for.",
+                    case.name, which, name, distance, clearance, SHARE_OF_AVAILABLE * distance,
+                )  # fmt: skip
+                clearance = SHARE_OF_AVAILABLE * distance
+    return clearance
+
+
+def _path(
+    case: ParkingCase, car: ParkingCar, clearance: float, search: CarSearch | None, time_limit: float
+) -> tuple[CarPath | None, Any]:
+    """A path, and the region that it was searched in; None where none was found."""
+    ends = np.array([case.start[:2], case.goal[:2]])
+    length = car.wheelbase + car.front_overhang + car.rear_overhang
+    bounds: Any = None
+    for room in ROOM:
+        low, high = ends.min(axis=0) - room * length, ends.max(axis=0) + room * length
+        bounds = tuple(zip(low.tolist(), high.tolist(), strict=True))
+        try:
+            path = hybrid_a_star(
+                tuple(case.start),
+                tuple(case.goal),
+                body=car.shape,
+                obstacles=case.parts,
+                wheelbase=car.wheelbase,
+                steering_limit=car.steering,
+                bounds=bounds,
+                clearance=clearance,
+                search=search,
+                time_limit=time_limit,
+            )
+            return path, bounds
+        except InitialGuessError as error:
+            logger.info("parking case '%s', %g car lengths of room: %s", case.name, room, error)
+    logger.warning("parking case '%s': no path was found; the initial guess is a straight line.", case.name)
+    return None, bounds

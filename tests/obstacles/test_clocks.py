@@ -1,0 +1,302 @@
+"""A moving obstacle runs on the time of the plan; what runs on another clock is refused or told."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.dae import ContinuousSet, DerivativeVar
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.obstacles.clocks import check_clocks
+from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
+
+BOX = rcp.Polytope.box(1, 1)
+
+
+def drive(**horizon: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.drive = b = rcp.PhaseBlock(**{"elements": 2, "stages": 2, **horizon})
+    states(b)
+    return m
+
+
+def states(b: Any) -> None:
+    b.x, b.u = rcp.State(initial=0, final=4), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    b.initialize_straight_lines()
+
+
+def along(b: Any, t: Any) -> Any:
+    return rcp.planar_pose(b.x[t], 0)
+
+
+def crossing(b: Any, truck: Any, name: str = "avoid", **options: Any) -> Any:
+    """A car on a road that a truck crosses."""
+    bodies = {"car": rcp.Body(BOX, along), **options.pop("bodies", {})}
+    obstacles = (
+        {"truck": rcp.Body(BOX, truck)} if truck is not None else {"wall": rcp.Polytope.box(1, 1, center=(9, 9))}
+    )
+    b.add_component(
+        name, rcp.ObstacleAvoidanceBlock(b.time, bodies=bodies, obstacles=obstacles, clearance=0.1, **options)
+    )
+    return b.component(name)
+
+
+def by_index(b: Any, t: Any) -> Any:
+    return rcp.planar_pose(5, 2 * t - 6)
+
+
+def by_time(b: Any, t: Any) -> Any:
+    return rcp.planar_pose(5, 2 * b.time_at(t) - 6)
+
+
+def by_hand(b: Any, t: Any) -> Any:
+    return rcp.planar_pose(5, 2 * (b.start + b.duration * t) - 6)
+
+
+FREE = {"duration": rcp.Duration(bounds=(1, 20), initial_guess=6)}
+NORMALISED = {
+    "free duration": FREE,
+    "free start": {"duration": 2.0, "start": rcp.Start(bounds=(0, 1), initial_guess=0.5)},
+    "free elements": {"duration": 2.0, "free_element_widths": (0.5, 2.0)},
+}
+
+
+@pytest.mark.parametrize("horizon", NORMALISED)
+def test_an_obstacle_on_an_index_that_is_no_time_is_refused(horizon: str) -> None:
+    m = drive(**NORMALISED[horizon])
+    with pytest.raises(ObstacleError, match=r"'truck' depends on t.*phase 'drive' runs from 0 to 1.*b.time_at\(t\)"):
+        crossing(m.drive, by_index)
+    assert m.drive.component("avoid") is None
+    crossing(m.drive, by_time)
+
+
+def test_what_depends_on_duration_times_index_is_on_the_right_clock() -> None:
+    m = drive(**FREE)
+    crossing(m.drive, by_hand)
+    crossing(m.drive, lambda b, t: rcp.planar_pose(5, b.duration * t), name="from_the_start")
+    for wrong in (lambda b, t: b.duration * t**2, lambda b, t: b.duration + t, lambda b, t: b.duration * t + 0.1 * t):
+        with pytest.raises(ObstacleError, match="'truck' depends on t"):
+            crossing(m.drive, lambda b, t, wrong=wrong: rcp.planar_pose(5, wrong(b, t)), name="other")
+
+
+def test_the_product_counts_from_the_start_only_where_that_is_zero() -> None:
+    m = drive(**FREE, start=3.0)
+    crossing(m.drive, by_time)
+    with pytest.raises(ObstacleError, match="depends on t"):
+        crossing(m.drive, lambda b, t: rcp.planar_pose(5, b.duration * t), name="other")
+
+
+def test_a_fixed_phase_has_the_time_as_its_index() -> None:
+    crossing(drive(duration=2.0).drive, by_index)
+    crossing(drive(duration=2.0, start=5.0).drive, by_index)
+
+
+def test_a_body_of_the_plan_on_such_an_index_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    m = drive(**FREE)
+    crossing(m.drive, None, bodies={"arm": rcp.Body(BOX, by_index)})
+    assert "'arm' depends on t" in caplog.text
+    assert "b.time_at(t)" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "frozen", [pyo.value, lambda t: t.value if hasattr(t, "value") else t], ids=["value", ".value"]
+)
+def test_a_rule_that_freezes_t_is_refused(frozen: Any) -> None:
+    m = drive(duration=2.0)
+    with pytest.raises(ObstacleError, match="'truck' goes by the value"):
+        crossing(m.drive, lambda b, t: rcp.planar_pose(5, 2 * frozen(t) - 6))
+
+
+@pytest.mark.parametrize("number", [float, int], ids=["float", "int"])
+def test_a_rule_that_needs_a_number_for_t_is_refused(number: Any) -> None:
+    m = drive(duration=2.0)
+    with pytest.raises(ObstacleError, match="'truck'.*Pyomo's functions"):
+        crossing(m.drive, lambda b, t: rcp.planar_pose(5, 2 * number(t) - 6))
+
+
+def test_a_time_that_is_frozen_at_the_guess_of_the_duration_is_refused() -> None:
+    m = drive(**FREE)
+    with pytest.raises(ObstacleError, match="'truck' goes by the value"):
+        crossing(m.drive, lambda b, t: rcp.planar_pose(5, pyo.value(b.time_at(t))))
+
+
+def test_a_body_that_nothing_moves_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    m = drive(duration=2.0)
+    crossing(m.drive, lambda b, t: rcp.planar_pose(5, 0))
+    assert "'truck' reads neither a variable nor time" in caplog.text
+    assert "shape.placed(pose)" in caplog.text
+    caplog.clear()
+    m.drive.base = pyo.Var(initialize=5.0)
+    m.drive.place = pyo.Param(initialize=5.0, mutable=True)
+    crossing(m.drive, lambda b, t: rcp.planar_pose(b.base, 0), name="on_a_base")
+    crossing(m.drive, lambda b, t: rcp.planar_pose(b.place, 0), name="at_a_place")
+    assert "neither" not in caplog.text
+
+
+# ---------------------------------------------------------------------------------------- shapes without end that turn
+
+
+@pytest.mark.parametrize(
+    "turning",
+    [
+        lambda b, t: rcp.planar_pose(0, 9, 0.1 * b.x[t]),
+        lambda b, t: rcp.planar_pose(0, 9, t),
+        lambda b, t: rcp.planar_pose(0, 9, 0.1 * b.time_at(t)),
+    ],
+    ids=["state", "index", "time"],
+)
+def test_shapes_without_end_must_not_turn(turning: Any) -> None:
+    ground = rcp.Polytope.from_halfspaces([[0, -1]], [-11], bounded=False, name="ground")
+    m = drive(duration=2.0)
+    bodies = {"car": rcp.Body(BOX, along)}
+    with pytest.raises(ObstacleError, match="'door' turns, and its shape 'ground' has no end.*Cut the shape"):
+        m.drive.avoid = rcp.ObstacleAvoidanceBlock(
+            m.drive.time, bodies=bodies, obstacles={"door": rcp.Body([BOX, ground], turning)}, clearance=0.1
+        )
+    m.drive.tilt = pyo.Param(initialize=0.1, mutable=True)
+    tilted = rcp.Body(ground, lambda b, t: rcp.planar_pose(0, t, b.tilt))
+    m.drive.avoid = rcp.ObstacleAvoidanceBlock(m.drive.time, bodies=bodies, obstacles={"lift": tilted}, clearance=0.1)
+
+
+# ---------------------------------------------------------------------------------------------- one phase after another
+
+
+def two_legs(second: Any, truck: Any = by_time, **horizon: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+    m.first = rcp.PhaseBlock(**{"duration": 3.0, "elements": 2, "stages": 2, **horizon})
+    states(m.first)
+    m.second = rcp.PhaseBlock(duration=2.0, elements=2, stages=2, **second(m))
+    m.second.x, m.second.u = rcp.State(final=8), rcp.Control()
+    m.second.ode(lambda b, t: {b.x: b.u[t]})
+    m.join = rcp.Link(m.first, m.second)
+    for phase in (m.first, m.second):
+        for t in phase.time:
+            phase.x[t] = 0.0
+        crossing(phase, truck)
+    return m
+
+
+RESTARTED = {"fixed": {}, "free": FREE}
+
+
+@pytest.mark.parametrize("horizon", RESTARTED)
+def test_an_obstacle_that_jumps_back_where_a_clock_starts_anew_is_refused(horizon: str) -> None:
+    m = two_legs(lambda m: {}, **RESTARTED[horizon])
+    with pytest.raises(ObstacleError, match="'second' follows 'first'.*'truck' jumps by.*start=first"):
+        check_clocks(m, avoidance_blocks(m))
+
+
+@pytest.mark.parametrize("horizon", RESTARTED)
+def test_a_phase_that_starts_after_the_one_before_is_on_its_clock(horizon: str) -> None:
+    m = two_legs(lambda m: {"start": m.first}, **RESTARTED[horizon])
+    check_clocks(m, avoidance_blocks(m))
+
+
+def test_an_offset_by_hand_is_as_good() -> None:
+    def truck(b: Any, t: Any) -> Any:
+        return rcp.planar_pose(5, 2 * (t + (3.0 if b.name == "second" else 0.0)))
+
+    m = two_legs(lambda m: {})
+    for phase in (m.first, m.second):
+        phase.del_component("avoid")
+        shift = 0.0 if phase is m.first else 3.0
+        crossing(phase, lambda b, t, shift=shift: rcp.planar_pose(5, 2 * (t + shift)))
+    check_clocks(m, avoidance_blocks(m))
+
+
+def test_an_obstacle_of_the_later_phase_alone_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    m = two_legs(lambda m: {})
+    m.first.del_component("avoid")
+    check_clocks(m, avoidance_blocks(m))
+    assert "its time starts anew at 0, and 'truck' moves with it" in caplog.text
+
+
+def test_what_rests_or_is_moved_by_the_plan_has_no_clock(caplog: pytest.LogCaptureFixture) -> None:
+    m = two_legs(lambda m: {}, truck=None)
+    check_clocks(m, avoidance_blocks(m))
+    assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+@pytest.mark.ipopt
+def test_solve_refuses_before_anything_is_solved() -> None:
+    m = two_legs(lambda m: {})
+    with pytest.raises(ObstacleError, match="'truck' jumps by"):
+        rcp.solve(m)
+
+
+def legs(start: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel()
+
+    def leg(b: Any, k: int) -> None:
+        b.x, b.u = rcp.State(initial=0.0 if k == 0 else None, initial_guess=0.0), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+        crossing(b, by_time)
+
+    m.legs = rcp.PhaseBlock([0, 1, 2], duration=2.0, elements=2, stages=2, start=start, rule=leg)
+    m.joins = rcp.Link(m.legs)
+    return m
+
+
+def test_one_start_for_all_phases_of_a_sequence_is_refused() -> None:
+    m = legs(0.0)
+    with pytest.raises(ObstacleError, match=r"legs\[1\].*follows.*legs\[0\].*start=lambda m, k"):
+        check_clocks(m, avoidance_blocks(m))
+
+
+STARTS = {"phase": lambda m, k: m.legs[k - 1] if k else 0.0, "number": lambda m, k: 2.0 * k}
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_each_phase_of_a_sequence_may_have_its_start(start: str) -> None:
+    m = legs(STARTS[start])
+    check_clocks(m, avoidance_blocks(m))
+    assert [m.legs[k].initial_time for k in m.legs] == [0.0, 2.0, 4.0]
+    check_clocks(m.clone(), avoidance_blocks(m.clone()))
+
+
+def test_a_start_that_nothing_ties_to_the_phase_before_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    m = two_legs(lambda m: {"start": rcp.Start(bounds=(0, 9), initial_guess=3.0)})
+    check_clocks(m, avoidance_blocks(m))
+    assert "nothing ties its start" in caplog.text
+    assert "start=first" in caplog.text
+    caplog.clear()
+    m.after = pyo.Constraint(expr=m.second.start == 3.0)
+    check_clocks(m, avoidance_blocks(m))
+    assert "ties" not in caplog.text
+
+
+@pytest.mark.parametrize("between", ["auto", None])
+@pytest.mark.parametrize("formulation", ["plane", "dual"])
+def test_rows_of_single_points_run_on_the_same_clock(formulation: str, between: str | None) -> None:
+    m = drive(**FREE)
+    with pytest.raises(ObstacleError, match="'truck' depends on t"):
+        crossing(m.drive, by_index, formulation=formulation, between=between)
+
+
+@pytest.mark.parametrize("transformation", ["dae.collocation", "pyrobocop.collocation"])
+def test_an_index_that_a_variable_scales_is_told(transformation: str, caplog: pytest.LogCaptureFixture) -> None:
+    m = pyo.ConcreteModel()
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x, m.u, m.duration = pyo.Var(m.t, initialize=0.0), pyo.Var(m.t, initialize=0.0), pyo.Var(initialize=2.0)
+    m.rate = DerivativeVar(m.x)
+    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.rate[t] == m.duration * m.u[t])
+    pyo.TransformationFactory(transformation).apply_to(m, nfe=2, ncp=2)
+
+    def add(name: str, truck: Any) -> None:
+        block = rcp.ObstacleAvoidanceBlock(
+            m.t, bodies={"car": rcp.Body(BOX, along)}, obstacles={"truck": rcp.Body(BOX, truck)}, clearance=0.1
+        )
+        m.add_component(name, block)
+
+    add("right", lambda m, t: rcp.planar_pose(5, m.duration * t))
+    check_clocks(m, avoidance_blocks(m))
+    assert "from 0 to 1" not in caplog.text
+    add("doubtful", lambda m, t: rcp.planar_pose(5, 2 * t))
+    check_clocks(m, avoidance_blocks(m))
+    assert "'truck' moves with the index of 't', from 0 to 1" in caplog.text
+    assert "write duration * t" in caplog.text

@@ -1,0 +1,104 @@
+"""Clearances over time: what is drawn is what the report says, and a plan's picture begins with its scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.moving import check, on_points
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.motion import SafetyReport
+from pyrobocop_pyomo.plotting import ClearanceCurve, plot_clearances
+
+pytest.importorskip("matplotlib")
+
+CART = rcp.Polytope.box(0.4, 0.4)
+POST = rcp.Polytope.box(0.4, 0.4, center=(1.5, 0.7))
+
+
+def report(height: float) -> SafetyReport:
+    poses = [(0, height, 0), (1, height, 0), (2, height, 0), (3, height, 0)]
+    return check(on_points(poses, [0.0, 2.0, 3.0, 5.0]), CART, [POST], 0.1)
+
+
+def test_intervals_carry_their_times() -> None:
+    (pair,) = report(0.0).body_pairs
+    assert pair.interval_ends.tolist() == [[0.0, 2.0], [2.0, 3.0], [3.0, 5.0]]
+    assert pair.interval_times is not None
+    assert ((pair.interval_times >= pair.interval_ends[:, 0]) & (pair.interval_times <= pair.interval_ends[:, 1])).all()
+    assert pair.time == pair.interval_times[pair.interval]
+
+
+@pytest.mark.parametrize(("height", "title"), [(0.0, "clear"), (0.5, "NOT SAFE")])
+def test_the_line_is_what_is_proven_and_the_dots_are_what_was_found(height: float, title: str) -> None:
+    found = report(height)
+    (pair,) = found.body_pairs
+    figure = found.plot()
+    (axis,) = figure.axes
+    assert axis.get_title() == title
+    proven, dots, asked = axis.lines[:3]
+    assert proven.get_xdata().tolist() == [0.0, 2.0, 2.0, 3.0, 3.0, 5.0]
+    assert np.array_equal(proven.get_ydata()[::2], pair.interval_proven)
+    assert np.array_equal(dots.get_ydata(), pair.interval_distance, equal_nan=True)
+    assert set(asked.get_ydata()) == {0.1}
+    figure.canvas.draw()
+    low, high = axis.get_ylim()
+    assert low < min(0.0, pair.distance) < 0.1 < high
+
+
+def test_many_pairs_share_a_grey_line_and_points_without_times_are_numbered() -> None:
+    curves = [ClearanceCurve(f"pair {i}", np.full(3, 0.1), np.full(3, 0.2 + i), np.full(3, np.nan)) for i in range(9)]
+    figure = plot_clearances("clear", curves, most=2)
+    (axis,) = figure.axes
+    assert axis.get_xlabel() == "point"
+    assert "7 others" in axis.get_legend_handles_labels()[1]
+    figure.canvas.draw()
+
+
+def test_a_level_that_is_not_known_is_a_gap() -> None:
+    ends = np.array([[0.0, 1.0], [1.0, 2.0], [4.0, 5.0]])
+    proven, nowhere = np.array([0.2, -np.inf, 0.3]), np.full(3, np.nan)
+    curve = ClearanceCurve("pair", np.full(3, 0.1), proven, nowhere, ends, ends.mean(axis=1))
+    line = plot_clearances("clear", [curve]).axes[0].lines[0]
+    levels = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
+    assert levels[0.0] == 0.2
+    assert np.isnan(levels[2.0])
+    assert levels[5.0] == 0.3
+
+
+def build(between: str | None) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="cart")
+    m.drive = b = rcp.PhaseBlock(duration=4.0, elements=6)
+    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
+    b.vx, b.vy = rcp.Control(), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.vx[t] ** 2 + b.vy[t] ** 2))
+    b.initialize_straight_lines()
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=CART,
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles={"wall": rcp.Polytope.box(0.1, 2, center=(2.33, -0.3))},
+        clearance=0.05,
+        between=between,
+    )
+    return m
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("between", ["plane", None])
+def test_a_plan_is_drawn_with_its_scene_first_and_an_unsafe_one_says_so_first(between: str | None) -> None:
+    m = build(between)
+    result = rcp.solve(m)
+    assert result.safe is (between is not None)
+    assert str(result).startswith("NOT SAFE") is (not result.safe)
+    m.drive.x.set_values(dict.fromkeys(m.drive.x, 0.0), skip_validation=True)  # the result keeps its own scene
+    figure = result.plot()
+    scene, _, clearances, objective, *_ = figure.axes
+    assert scene.get_xlabel() == "x [m]"
+    assert scene.get_xlim()[1] > 4.0
+    assert "distance" in clearances.get_ylabel()
+    assert objective.get_ylabel() == "objective"
+    assert figure.get_suptitle().startswith("NOT SAFE") is (not result.safe)
+    figure.canvas.draw()
