@@ -1,8 +1,8 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
 What nearly every script uses is here. The rest is in namespaces: `drawing`, `engines`, `errors`, `estimation`,
-`formulations`, `geometry`, `groupings`, `initial_guesses`, `ipopt`, `learning`, `mechanics`, `relaxations`, `results`,
-`schedules`, `schemes` and `studies`.
+`formulations`, `geometry`, `groupings`, `initial_guesses`, `ipopt`, `learning`, `mechanics`, `parking`, `relaxations`,
+`results`, `robots`, `schedules`, `schemes` and `studies`.
 """
 
 from importlib import import_module
@@ -16,6 +16,7 @@ from pyrobocop_pyomo import (
     groupings,
     initial_guesses,
     ipopt,
+    parking,
     relaxations,
     results,
     schedules,
@@ -27,21 +28,22 @@ from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, compl
 from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import diagnose
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
+from pyrobocop_pyomo.links import Link
 from pyrobocop_pyomo.modeling.expression_arrays import array
 from pyrobocop_pyomo.modeling.functions import Function
-from pyrobocop_pyomo.motion import Body
-from pyrobocop_pyomo.obstacles import Containment, ObstacleAvoidanceBlock
+from pyrobocop_pyomo.motion import Body, TablePath
+from pyrobocop_pyomo.obstacles import Containment, FreeClearance, ObstacleAvoidanceBlock, verify_motion
 from pyrobocop_pyomo.phases import (
     Algebraic,
     Control,
     Duration,
-    Link,
     Parameter,
     PhaseBlock,
     Start,
     State,
     label_measurements,
     phases_of,
+    remesh_phases,
 )
 from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
@@ -49,14 +51,14 @@ from pyrobocop_pyomo.studies.sweep import sweep
 from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
 
 if TYPE_CHECKING:
-    from pyrobocop_pyomo import engines, estimation, learning, mechanics, teams
+    from pyrobocop_pyomo import engines, estimation, learning, mechanics, robots, teams
     from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
     from pyrobocop_pyomo.distributed.team import Team
     from pyrobocop_pyomo.estimation.estimate import estimate
     from pyrobocop_pyomo.problem_classes import from_pyrobocop, solution_arrays
 
 # What many scripts do without is loaded when it is first asked for: together it takes as long as a quarter of the rest.
-_NAMESPACES_ON_DEMAND = {"engines", "estimation", "learning", "mechanics", "teams"}
+_NAMESPACES_ON_DEMAND = {"engines", "estimation", "learning", "mechanics", "robots", "teams"}
 _HOMES_ON_DEMAND = {
     "Agent": "distributed.agents",
     "KeepApart": "distributed.agents",
@@ -75,6 +77,7 @@ __all__ = [
     "Containment",
     "Control",
     "Duration",
+    "FreeClearance",
     "Function",
     "KeepApart",
     "Link",
@@ -89,6 +92,7 @@ __all__ = [
     "State",
     "StopReason",
     "Strategy",
+    "TablePath",
     "Team",
     "Trajectory",
     "__version__",
@@ -113,10 +117,13 @@ __all__ = [
     "label_measurements",
     "learning",
     "mechanics",
+    "parking",
     "phases_of",
     "planar_pose",
     "relaxations",
+    "remesh_phases",
     "results",
+    "robots",
     "schedules",
     "schemes",
     "solution_arrays",
@@ -125,6 +132,7 @@ __all__ = [
     "studies",
     "sweep",
     "teams",
+    "verify_motion",
 ]
 
 

@@ -6,6 +6,7 @@
     ├── ModelError (ValueError)          what the user stated cannot be built
     │   ├── SchemeError                  a collocation scheme that does not exist or is inconsistent
     │   ├── MeshError                    element boundaries that are no mesh
+    │   ├── RemeshingError               a phase that cannot get another mesh in place
     │   ├── DeclarationError             a state, control, ... or phase option that contradicts itself
     │   ├── TranscriptionError           equations that do not fit the declared variables
     │   ├── LinkError                    two phases that cannot be joined
@@ -55,6 +56,10 @@ class SchemeError(ModelError):
 
 class MeshError(ModelError):
     """Element boundaries that do not form a mesh."""
+
+
+class RemeshingError(ModelError):
+    """A phase that cannot get another mesh in place: something on the model would be left behind."""
 
 
 class DeclarationError(ModelError):

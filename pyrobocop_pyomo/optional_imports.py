@@ -39,6 +39,7 @@ mpi, mpi_available = attempt_import(
 parmest_models, _ = attempt_import("pyomo.contrib.parmest.utils.model_utils")
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
+yourdfpy, yourdfpy_available = attempt_import("yourdfpy", error_message=_remedy("yourdfpy", "robots"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
 
@@ -65,5 +66,14 @@ networkx, _ = attempt_import("networkx")
 scipy, _ = attempt_import(
     "scipy",
     importer=_import_scipy,
-    deferred_submodules=["integrate", "optimize", "sparse", "sparse.csgraph", "sparse.linalg", "spatial", "special"],
+    deferred_submodules=[
+        "integrate",
+        "ndimage",
+        "optimize",
+        "sparse",
+        "sparse.csgraph",
+        "sparse.linalg",
+        "spatial",
+        "special",
+    ],
 )

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.solving.iterates import Quality, Standing
 from pyrobocop_pyomo.solving.solve_result import SolveResult
+
+from .planning_point import PlanningPoint
+
+logger = logging.getLogger(__name__)
 
 
 def _cannot_restore() -> None:
@@ -32,7 +37,8 @@ class PlanningRound:
     iterations : int
         Of Ipopt, in all steps of the solve.
     shortfall : float
-        By how much the motion comes closer than its clearance, at worst; negative where there is room left.
+        By how much the motion comes closer than its clearance, at worst, that of the equations included; negative where
+        there is room left.
     worst : str
         The two bodies for which that is so.
     safe : bool
@@ -73,8 +79,10 @@ class PlanningRound:
     ) -> PlanningRound:
         """The round that has just been verified."""
         worst = report.worst
-        shortfall = worst.clearance - worst.distance if worst is not None else 0.0
-        standing = replace(result.standing, shortfall=0.0 if report.safe else max(shortfall, 0.0))
+        shortfall = worst.shortfall if worst is not None else 0.0
+        # A motion that is not proven stands behind every one that is, also where no instant of it is too close.
+        lacking = 0.0 if worst is None or report.safe else max(shortfall, worst.tolerance)
+        standing = replace(result.standing, shortfall=lacking)
         return cls(
             purpose=purpose,
             quality=result.quality,
@@ -85,7 +93,7 @@ class PlanningRound:
             safe=report.safe,
             seconds=result.seconds,
             result=replace(result, safety=report, standing=standing),
-            restore=_way_back(model, blocks, regions),
+            restore=way_back(model, blocks, regions),
         )
 
     @property
@@ -110,26 +118,36 @@ class PlanningRound:
         )
 
 
-def _way_back(
+def _start_at_point(block: ObstacleAvoidanceBlockData) -> None:
+    """Start values of separations that are new since the round; the point itself counts without them."""
+    try:
+        block.initialize()
+    except ObstacleError as error:
+        logger.warning("the separations of '%s' have no start values at the best point: %s", block.name, error)
+
+
+def way_back(
     model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData]
 ) -> Callable[[], None]:
-    """What puts back the point, margins and norms of now; planes that are new by then start at the point."""
-    point = VariableValues.of_free(model)
+    """What puts back the point, meshes, margins and norms of now; planes that are new by then start at the point."""
+    point = PlanningPoint(model, [*blocks, *regions])
     margins = [{index: value(block.margin[index]) for index in block.separations} for block in blocks]
     norms = [block.record.norm_now for block in blocks]
     room = [{time: value(region.margin[time]) for time in region.times} for region in regions]
+    choices = [list(region.record.choice) for region in regions]
 
     def restore() -> None:
-        point.restore()
+        moved = point.restore()
         for block, own_margins, norm in zip(blocks, margins, norms, strict=True):
             for index in block.separations:
                 block.margin[index] = own_margins.get(index, 0.0)
-            if set(block.separations) == set(own_margins):
+            if set(block.separations) == set(own_margins) and not moved:
                 if block.record.norm_now != norm:
                     block.set_norm(norm)
             else:
-                block.initialize()
-        for region, own_room in zip(regions, room, strict=True):
+                _start_at_point(block)
+        for region, own_room, choice in zip(regions, room, choices, strict=True):
             region.margin.store_values(own_room)
+            region.choose(choice)
 
     return restore

@@ -8,7 +8,7 @@ clearance and hard planes.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, Protocol
@@ -18,13 +18,16 @@ from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.rerouting import reroute
+from pyrobocop_pyomo.obstacles.rerouting import can_turn_at_both_ends, reroute, runs_into_several
 from pyrobocop_pyomo.obstacles.tightening import split_violated
-from pyrobocop_pyomo.solving.iterates import Quality
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
+
+from .planning_point import PlanningPoint
+from .recognised_car import recognised_car
 
 logger = logging.getLogger(__name__)
 
@@ -33,16 +36,36 @@ CLEARANCE_FACTORS = (0.2, 0.5, 1.0)
 SOFTNESS_WEIGHT = 100.0
 # Degrees by which the way past an obstacle is turned: to its other side, then across.
 TURNS = (180.0, 90.0, -90.0)
+# Iterations of Ipopt from one start while there are others to try. What converges from a good start takes fewer; from
+# a bad one thousands are spent on restoring feasibility. The initial guess gets the rest at the end.
+MOST_ITERATIONS = 500
+# The same for the initial guess of a car, where a search knows a better start; and where that guess overlaps deeply,
+# by this share of the body.
+MOST_ITERATIONS_OF_A_CAR, MOST_ITERATIONS_IN_OVERLAP = 400, 60
+DEEP = 0.1
+# What violates its rows by no more is about to get there, and may go on.
+NEARLY_FEASIBLE = 1e-2
+# Clearances that a path of a car keeps: a second path, farther from everything, is another start.
+PATH_CLEARANCES = (1.0, 2.0)
+LONGEST_SEARCH = 20.0
 
 
 class Solves(Protocol):
     """What a recovery needs of the planning that it is part of."""
 
-    def solve(self, purpose: str, *, again: bool = False, relaxed: bool = False) -> SolveResult:
+    def solve(
+        self, purpose: str, *, again: bool = False, relaxed: bool = False, most_iterations: int | None = None
+    ) -> SolveResult:
         """Solve the model as it stands."""
+
+    def solve_without_obstacles(self) -> bool:
+        """Put the best motion without obstacles on the model, where it is found at once; else nothing changes."""
 
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
+
+    def seconds_left(self) -> float:
+        """Until the time limit; infinite without one."""
 
 
 class Recovery:
@@ -61,18 +84,32 @@ class Recovery:
         self, model: Any, blocks: list[ObstacleAvoidanceBlockData], regions: list[ContainmentData], planning: Solves
     ) -> None:
         self._model, self._blocks, self._regions, self._planning = model, blocks, regions, planning
-        self._initial = VariableValues.of_free(model)
+        self._initial = PlanningPoint(model, [*blocks, *regions])
         self._directions = {block: dict(block.record.directions) for block in blocks}
+        self._was_cut_short = False
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
         """What solves from each start; the caller stops asking when a plan is good enough."""
-        yield self._from_initial_guess
+        self._start()
+        cars = [(block, car) for block in self._blocks if (car := recognised_car(block)) is not None]
+        # The path of a car comes close to obstacles, and is a good start nevertheless.
+        no_manoeuvres = not cars or (self._overlaps_deeply() and all(map(can_turn_at_both_ends, self._blocks)))
+        in_the_way = no_manoeuvres and any(map(runs_into_several, self._blocks))
+        is_led_around = in_the_way and self._has_a_way_around(freely=True)
+        if is_led_around:
+            yield partial(self._from_here, "led around all obstacles")
+        others = any(block.separations for block in self._blocks)
+        enough = MOST_ITERATIONS_OF_A_CAR if cars else MOST_ITERATIONS
+        yield partial(self._from_initial_guess, enough if others else None)
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
             return
         formulations = [block.record.formulation for block in self._blocks]
-        if self._has_a_way_around():
-            yield self._around_all
+        for clearances in PATH_CLEARANCES:
+            if self._leads_along_paths(cars, clearances):
+                yield partial(self._from_here, f"along the path of a car, {clearances:g} clearances from obstacles")
+        if not is_led_around and self._has_a_way_around():
+            yield partial(self._from_here, "led around all obstacles")
         yield self._new_planes
         if any(formulation.norms for formulation in formulations):
             yield self._other_norm
@@ -81,48 +118,90 @@ class Recovery:
             yield self._giving_way
         for turn in TURNS:
             yield partial(self._other_side, turn)
+        if self._was_cut_short:
+            yield self._from_initial_guess
 
     def _start(self, directions: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
         """Back to the initial guess, with separations that start there."""
         self._initial.restore()
         for region in self._regions:
             region.margin.store_values(dict.fromkeys(region.times, 0.0))
+            region.initialize()
         for block in self._blocks:
             clear_margins(block)
             block.initialize(directions={**self._directions[block], **(directions or {}).get(block, {})})
 
-    def _from_initial_guess(self) -> SolveResult:
+    def _from_initial_guess(self, most_iterations: int | None = None) -> SolveResult:
         self._start()
-        return self._planning.solve("from the initial guess")
+        if most_iterations == MOST_ITERATIONS_OF_A_CAR and self._overlaps_deeply():
+            most_iterations = MOST_ITERATIONS_IN_OVERLAP
+        again = ", to the end" if self._was_cut_short else ""
+        result = self._planning.solve(f"from the initial guess{again}", most_iterations=most_iterations)
+        self._was_cut_short = result.stop_reason is StopReason.ITERATION_LIMIT
+        if self._was_cut_short and most_iterations is not None and result.constraint_violation <= NEARLY_FEASIBLE:
+            result = self._planning.solve("on from there", again=True, most_iterations=MOST_ITERATIONS_OF_A_CAR)
+        return result
 
-    def _has_a_way_around(self) -> bool:
-        """Whether the initial guess can be led around all obstacles at once; it is on the model then."""
-        last = VariableValues.of_free(self._model)
+    def _overlaps_deeply(self) -> bool:
+        """Whether shapes overlap at the initial guess, where the separations start now, by more than a little."""
+        for block in self._blocks:
+            reach = min(part.shape.reach for part in block.record.scene.parts.values() if part.shape.is_bounded)
+            if min(block.separation_gaps().values(), default=0.0) < -DEEP * reach:
+                return True
+        return False
+
+    def _leads_along_paths(self, cars: Sequence[tuple[ObstacleAvoidanceBlockData, Any]], clearances: float) -> bool:
+        """Whether a search finds a path for a car; it is on the model then, as its initial guess."""
+        last, found = PlanningPoint(self._model, [*self._blocks, *self._regions]), False
         self._initial.restore()
+        for block, car in cars:
+            try:
+                path = car.path(block, clearances, max(min(LONGEST_SEARCH, self._planning.seconds_left()), 1e-3))
+            except InitialGuessError as error:
+                logger.info("'%s': no path for '%s': %s", block.name, car.body, error)
+                continue
+            found = car.follow(path) or found
+        if not found:
+            last.restore()
+        return found
+
+    def _has_a_way_around(self, *, freely: bool = False) -> bool:
+        """Whether the initial guess can be led around all obstacles at once; it is on the model then.
+
+        The guess says how fast it goes and where it starts and ends. Where it runs into everything (`freely`), the best
+        motion without obstacles says so better, if that is found at once.
+        """
+        last = PlanningPoint(self._model, [*self._blocks, *self._regions])
+        self._initial.restore()
+        if freely:
+            self._planning.solve_without_obstacles()
         rerouted = [bool(reroute(block)) for block in self._blocks]
         if not any(rerouted):
             # The next step goes on from there.
             last.restore()
         return any(rerouted)
 
-    def _around_all(self) -> SolveResult:
+    def _from_here(self, purpose: str) -> SolveResult:
+        """From the values on the model."""
         for block in self._blocks:
             clear_margins(block)
             block.initialize()
-        return self._planning.solve("led around all obstacles")
+        # A start that is clear of everything needs no detour over the middle of all bounds.
+        clear = not any(block.record.overlapping for block in self._blocks)
+        return self._planning.solve(purpose, again=clear, most_iterations=MOST_ITERATIONS)
 
     def _new_planes(self) -> SolveResult:
         for block in self._blocks:
             split_violated(block)
             block.initialize()
-        return self._planning.solve("new planes, at the last point")
+        return self._planning.solve("new planes, at the last point", most_iterations=MOST_ITERATIONS)
 
     def _other_norm(self) -> SolveResult:
         self._start()
         for block in self._blocks:
             if block.record.formulation.norms:
                 block.set_norm("ball" if block.record.norm_now == "sphere" else "sphere")
-        return self._planning.solve("other norm of the normals")
+        return self._planning.solve("other norm of the normals", most_iterations=MOST_ITERATIONS)
 
     def _growing_clearance(self) -> SolveResult:
         self._start()
@@ -131,7 +210,10 @@ class Recovery:
                 for block in self._blocks:
                     block.scale_clearance(factor)
                 result = self._planning.solve(
-                    f"{factor:.0%} of the clearance", again=factor != CLEARANCE_FACTORS[0], relaxed=factor < 1.0
+                    f"{factor:.0%} of the clearance",
+                    again=factor != CLEARANCE_FACTORS[0],
+                    relaxed=factor < 1.0,
+                    most_iterations=MOST_ITERATIONS,
                 )
                 if result.quality is Quality.INFEASIBLE or not self._planning.may_go_on(result):
                     break
@@ -143,16 +225,17 @@ class Recovery:
     def _giving_way(self) -> SolveResult:
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
             self._start()
-            self._planning.solve("planes that give way", relaxed=True)
+            self._planning.solve("planes that give way", relaxed=True, most_iterations=MOST_ITERATIONS)
         for block in self._blocks:
             block.initialize()
-        return self._planning.solve("hard planes again")
+        return self._planning.solve("hard planes again", most_iterations=MOST_ITERATIONS)
 
     def _other_side(self, turn: float) -> SolveResult:
         """Let the two bodies with the largest violation pass each other on another side."""
         block, pair, direction = self._most_in_the_way()
         self._start({block: {pair: _turned(direction, turn)}})
-        return self._planning.solve(f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round")
+        purpose = f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round"
+        return self._planning.solve(purpose, most_iterations=MOST_ITERATIONS)
 
     def _most_in_the_way(self) -> tuple[ObstacleAvoidanceBlockData, tuple[str, str], Array]:
         """The block and bodies of the separation with the largest violation, and its normal at the initial guess."""

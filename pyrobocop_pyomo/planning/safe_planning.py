@@ -9,31 +9,44 @@ no feasible point at all, see `recovery`.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.safety_report import joined_report
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
+from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
 from pyrobocop_pyomo.solving.ipopt_options import SOLVE_AGAIN
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
+from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .planning_round import PlanningRound
-from .recovery import Recovery
+from .coarse_start import plan_on_fewer_elements
+from .planning_round import PlanningRound, way_back
+from .recovery import MOST_ITERATIONS, Recovery, clear_margins
+from .safety_meshes import SafetyMeshes
 
 logger = logging.getLogger(__name__)
 
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
+# How often intervals are moved to other regions of a union after a safe plan was found.
+MOST_REVISIONS = 6
+# Rounds without a feasible point, one after the other, until another start is tried.
+MOST_IN_VAIN = 3
 # From this round on, planes of which margins alone did not make a safe plan are split.
 FIRST_SPLIT = 3
+# A motion without obstacles is only a start: what does not converge quickly is not worth waiting for.
+MOST_ITERATIONS_WITHOUT_OBSTACLES = 100
 
 
 def avoidance_blocks(model: Any) -> list[ObstacleAvoidanceBlockData]:
@@ -57,6 +70,8 @@ class SafePlanning:
     regions : list of ContainmentData
         Its active ones.
     settings : Settings
+    equations : bool
+        Whether the motion of the equations has to be safe as well.
     """
 
     def __init__(
@@ -65,12 +80,23 @@ class SafePlanning:
         blocks: list[ObstacleAvoidanceBlockData],
         regions: list[ContainmentData],
         settings: Settings,
+        *,
+        equations: bool = True,
     ) -> None:
+        self._equations = equations
         self._model, self._blocks, self._regions, self._settings = model, blocks, regions, settings
         self.rounds: list[PlanningRound] = []
         self._reports: list[SafetyReport]  # of each block, then of each region
         self._best: PlanningRound | None = None
         self._interrupted = False
+        self._meshes = SafetyMeshes([*blocks, *regions])
+        self._is_start = False
+        self._began = VariableValues.of_free(model)
+
+    def is_for_a_start(self) -> None:
+        """Be content with a motion that is nearly clear, on the mesh as it is: it is where another plan starts."""
+        self._is_start = True
+        self._meshes.stay()
 
     def plan(self) -> SolveResult:
         """Solve from one start after the other until the motion is proven to be safe; the best point is kept.
@@ -86,6 +112,12 @@ class SafePlanning:
             if self._best is None:
                 raise
             self._interrupted = True
+        except ObstacleError as error:
+            if self._best is None:
+                raise
+            logger.warning(
+                "'%s': no further start can be made (%s); the best round so far is kept.", self._model.name, error
+            )
         except BaseException:
             if self._best is not None:
                 self._best.restore()
@@ -94,16 +126,58 @@ class SafePlanning:
 
     def _plan(self) -> None:
         recovery = Recovery(self._model, self._blocks, self._regions, self)
+        if self._from_fewer_elements() and self._is_good_enough:
+            return
         for step in recovery.steps():
             result = step()
             if result.quality is not Quality.INFEASIBLE:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
+        if self._is_good_enough and any(len(region.record.regions) > 1 for region in self._regions):
+            self._revise_regions()
+
+    def _from_fewer_elements(self) -> bool:
+        """Start from a plan on a copy with fewer elements, where that pays; returns whether there was one."""
+        for block in self._blocks:
+            block.initialize()
+        coarse = plan_on_fewer_elements(self._model, [*self._blocks, *self._regions], self._settings, self._planned)
+        if coarse is None:
+            return False
+        self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in coarse.rounds]
+        for block in (*self._blocks, *self._regions):
+            block.initialize()
+        result = self.solve(f"from a plan on {coarse.elements} elements", again=True, most_iterations=MOST_ITERATIONS)
+        if result.quality is not Quality.INFEASIBLE:
+            self._made_safe(result)
+        return True
+
+    def _planned(self, copy: Any, settings: Settings) -> tuple[SolveResult, list[PlanningRound]]:
+        """A plan on a copy whose mesh is coarse on purpose, with its rounds."""
+        planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), settings, equations=self._equations)
+        planning.is_for_a_start()
+        return planning.plan(), planning.rounds
+
+    def _revise_regions(self) -> None:
+        """Move intervals to neighbouring regions where the motion presses against a side, as long as that pays."""
+        for _ in range(MOST_REVISIONS):
+            before = self._best
+            assert before is not None
+            before.restore()
+            count = sum(region.revise() for region in self._regions)
+            if not count or not self.may_go_on(before.result):
+                break
+            result = self.solve(f"{count} interval{'s' if count > 1 else ''} in another region", again=True)
+            if result.quality is not Quality.INFEASIBLE:
+                self._made_safe(result)
+            if self._best is before:
+                break
 
     # ---------------------------------------------------------------- one round
 
-    def solve(self, purpose: str, *, again: bool = False, relaxed: bool = False) -> SolveResult:
+    def solve(
+        self, purpose: str, *, again: bool = False, relaxed: bool = False, most_iterations: int | None = None
+    ) -> SolveResult:
         """Solve the model as it stands, verify what comes out, and remember both.
 
         Parameters
@@ -114,12 +188,17 @@ class SafePlanning:
             Whether the point on the model is nearly a solution already.
         relaxed : bool
             Whether less is asked than the user did: such a round leads on, and is no answer itself.
+        most_iterations : int, optional
+            Of Ipopt, where the user has not set ``max_iter``.
         """
         settings = self._settings
         if again:
             settings = replace(settings, options=settings.options.with_default(SOLVE_AGAIN))
+        if most_iterations is not None:
+            settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
+        self._began = VariableValues.of_free(self._model)
         result = solve_model(self._model, settings)
-        self._reports = [block.verify() for block in (*self._blocks, *self._regions)]
+        self._reports = [block.verify(equations=self._equations) for block in (*self._blocks, *self._regions)]
         report = joined_report(self._reports)
         made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)
         self.rounds.append(made)
@@ -131,23 +210,73 @@ class SafePlanning:
             self._best = made
         return result
 
+    def solve_without_obstacles(self) -> bool:
+        """Put the best motion without obstacles on the model, where it is found at once; else nothing changes.
+
+        Returns
+        -------
+        bool
+            Whether it was found.
+        """
+        # What is preferred beside a clearance, or chosen by the optimiser, has no meaning without obstacles.
+        if any(block.record.depends_on_what_is_far for block in self._blocks):
+            return False
+        guess, found = VariableValues.of_free(self._model), False
+        options = self._settings.options.with_default({"max_iter": MOST_ITERATIONS_WITHOUT_OBSTACLES})
+        for block in self._blocks:
+            block.deactivate()
+        try:
+            settings = replace(self._settings, options=options, exploration=0.0, progress=Progress(False))
+            found = solve_model(self._model, settings).quality is Quality.OPTIMAL
+        except PyRobocopError as error:
+            logger.info("'%s': no motion without obstacles: %s", self._model.name, error)
+        finally:
+            for block in self._blocks:
+                block.activate()
+            if not found:
+                guess.restore()
+        return found
+
     def may_go_on(self, result: SolveResult) -> bool:
         """Whether there is time, and nobody interrupted."""
         return not result.stop_reason.is_final and not self._settings.deadline.has_passed
+
+    def seconds_left(self) -> float:
+        """Until the time limit; infinite without one."""
+        left = self._settings.deadline.left
+        return math.inf if left is None else left
 
     # ---------------------------------------------------------------- from feasible to safe
 
     def _made_safe(self, result: SolveResult) -> SolveResult:
         """Tighten and solve again until the motion is safe, or it does not seem to become so."""
+        start, can_go_back = self._began, True
         point = VariableValues.of_free(self._model)
-        reports = self._reports
+        reports, in_vain = self._reports, 0
         for number in range(1, MOST_ROUNDS):
-            if joined_report(reports).safe or not self.may_go_on(result):
+            if self._is_clear_enough(joined_report(reports)) or not self.may_go_on(result):
                 break
+            finer = self._on_a_finer_mesh(result, reports)
+            if finer is not None:
+                # The start stands on another mesh than the plan now.
+                result, can_go_back = finer, False
+                point, reports = VariableValues.of_free(self._model), self._reports
+                continue
+            pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
+            goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
             purpose = self._tightened(reports, split=number >= FIRST_SPLIT or result.quality is Quality.INFEASIBLE)
             if not purpose:
                 break
-            result = self.solve(purpose, again=True)
+            if goes_back:
+                # The way out of an obstacle may be on its wrong side; the start was far from it.
+                start.restore()
+                for block in self._blocks:
+                    clear_margins(block)  # they are those of the motion that is given up
+                    block.initialize()
+            result = self.solve(purpose, again=True, most_iterations=MOST_ITERATIONS)
+            in_vain = in_vain + 1 if result.quality is Quality.INFEASIBLE else 0
+            if in_vain == MOST_IN_VAIN:
+                break
             if result.quality is Quality.INFEASIBLE:
                 # Margins may ask too much of a plane that a whole interval shares: its halves get planes of their own.
                 point.restore()
@@ -155,11 +284,33 @@ class SafePlanning:
                 point, reports = VariableValues.of_free(self._model), self._reports
         return result
 
+    def _on_a_finer_mesh(self, result: SolveResult, reports: Sequence[SafetyReport]) -> SolveResult | None:
+        """Solve again on a finer mesh where the plan is clear and its equations are not; None where nothing changed."""
+        if result.quality is Quality.INFEASIBLE or any(pair.violated for pair in joined_report(reports).body_pairs):
+            return None
+        back = way_back(self._model, self._blocks, self._regions)
+        refined = self._meshes.refine(reports)
+        if not refined:
+            return None
+        result = self.solve(refined, again=True)
+        if result.quality is Quality.INFEASIBLE:
+            back()
+            self._meshes.stay()
+            return None
+        return result
+
+    def _is_clear_enough(self, report: SafetyReport) -> bool:
+        """Safe; or nearly clear, where another plan starts from this one."""
+        worst = report.worst
+        return report.safe or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
+
     @property
     def _is_good_enough(self) -> bool:
         """Safe; or feasible, where nobody asked for more than the points."""
         assert self._best is not None
         asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
+        if self._is_start and self._best.quality is not Quality.INFEASIBLE:
+            return self._is_clear_enough(self._best.result.safety)
         return self._best.is_safe or (self._best.quality is not Quality.INFEASIBLE and not asked)
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
@@ -184,7 +335,15 @@ class SafePlanning:
             steps=[step for made in self.rounds for step in made.result.steps],
             checking_seconds=sum(made.result.checking_seconds for made in self.rounds),
             rounds=tuple(made.record() for made in self.rounds),
+            scenes=self._scenes(),
         )
+
+    def _scenes(self) -> tuple[Any, ...]:
+        """What pictures show of the point on the model; without it where a pose has no value."""
+        try:
+            return tuple(scene_of(block) for block in self._blocks)
+        except ModelError:
+            return ()
 
     def _stop_reason(self) -> StopReason:
         """What ended the rounds: a limit, where it did; else what the best round says."""

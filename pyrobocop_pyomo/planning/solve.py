@@ -12,11 +12,14 @@ from pyrobocop_pyomo.complementarity import Schedule
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.obstacles.clocks import check_clocks
 from pyrobocop_pyomo.obstacles.initial_checks import (
     check_clearances,
     check_contained_motion,
+    check_digits,
     check_fixed_inside,
     check_motion,
+    warn_about_soft_clearance,
 )
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
@@ -46,6 +49,7 @@ def solve(
     feasibility_tolerance: float = 1e-6,
     complementarity_tolerance: float = 1e-7,
     progress: bool | None = None,
+    equations: bool = True,
 ) -> SolveResult:
     """Solve a model with complementarity pairs: relax, continue, polish, certify, and report.
 
@@ -103,6 +107,9 @@ def solve(
         Largest product ``a b`` in an acceptable point.
     progress : bool, optional
         Show a line per step; by default only on a terminal.
+    equations : bool
+        Among obstacles: whether the motion that the equations make of the plan's controls keeps clear as well, on a
+        finer mesh where it has to. False for robots whose controller tracks the polynomials of the plan.
 
     Returns
     -------
@@ -147,12 +154,15 @@ def solve(
         phase.check()
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
+        warn_about_soft_clearance(block)
         check_motion(block)
+        check_digits(block, feasibility_tolerance)
+    check_clocks(model, blocks)
     for region in regions:
         check_fixed_inside(region, feasibility_tolerance)
         check_contained_motion(region)
     if blocks or regions:
-        result = SafePlanning(model, blocks, regions, settings).plan()
+        result = SafePlanning(model, blocks, regions, settings, equations=equations).plan()
     else:
         result = solve_model(model, settings)
     return replace(result, seconds=time.perf_counter() - started)

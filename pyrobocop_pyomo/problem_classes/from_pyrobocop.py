@@ -169,7 +169,12 @@ def _cost(b: Any, stated: StatedProblem) -> Any:
     points = {t: stated.running_cost(b, t) for t in b.grid.points}
     if all(cost.__class__ in native_numeric_types and cost == 0 for cost in points.values()):
         return final
-    return b.integral(lambda b, t: points[t]) + final
+
+    def running(b: Any, t: Any) -> Any:
+        # The class is asked once for each point, and anew when the phase gets another mesh.
+        return points.pop(t) if t in points else stated.running_cost(b, t)
+
+    return b.integral(running) + final
 
 
 def _gauss(b: Any) -> bool:

@@ -8,11 +8,36 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.plotting import plot_history, plot_pair_sides
+from pyrobocop_pyomo.motion import SafetyReport
+from pyrobocop_pyomo.optional_imports import matplotlib
+from pyrobocop_pyomo.plotting import draw_scene, plot_history, plot_pair_sides
 from pyrobocop_pyomo.plotting import plot_products as plot_product_arrays
 
 from .iterates import Iterate
 from .pair_report import ZERO_SIDE, PairReport
+
+
+def draw_plan(
+    title: str,
+    scenes: Sequence[Any],
+    report: SafetyReport,
+    safe: bool | None,
+    steps: Sequence[Iterate],
+    best: int,
+    figure: Any,
+) -> Any:
+    """The scene of each avoidance block, the clearances over time, and the runs."""
+    columns = len(scenes) + 1
+    if figure is None:
+        figure = matplotlib.figure.Figure(figsize=(5.6 * columns + 1.2, 7.2), layout="constrained")
+    *places, right = np.ravel(figure.subfigures(1, columns, width_ratios=[5.0] * len(scenes) + [6.0]))
+    for place, (time, bodies, obstacles) in zip(places, scenes, strict=True):
+        draw_scene(time, bodies, obstacles, figure=place)
+    upper, lower = right.subfigures(2, 1)
+    report.plot(upper)
+    draw_history("", steps, best, lower)
+    figure.suptitle(title if safe else f"NOT SAFE: {title}", color="0.1" if safe else "C3")
+    return figure
 
 
 def draw_history(title: str, steps: Sequence[Iterate], best: int, figure: Any) -> Any:

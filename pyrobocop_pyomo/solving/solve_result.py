@@ -16,7 +16,7 @@ from pyrobocop_pyomo.optional_imports import pandas
 
 from .iterates import STEP_HEADER, Iterate, Quality, Standing, StopReason
 from .pair_report import ActiveSide, PairReport, pair_reports
-from .result_pictures import draw_history, draw_pairs, draw_products
+from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
 from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
 
 
@@ -57,6 +57,8 @@ class SolveResult:
         a model without `ObstacleAvoidanceBlock` and `Containment`.
     rounds : sequence of PlanningRound
         What was done until the motion was safe.
+    scenes : sequence of (array, list of BodyPath, list of Polytope)
+        Of each avoidance block: times, the bodies' poses at these times, and what stands still; for pictures.
     """
 
     name: str
@@ -74,6 +76,7 @@ class SolveResult:
     seconds: float
     safety: SafetyReport | None = None
     rounds: Sequence[Any] = ()
+    scenes: Sequence[Any] = field(default=(), repr=False)
 
     @property
     def objective(self) -> float:
@@ -182,8 +185,14 @@ class SolveResult:
         return long_report(str(self), self.pairs, self.multipliers, self.certificate, self.decided_pairs, worst)
 
     def plot(self, figure: Any = None) -> Any:
-        """Draw objective, delta, mu and residuals over the iterations of all runs; returns a figure."""
-        return draw_history(self.name, self.steps, self.best_step, figure)
+        """Draw what came out, and the way there; returns a figure.
+
+        Where there are obstacles or regions: the scene, then the clearances that are asked and proven over time. Last,
+        and otherwise alone: objective, delta, mu and residuals over the iterations of all runs.
+        """
+        if self.safety is None:
+            return draw_history(self.name, self.steps, self.best_step, figure)
+        return draw_plan(self.name, self.scenes, self.safety, self.safe, self.steps, self.best_step, figure)
 
     def plot_pairs(self, component: str | None = None, *, axis_label: str | None = None, figure: Any = None) -> Any:
         """Draw both sides of the pairs of a component over its index.
@@ -248,7 +257,7 @@ class SolveResult:
         stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
         return "\n".join(
             [
-                f"{self.name}: {self.quality.value}",
+                f"{'NOT SAFE: ' if self.safe is False else ''}{self.name}: {self.quality.value}",
                 f"{self.stop_reason.value} {self.solver}, derivatives by {self.derivatives}.",
                 f"objective {self.objective:.8g}, constraints {self.constraint_violation:.1e}, "
                 f"max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}{stationarity}; "

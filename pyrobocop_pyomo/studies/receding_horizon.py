@@ -8,14 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.obstacles.clocks import warn_of_clocks_that_start_anew
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
+from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -36,6 +40,9 @@ class HorizonStep:
         Elapsed in this step, everything included.
     ipopt_seconds : float
         Elapsed in Ipopt, functions and derivatives included.
+    safety : SafetyReport or None
+        On the motion of the plan, past all obstacles and inside all regions of the model; None where it has none, or
+        where nothing is to be verified.
     """
 
     plan: Trajectory
@@ -43,6 +50,12 @@ class HorizonStep:
     iterations: int
     seconds: float
     ipopt_seconds: float
+    safety: SafetyReport | None = None
+
+    @property
+    def safe(self) -> bool | None:
+        """Whether all clearances are proven for the plan, old or new; None where there is no `safety`."""
+        return None if self.safety is None else self.safety.safe
 
     @property
     def solved(self) -> bool:
@@ -64,6 +77,9 @@ class RecedingHorizon:
         The phase that starts now; every state whose value is measured has ``State(initial=...)``.
     options : mapping, optional
         Ipopt's options.
+    verify : bool
+        Whether each plan is proven to keep its clearances, where the model has an `ObstacleAvoidanceBlock` or a
+        `Containment`. The time that it takes counts in ``seconds``.
 
     Raises
     ------
@@ -71,7 +87,9 @@ class RecedingHorizon:
         When the phase is no phase of the model, starts or lasts as the optimiser likes, or has active pairs.
     """
 
-    def __init__(self, model: Any, phase: PhaseBlockData, options: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self, model: Any, phase: PhaseBlockData, options: Mapping[str, Any] | None = None, *, verify: bool = True
+    ) -> None:
         if not isinstance(phase, PhaseBlockData) or phase.model() is not model.model():
             raise ModelError(f"'{getattr(phase, 'name', phase)}' is no phase of '{model.name}'.")
         if phase.has_normalised_time:
@@ -87,6 +105,13 @@ class RecedingHorizon:
         self.phase = phase
         self._fixed = {name for name in phase.record.names_of_states if phase.component(name)[phase.initial_time].fixed}
         self._values = PhaseValues(phase)
+        blocks = avoidance_blocks(model)
+        for block in blocks:
+            free = block.component_data_objects(Var)
+            if any(variable.value is None for variable in free):
+                block.initialize()
+        warn_of_clocks_that_start_anew(blocks)
+        self._verified = [*blocks, *containments(model)] if verify else []
         self._program = PersistentNLP(model, options)
 
     def step(
@@ -123,8 +148,9 @@ class RecedingHorizon:
         if not outcome.status.solved:
             self._values.set(before)
         plan = self._values.trajectory(evaluate=False)
+        safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
-        return HorizonStep(plan, outcome.status, outcome.iterations, seconds, outcome.seconds)
+        return HorizonStep(plan, outcome.status, outcome.iterations, seconds, outcome.seconds, safety)
 
     def _shifted(self, advance: float) -> dict[str, Array]:
         """Move all values ahead in time, the last ones standing beyond the plan's end."""

@@ -1,0 +1,108 @@
+"""Long plans among many obstacles start from a plan on fewer elements, found on a copy of the model.
+
+How to get around obstacles hardly depends on the mesh, and costs many iterations; on a fine mesh each of them is dear.
+The copy keeps the user's variables out of it: another mesh would replace those at points in between.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.motion.equations_motion import phases_of_motion
+from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
+from pyrobocop_pyomo.solving.settings import Settings
+
+from .planning_round import PlanningRound
+
+logger = logging.getLogger(__name__)
+
+# From so many elements and separations on; the copy has a quarter of the elements, or as few as this.
+LEAST_ELEMENTS, LEAST_SEPARATIONS = 50, 500
+COARSER, LEAST_COARSE_ELEMENTS = 4, 20
+
+
+@dataclass(frozen=True)
+class CoarsePlan:
+    """What a copy with fewer elements has found.
+
+    Attributes
+    ----------
+    elements : int
+        Of all phases of the copy together, when it was done.
+    rounds : list of PlanningRound
+    """
+
+    elements: int
+    rounds: list[PlanningRound]
+
+
+def plan_on_fewer_elements(
+    model: Any,
+    blocks: list[Any],
+    settings: Settings,
+    planned: Callable[[Any, Settings], tuple[Any, list[PlanningRound]]],
+) -> CoarsePlan | None:
+    """Plan on a copy with fewer elements, and take its values as the initial guess.
+
+    Parameters
+    ----------
+    model : Block
+    blocks : list of ObstacleAvoidanceBlockData and ContainmentData
+    settings : Settings
+    planned : callable
+        ``planned(copy, settings)`` plans, and returns the result with its rounds.
+
+    Returns
+    -------
+    CoarsePlan or None
+        None where the model is not large, cannot be copied with another mesh, or no plan was found. Values are then as
+        before.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        When the search was interrupted; what it had found is on the model.
+    """
+    phases = {id(phase): phase for block in blocks for phase in phases_of_motion(block.motion)}
+    separations = sum(len(getattr(block, "separations", ())) for block in blocks)
+    if separations < LEAST_SEPARATIONS or model.model() is not model:
+        return None
+    long = [phase for phase in phases.values() if phase.grid.mesh.elements >= LEAST_ELEMENTS]
+    if not long or any(why_not_remeshed(phase) is not None for phase in long):
+        return None
+    left = settings.deadline.left
+    shorter = replace(settings, deadline=Deadline.after(None if left is None else 0.5 * left))
+    try:
+        copy = model.clone()
+        twins = {id(phase): copy.find_component(phase) for phase in long}
+        fewer = {twin: max(twin.grid.mesh.elements // COARSER, LEAST_COARSE_ELEMENTS) for twin in twins.values()}
+        remesh_phases(fewer)
+        result, rounds = planned(copy, shorter)
+    except PyRobocopError as error:
+        logger.info("'%s': no start on fewer elements: %s", model.name, error)
+        return None
+    if result.quality is not Quality.INFEASIBLE:
+        _take_values(model, copy, long)
+    if result.stop_reason is StopReason.INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.quality is Quality.INFEASIBLE:
+        return None
+    return CoarsePlan(sum(twin.grid.mesh.elements for twin in twins.values()), rounds)
+
+
+def _take_values(model: Any, copy: Any, long: list[Any]) -> None:
+    """Values of the copy: those of phases with fewer elements by their trajectories, all others one by one."""
+    for variable in model.component_data_objects(Var, active=True):
+        twin = copy.find_component(variable)
+        if twin is not None and twin.value is not None and not variable.fixed:
+            variable.set_value(twin.value, skip_validation=True)
+    for phase in long:
+        phase.initialize(copy.find_component(phase).trajectory())
