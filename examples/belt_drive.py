@@ -4,8 +4,8 @@ The belt is a spring and a damper between two points. It pulls only while it is 
 hangs below is held by the first pulley only while it touches it (another pair). In the ``first`` task the gripper pulls
 the upper point until the lower one lies on the first pulley; in the ``second`` the belt runs from that pulley's rim to
 the gripper, which moves on to the second pulley and turns its hand. ``chain`` is both in one plan: where the first task
-ends the second begins, so that the first already prepares the second. There only the cost asks for the lower point to
-lie on the first pulley, and the cheaper plan leaves it hanging beside.
+ends the second begins, so that the first already prepares the second. There the lower point has to lie on the first
+pulley in between: a cheaper plan would leave it hanging beside. The initial guess of the chain are straight lines.
 
 Four scenarios put the second pulley at other places; the fourth has a longer belt. The second task keeps, as published,
 at least half of the tension that its target has: the pair lets the belt slacken to that, never below. There the lower
@@ -29,6 +29,7 @@ import pyrobocop_pyomo as rcp
 
 STIFFNESS, DAMPING, MASS, GRAVITY = 63.34, 4.613, 0.042, 10.0
 AXES = ("x", "y", "z")
+HANGING = (0.55, 0.0, 0.34)  # where the belt's lower point starts
 LOWEST = (0.55, 0.23, 0.34)  # where the belt's lower point lies on the first pulley
 RIM = (0.55, 0.23, 0.37)  # where it leaves that pulley
 TURNED = (0.0, -pi / 2, 3 * pi / 8)  # angles of the hand at the end
@@ -79,23 +80,28 @@ def build(
     cost = 0
     if task in ("first", "chain"):
         m.first = b = rcp.PhaseBlock(duration=durations[0], elements=elements[0], scheme="implicit_euler")
-        cost += state_first(b, of)
+        cost += state_first(b, of, hung=task == "chain")
     if task in ("second", "chain"):
         m.second = b = rcp.PhaseBlock(duration=durations[1], elements=elements[1], scheme="implicit_euler")
         cost += state_second(b, of, start=of.lifted if task == "second" else None)
     if task == "chain":
         gripper = [f"upper_{kind}{axis}" for kind in ("", "v") for axis in AXES]
         m.go_on = rcp.Link(m.first, m.second, states=gripper)
+        m.first.initialize(**lines("upper_", of.start, of.lifted, durations[0]))
+        m.first.initialize(**lines("lower_", HANGING, LOWEST, durations[0]))
+        m.second.initialize(**lines("upper_", of.lifted, of.goal, durations[1]))
     m.cost = pyo.Objective(expr=cost)
     return m
 
 
-def state_first(b, scenario: Scenario):
-    """Pull the upper point so that the lower one comes to lie on the first pulley; returns the cost."""
+def state_first(b, scenario: Scenario, hung: bool = False):
+    """Pull the upper point so that the lower one comes to lie on the first pulley, or has to; returns the cost."""
     guess = (*LOWEST[:2], scenario.start[2])
-    for end, first, likely in (("upper", scenario.start, guess), ("lower", (0.55, 0.0, 0.34), LOWEST)):
-        for axis, value, start in zip(AXES, first, likely, strict=True):
-            b.declare(f"{end}_{axis}", rcp.State(initial=value, bounds=(-0.7, 0.7), initial_guess=start))
+    for end, first, likely in (("upper", scenario.start, guess), ("lower", HANGING, LOWEST)):
+        for axis, value, start, last in zip(AXES, first, likely, LOWEST, strict=True):
+            final = last if hung and end == "lower" else None
+            place = rcp.State(initial=value, final=final, bounds=(-0.7, 0.7), initial_guess=start)
+            b.declare(f"{end}_{axis}", place)
             b.declare(f"{end}_v{axis}", rcp.State(initial=0, bounds=(-0.12, 0.12)))
     for axis in AXES:
         b.declare(f"pull_{axis}", rcp.Control(bounds=(-20, 20)))
@@ -201,6 +207,14 @@ def state_second(b, scenario: Scenario, start=None):
     return b.integral(cost)
 
 
+def lines(name: str, start, end, duration: float) -> dict:
+    """Straight initial guesses of three components, over the seconds of a phase."""
+    return {
+        f"{name}{axis}": lambda t, p=p, q=q: p + (q - p) * t / duration
+        for axis, p, q in zip(AXES, start, end, strict=True)
+    }
+
+
 def at(b, name: str, t) -> list:
     """Three components at one time."""
     return [getattr(b, f"{name}{axis}")[t] for axis in AXES]
@@ -242,6 +256,8 @@ if __name__ == "__main__":
     from run_example import run_example
 
     tasks = [("first", 1), ("first", 4)]  # the first three scenarios differ in the second task only
-    tasks += [*(("second", scenario) for scenario in SCENARIOS), ("chain", 1)]
+    tasks += [(task, scenario) for task in ("second", "chain") for scenario in SCENARIOS]
     cases = {f"{task}-{scenario}": {"task": task, "scenario": scenario} for task, scenario in tasks}
+    for scenario in SCENARIOS:
+        cases[f"chain-{scenario}"]["elements"] = (40, 50)  # on the fine mesh of the first task this takes minutes
     run_example(build, draw, cases=cases, default="chain-1", coarse={"elements": (8, 6)}, size=(10, 8))

@@ -21,15 +21,16 @@ ROOT = Path(rcp.__file__).parent
 
 NAMESPACES = """
     drawing engines errors estimation formulations geometry groupings initial_guesses ipopt learning mechanics
-    relaxations results schedules schemes studies teams
+    parking relaxations results robots schedules schemes studies teams
 """
 
 PUBLIC = {
     "": """
-        Agent Algebraic Body Complementarity Containment Control Duration Function KeepApart Link ObstacleAvoidanceBlock
-        Parameter PhaseBlock Polytope Quality Shared SolveResult Start State StopReason Strategy Team Trajectory
-        __version__ active_pairs array complements dae_trajectory diagnose either_zero estimate from_pyrobocop
-        join_trajectories label_measurements phases_of planar_pose solution_arrays solve spatial_pose sweep
+        Agent Algebraic Body Complementarity Containment Control Duration FreeClearance Function KeepApart Link
+        ObstacleAvoidanceBlock Parameter PhaseBlock Polytope Quality Shared SolveResult Start State StopReason Strategy
+        TablePath Team Trajectory __version__ active_pairs array complements dae_trajectory diagnose either_zero
+        estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose remesh_phases solution_arrays
+        solve spatial_pose sweep verify_motion
     """,
     "drawing": """
         BodyPath animate_avoidance animate_scene draw_avoidance draw_linkage draw_planar_pushing draw_scene
@@ -39,8 +40,8 @@ PUBLIC = {
         find_engine fingerprint
     """,
     "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
-    "formulations": "Dual Formulation Mixed Offset Optimality Plane",
-    "geometry": "Pose SignedDistance decompose signed_distance",
+    "formulations": "Dual Formulation Mixed Offset Optimality Plane TurningPlane",
+    "geometry": "Pose SignedDistance cover_occupancy_grid cover_point_cloud decompose signed_distance",
     "groupings": "AllPairs Crossed Grouping PerElement PerPair PerPhase",
     "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_initial_guess",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable",
@@ -54,6 +55,7 @@ PUBLIC = {
         Capsule Contact Disc DiscRobot GroundFriction PlanarGap RigidBody RoundedBox Score ViscousDrag
     """,
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score SpatialGap Sphere SphereRobot",
+    "parking": "ParkingCar ParkingCase parking_model",
     "relaxations": """
         AugmentedLagrangian ChenHarkerKanzowSmale Elastic FischerBurmeister Kadrani KanzowSchwartz KeepsBounds
         KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
@@ -68,6 +70,7 @@ PUBLIC = {
         Report Reopening Round PlanScore Sova Spread TargetedPenalties TeamHorizon TeamResult TeamState TeamTick
         merge_agents
     """,
+    "robots": "DescribedRobot from_urdf",
     "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
@@ -89,6 +92,7 @@ EXTRAS = (
     "mpi4py",
     "shapely",
     "trimesh",
+    "yourdfpy",
     "coal",
 )
 

@@ -205,3 +205,10 @@ def test_a_learned_model_written_out_and_called_is_one_model() -> None:
     rows = [line.split() for line in run_quick("learned_models").splitlines() if " 40 " in line]
     assert [row[0] for row in rows] == ["expressions", "function"]
     assert rows[0][-2:] == rows[1][-2:]  # iterations and objective
+
+
+def test_no_plan_that_is_called_safe_comes_closer_when_it_is_integrated_again() -> None:
+    rows = [line.split() for line in run_quick("reintegrated_plans").splitlines()[2:] if line]
+    assert [row[0] for row in rows] == ["unicycle", "car", "arm", "quadrotor", "cart", "slider"]
+    assert sum(int(row[2]) for row in rows) >= 2  # called safe
+    assert all(int(row[4]) == 0 for row in rows)  # though they are not

@@ -12,10 +12,12 @@ from harness.moving import by_states, check, on_points, placed
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.geometry import Polytope, distances_of_points, planar_pose, signed_distance
 from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.clearance_proof import ProofSettings, _Proof
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
+from pyrobocop_pyomo.motion.required_clearance import RequiredClearance
 from pyrobocop_pyomo.motion.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples, bernstein_matrix, restrict
 
@@ -106,7 +108,7 @@ def proof(m: Any, others: Any, first: Polytope, second: Polytope) -> _Proof:
         moving_shapes(motion_of(model.t, model), {"body": Body(shape, by_states)})["body"][0]
         for model, shape in ((m, first), (others, second))
     ]
-    return _Proof(*shapes, 0.1, ProofSettings(0.001, 5, 100), 1)
+    return _Proof(*shapes, RequiredClearance(0.0), ProofSettings(0.001, 5, 100), np.zeros(1))
 
 
 @given(seed=seeds, start=st.floats(0, 0.9), width=st.floats(0.01, 1.0), turn=st.floats(0, 3), length=st.floats(0.1, 3))
@@ -119,7 +121,7 @@ def test_plane_bounds_and_their_convergence(seed: int, start: float, width: floa
     at = np.array([0]), np.array([start]), np.array([end])
     p, q = proof_of_pair.first.path_bounds(*at), proof_of_pair.second.path_bounds(*at)
     middle, normals = proof_of_pair._measure(at[0], 0.5 * (at[1] + at[2]))
-    bound = proof_of_pair._plane_bounds(length * normals, p, q)[0]
+    bound = proof_of_pair._plane_bounds(length * normals, p, q, proof_of_pair.clearance.bounds(*at))[0]
     fractions = np.linspace(start, end, 200)[:, None]
     paths = [
         placed(shape.vertices, pair[0] + fractions * (pair[1] - pair[0]))
@@ -209,3 +211,37 @@ def test_a_square_root_is_decided_by_its_values() -> None:
     pair = check(m, Polytope.box(1, 1), [wall], 0.1, pose=lambda b, t: planar_pose(pyo.sqrt(b.x[t]), 0)).body_pairs[0]
     assert pair.safe
     assert pair.subintervals > 1
+
+
+def test_the_equations_are_no_nearer_than_what_is_proven_less_the_deviation() -> None:
+    """eq-deviation and eq-both-motions, for a car on a coarse mesh against its own re-integration."""
+    m = pyo.ConcreteModel()
+    m.drive = b = rcp.PhaseBlock(duration=2.0, elements=5, scheme="implicit_euler")
+    b.x, b.y, b.h = rcp.State(initial=0), rcp.State(initial=0), rcp.State(initial=0)
+    b.ode(lambda b, t: {b.x: pyo.cos(b.h[t]), b.y: pyo.sin(b.h[t]), b.h: 0.7})
+    b.initialize(b.simulate(method="scheme"))
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.3, 0.2),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.h[t]),
+        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(0.9, 1.2))},
+        clearance=0.05,
+    )
+    (pair,) = b.avoid.verify().body_pairs
+    motion = b.reintegrate()
+    corners = rcp.Polytope.box(0.3, 0.2).vertices
+
+    def corners_of(states: Any) -> Any:
+        x, y, h = (states[name] for name in ("x", "y", "h"))
+        turn = np.array([[np.cos(h), -np.sin(h)], [np.sin(h), np.cos(h)]])
+        return np.einsum("rcnk,ic->nkir", turn, corners) + np.stack([x, y], axis=-1)[:, :, None, :]
+
+    led, planned = corners_of(motion.open_loop), corners_of(motion.planned)
+    expected = 1.1 * np.linalg.norm(led - planned, axis=3).max(axis=(1, 2))
+    np.testing.assert_allclose(pair.interval_deviation, expected, rtol=1e-9)
+    post = np.array([[0.85, 1.15], [0.95, 1.15], [0.95, 1.25], [0.85, 1.25]])
+    for interval, shapes in enumerate(led):
+        repeated = np.broadcast_to(post, (len(shapes), 4, 2))
+        no_rays = np.zeros((len(shapes), 0, 2))
+        distances, _ = distances_of_points(shapes, repeated, no_rays, no_rays)
+        assert distances.min() >= pair.interval_proven[interval] - pair.interval_deviation[interval] - 1e-12

@@ -126,13 +126,16 @@ def test_the_small_car_keeps_its_distance(load: Any, case: str) -> None:
     example = load("car_between_obstacles")
     m = example.build(case)
     result = solved(m)
+    assert result.safety.equations  # of which 50 elements of order one are too few: the mesh got finer
     x, y, heading = sampled(m.drive, "x", "y", "theta")
     squares = [rcp.Polytope.box(1, 1, center=centre) for centre in example.CASES[case]["centres"]]
     corners = [(-0.25, -0.25), (0.25, -0.25), (0.25, 0.25), (-0.25, 0.25)]
     assert least_planar_distance(corners, x, y, -heading, squares) >= 0.02 - SLACK
     if case == "one":
-        # Published, with a distance kept at the nodes only: 35.254. Keeping it in between as well costs little.
-        assert 35.2 < result.objective < 36
+        # Published, with a distance kept at the nodes only: 35.254. For the plan alone, in between costs little.
+        of_plan = rcp.solve(example.build(case), equations=False)
+        assert of_plan.safe
+        assert 35.2 < of_plan.objective < 36
 
 
 def test_the_footprint_of_the_small_car_points_where_it_drives(load: Any) -> None:

@@ -76,7 +76,9 @@ def check(
         f"obstacle {i}": given if isinstance(given, Body) else Body(given) for i, given in enumerate(obstacles, 1)
     }
     clearances = {("body", name): clearance for name in bodies if name != "body"}
-    return verify_clearance(motion_of(m.t if points is None else points, m), bodies, clearances, **options)
+    return verify_clearance(
+        motion_of(m.t if points is None else points, m), bodies, clearances, **{"equations": False, **options}
+    )
 
 
 def placed(vertices: np.ndarray, poses: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -39,14 +40,17 @@ class Fails:
         self.model = model
         self.told: dict[str, float] = {}
 
-    def solve(self, purpose: str, **_: bool) -> Any:
+    def solve(self, purpose: str, **_: Any) -> Any:
         b = self.model.move
         middle = min(b.time, key=lambda t: abs(b.x[t].value))
         self.told[purpose] = b.y[middle].value
-        return SimpleNamespace(quality=rcp.Quality.INFEASIBLE)
+        return SimpleNamespace(quality=rcp.Quality.INFEASIBLE, stop_reason=rcp.StopReason.ITERATION_LIMIT)
 
     def may_go_on(self, result: Any) -> bool:
         return True
+
+    def seconds_left(self) -> float:
+        return math.inf
 
 
 def told(model: pyo.ConcreteModel) -> dict[str, float]:
@@ -63,6 +67,7 @@ def test_the_guess_comes_first_then_one_that_is_led_around_and_others_start_from
     assert starts["led around all obstacles"] == pytest.approx(1.2, abs=0.25)
     assert starts["other norm of the normals"] == 0.0
     assert "planes that give way" in starts
+    assert list(starts)[-1] == "from the initial guess, to the end"  # the first solve was cut short
 
 
 def test_only_what_measures_overlap_is_made_to_give_way() -> None:

@@ -144,7 +144,22 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
     solved = solving_module.solve
-    pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+    pair = BodyPairSafety(
+        "cart",
+        "wall",
+        0.1,
+        0.001,
+        -1.0,
+        -1.0,
+        0.0,
+        0,
+        np.array([-1.0]),
+        np.array([-1.0]),
+        (),
+        1,
+        np.array([0.1]),
+        np.zeros(1),
+    )
 
     def judged(model, **options):
         result = solved(model, **options)

@@ -117,3 +117,53 @@ def test_what_cannot_recede_is_refused() -> None:
         rcp.studies.RecedingHorizon(m, m.ahead)
     pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(m, delta=1e-4)
     assert rcp.studies.RecedingHorizon(m, m.ahead).step({"x": 0.3, "v": 0.0}).solved
+
+
+def crossing(truck: Any) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="crossing")
+    m.now = pyo.Param(initialize=0.0, mutable=True)
+    m.ahead = b = rcp.PhaseBlock(duration=3.0, elements=6, stages=2)
+    b.x, b.v, b.u = rcp.State(initial=0.0), rcp.State(initial=1.0), rcp.Control(bounds=(-2, 2))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.v[t] - 1) ** 2 + 0.1 * b.u[t] ** 2))
+    b.initialize({"x": lambda t: t, "v": 1.0, "u": 0.0})
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.4, 0.2),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], 0),
+        obstacles={"truck": rcp.Body(rcp.Polytope.box(0.4, 0.4), truck)},
+        clearance=0.1,
+    )
+    return m
+
+
+def test_each_step_says_whether_it_is_safe_from_what_moves() -> None:
+    m = crossing(lambda b, t: rcp.planar_pose(2, 2 * (t + b.model().now) - 6))
+    controller = rcp.studies.RecedingHorizon(m, m.ahead)
+    state, verdicts = {"x": 0.0, "v": 1.0}, []
+    for k in range(4):
+        m.now = 0.4 * k
+        step = controller.step(state, advance=0.4 if k else 0.0)
+        verdicts.append((step.solved, step.safe))
+        state = {name: step.plan(0.4)[name] for name in state}
+    assert verdicts[0] == (True, True)
+    assert all(safe is True for solved, safe in verdicts if solved)
+    m.now = 1.7  # the truck is somewhere else than foreseen: in the way
+    report = m.ahead.avoid.verify()
+    step = controller.step(state, time_limit=0.0)
+    assert not step.solved
+    assert step.safe == step.safety.safe
+    assert "phase 'ahead'" in step.safety.motion
+    assert report.body_pairs[0].clearance == 0.1
+
+
+def test_an_obstacle_that_would_start_anew_with_each_step_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    m = crossing(lambda b, t: rcp.planar_pose(2, 2 * t - 6))
+    rcp.studies.RecedingHorizon(m, m.ahead)
+    assert "'truck' moves with the time of its phase" in caplog.text
+    assert "b.now" in caplog.text
+
+
+def test_without_obstacles_nothing_is_said_of_safety() -> None:
+    m = regulator()
+    assert rcp.studies.RecedingHorizon(m, m.ahead).step({"x": 0.5, "v": 0.0}).safe is None

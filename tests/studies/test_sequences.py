@@ -327,7 +327,22 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     solved = sequences.solve
-    pair = BodyPairSafety("cart", "wall", 0.1, 0.001, -1.0, -1.0, 0.0, 0, np.array([-1.0]), np.array([-1.0]), (), 1)
+    pair = BodyPairSafety(
+        "cart",
+        "wall",
+        0.1,
+        0.001,
+        -1.0,
+        -1.0,
+        0.0,
+        0,
+        np.array([-1.0]),
+        np.array([-1.0]),
+        (),
+        1,
+        np.array([0.1]),
+        np.zeros(1),
+    )
 
     def judged(model: Any, **options: Any) -> Any:
         result = solved(model, **options)

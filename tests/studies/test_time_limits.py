@@ -20,7 +20,7 @@ ENDLESS = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0, "accepta
 
 
 def slow_cost(x: Any, factor: Any = 1.0) -> Any:
-    """Rosenbrock's function, chained: Newton's method takes more iterations than there are variables, on any machine."""
+    """Rosenbrock's function, chained: on any machine Newton's method takes more iterations than there are variables."""
     return sum(100 * factor * (x[i + 1] - x[i] ** 2) ** 2 + (1 - x[i]) ** 2 for i in range(len(x) - 1))
 
 

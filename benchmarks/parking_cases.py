@@ -1,0 +1,232 @@
+"""Twenty parking cases in the format of competitions: from a file to a safe plan, each with its time.
+
+The cases are made here: slots across, along and aslant of a lane, garages, dead ends, clutter with up to 53 obstacles,
+polygons that are not convex, coordinates of 1e9 metres, headings beyond a turn, rings of either orientation.
+
+    python benchmarks/parking_cases.py            all of them
+    python benchmarks/parking_cases.py 3 17       some
+    python benchmarks/parking_cases.py --write DIRECTORY    as files
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable, Sequence
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+import pyrobocop_pyomo as rcp
+
+Points = list[tuple[float, float]]
+Pose = tuple[float, float, float]
+CAR = rcp.parking.ParkingCar()
+LENGTH, WIDTH = CAR.wheelbase + CAR.front_overhang + CAR.rear_overhang, CAR.width
+
+
+def rectangle(x: float, y: float, length: float, width: float, heading: float = 0.0) -> Points:
+    """About its middle."""
+    c, s = math.cos(heading), math.sin(heading)
+    corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
+    return [(x + c * a * length - s * b * width, y + s * a * length + c * b * width) for a, b in corners]
+
+
+def parked(x: float, y: float, heading: float) -> Points:
+    """Another car whose rear axle is there."""
+    ahead = 0.5 * LENGTH - CAR.rear_overhang
+    return rectangle(x + ahead * math.cos(heading), y + ahead * math.sin(heading), LENGTH, WIDTH, heading)
+
+
+def slots_across(
+    lane: float, gap: float, neighbours: int, aslant: float = 0.5 * math.pi
+) -> tuple[Pose, Pose, list[Points]]:
+    """One free slot in a row, across or aslant of a lane of a given width; the car drives in forwards or backwards."""
+    pitch = (WIDTH + gap) / math.sin(aslant)
+    places = [k * pitch for k in range(-neighbours, neighbours + 1) if k != 0]
+    back = -LENGTH * math.sin(aslant) + CAR.rear_overhang * math.sin(aslant)
+    obstacles = [parked(x + back / math.tan(aslant), back, aslant) for x in places]
+    top = WIDTH + lane
+    obstacles += [rectangle(0.0, top + 0.5, 40.0, 1.0), rectangle(0.0, back - 2.5, 40.0, 1.0)]
+    return (-9.0, 0.5 * lane + 0.5, 0.0), (back / math.tan(aslant), back, aslant), obstacles
+
+
+def slot_along(lane: float, room: float) -> tuple[Pose, Pose, list[Points]]:
+    """A slot that leaves some room in all, between two cars along the kerb."""
+    apart = 0.5 * (LENGTH + room) + 0.5 * LENGTH
+    middle = 0.5 * LENGTH - CAR.rear_overhang
+    obstacles = [parked(-apart - middle, 0.0, 0.0), parked(apart - middle, 0.0, 0.0)]
+    obstacles += [rectangle(0.0, -0.5 * WIDTH - 0.7, 40.0, 0.8), rectangle(0.0, 0.5 * WIDTH + lane + 0.5, 40.0, 1.0)]
+    return (-12.0, 0.5 * WIDTH + 0.5 * lane, 0.0), (-middle, 0.0, 0.0), obstacles
+
+
+def clutter(seed: int, number: int, *, size: float = 30.0, concave: bool = False) -> tuple[Pose, Pose, list[Points]]:
+    """Polygons at random places that leave start and goal free."""
+    rng = np.random.default_rng(seed)
+    start, goal = (-0.4 * size, -0.3 * size, 0.4), (0.4 * size, 0.3 * size, float(rng.uniform(-3, 3)))
+    keep = [parked(*start), parked(*goal)]
+    obstacles: list[Points] = []
+    while len(obstacles) < number:
+        x, y = rng.uniform(-0.55 * size, 0.55 * size, 2)
+        radius = float(rng.uniform(0.3, 1.1))
+        angles = np.sort(rng.uniform(0, 2 * math.pi, int(rng.integers(3, 7))))
+        if np.max(np.diff([*angles, angles[0] + 2 * math.pi])) > 2.5:
+            continue
+        shape = [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
+        if concave and len(obstacles) % 3 == 0:
+            shape = bracket(float(x), float(y), 1.6, float(rng.uniform(0, 6)))
+        hull = rcp.Polytope.hull(shape)
+        if all(rcp.geometry.signed_distance(hull, rcp.Polytope.hull(other)).distance > 1.5 for other in keep):
+            obstacles.append(shape)
+    return start, goal, obstacles
+
+
+def bracket(x: float, y: float, size: float, heading: float) -> Points:
+    """A U, open along its heading."""
+    corners = [(-1, -1), (1, -1), (1, -0.7), (-0.7, -0.7), (-0.7, 0.7), (1, 0.7), (1, 1), (-1, 1)]
+    c, s = math.cos(heading), math.sin(heading)
+    return [(x + 0.5 * size * (c * a - s * b), y + 0.5 * size * (s * a + c * b)) for a, b in corners]
+
+
+def garage(width: float, lane: float) -> tuple[Pose, Pose, list[Points]]:
+    """Three walls in one concave polygon, the open side to the lane."""
+    half, deep, wall = 0.5 * width, LENGTH + 0.8, 0.3
+    ring = [
+        (-half - wall, 0), (-half - wall, -deep - wall), (half + wall, -deep - wall), (half + wall, 0),
+        (half, 0), (half, -deep), (-half, -deep), (-half, 0),
+    ]  # fmt: skip
+    goal = (0.0, -deep + 0.4 + CAR.rear_overhang, 0.5 * math.pi)
+    return (-8.0, 0.5 * lane, 0.0), goal, [ring, rectangle(0, lane + 0.5, 40, 1.0)]
+
+
+def dead_end(width: float, depth: float) -> tuple[Pose, Pose, list[Points]]:
+    """A cul-de-sac: in forwards, and to face the way out."""
+    half = 0.5 * width
+    ring = [
+        (-20, -half - 1), (depth + 1, -half - 1), (depth + 1, half + 1), (-20, half + 1), (-20, half), (depth, half),
+        (depth, -half), (-20, -half),
+    ]  # fmt: skip
+    return (-8.0, -0.2, 0.0), (-4.0, 0.2, math.pi), [ring]
+
+
+def turned(case: tuple[Pose, Pose, list[Points]], angle: float) -> tuple[Pose, Pose, list[Points]]:
+    """The same in another direction."""
+    c, s = math.cos(angle), math.sin(angle)
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        return c * x - s * y, s * x + c * y
+
+    start, goal, obstacles = case
+    return (
+        (*place(*start[:2]), start[2] + angle),
+        (*place(*goal[:2]), goal[2] + angle),
+        [[place(*point) for point in ring] for ring in obstacles],
+    )
+
+
+def row(
+    case: tuple[Pose, Pose, list[Points]], shift: tuple[str, str] = ("0", "0"), turns: tuple[int, int] = (0, 0)
+) -> list[str]:
+    """The numbers of a case's file, moved in decimals; headings by whole turns."""
+    start, goal, obstacles = case
+    dx, dy = Decimal(shift[0]), Decimal(shift[1])
+
+    def moved(point: Sequence[float]) -> list[str]:
+        return [str(Decimal(f"{point[0]:.6f}") + dx), str(Decimal(f"{point[1]:.6f}") + dy)]
+
+    numbers = [*moved(start), f"{start[2] + 2 * math.pi * turns[0]:.9f}"]
+    numbers += [*moved(goal), f"{goal[2] + 2 * math.pi * turns[1]:.9f}"]
+    numbers += [str(len(obstacles)), *(str(len(ring)) for ring in obstacles)]
+    return numbers + [word for ring in obstacles for point in ring for word in moved(point)]
+
+
+def odd_rings(case: tuple[Pose, Pose, list[Points]]) -> tuple[Pose, Pose, list[Points]]:
+    """Clockwise, closed, repeated and nearly collinear points in turn."""
+    start, goal, obstacles = case
+    changed = []
+    for k, ring in enumerate(obstacles):
+        if k % 4 == 0:
+            ring = ring[::-1]
+        elif k % 4 == 1:
+            ring = [*ring, ring[0]]
+        elif k % 4 == 2:
+            (a, b), (c, d) = ring[0], ring[1]
+            ring = [ring[0], (0.5 * (a + c) + 1e-6, 0.5 * (b + d)), *ring[1:]]
+        else:
+            ring = [ring[0], ring[0], *ring[1:]]
+        changed.append(ring)
+    return start, goal, changed
+
+
+def far_walls(case: tuple[Pose, Pose, list[Points]]) -> tuple[Pose, Pose, list[Points]]:
+    """Walls that are a million kilometres long, and something far away."""
+    start, goal, obstacles = case
+    low = min(y for ring in obstacles for _, y in ring)
+    wall = [(-1e9, low - 1.0), (1e9, low - 1.0), (1e9, low), (-1e9, low)]
+    return start, goal, [*obstacles, wall, rectangle(1e9, -1e9, 5.0, 5.0)]
+
+
+BILLION = ("1000000000", "-1000000000")
+CASES: dict[str, Callable[[], list[str]]] = {
+    "across, wide lane": lambda: row(slots_across(6.0, 0.9, 2)),
+    "across, narrow lane": lambda: row(slots_across(5.0, 0.9, 3)),
+    "across, odd rings": lambda: row(odd_rings(slots_across(6.0, 0.8, 4))),
+    "across, at 1e9 m": lambda: row(slots_across(6.0, 0.9, 2), BILLION),
+    "aslant, forwards": lambda: row(slots_across(5.5, 0.8, 3, math.pi / 3)),
+    "aslant, backwards": lambda: row(turned(slots_across(6.0, 0.8, 3, 2 * math.pi / 3), 0.7)),
+    "along, roomy": lambda: row(slot_along(4.5, 2.0)),
+    "along, tight": lambda: row(slot_along(4.5, 1.3)),
+    "along, walls of 1e9 m": lambda: row(far_walls(slot_along(4.5, 1.6))),
+    "along, at 1e9 m, turned": lambda: row(turned(slot_along(4.5, 1.6), 2.3), BILLION),
+    "along, heading 7.5 rad": lambda: row(turned(slot_along(5.0, 1.8), 7.5 - 2 * math.pi), turns=(1, 1)),
+    "garage": lambda: row(garage(2.9, 6.0)),
+    "garage, heading -11 rad": lambda: row(turned(garage(2.9, 6.0), -11.0 + 4 * math.pi), turns=(-2, 0)),
+    "dead end": lambda: row(dead_end(6.5, 8.0)),
+    "clutter of 10": lambda: row(clutter(1, 10)),
+    "clutter of 20, concave": lambda: row(clutter(2, 20, concave=True)),
+    "clutter of 30": lambda: row(clutter(3, 30, size=34.0)),
+    "clutter of 40, at 1e9 m": lambda: row(clutter(4, 40, size=38.0, concave=True), BILLION),
+    "clutter of 53": lambda: row(clutter(5, 53, size=40.0)),
+    "clutter of 53, concave": lambda: row(odd_rings(clutter(6, 53, size=44.0, concave=True)), turns=(1, -2)),
+}  # fmt: skip
+
+
+def main() -> None:
+    """Solve, and print a line each."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("numbers", type=int, nargs="*", help="which cases; all by default")
+    parser.add_argument("--write", type=Path, help="write files of all cases to a directory, and do nothing else")
+    chosen = parser.parse_args()
+    if chosen.write is not None:
+        for number, numbers in enumerate((make() for make in CASES.values()), start=1):
+            (chosen.write / f"case_{number}.csv").write_text(",".join(numbers) + "\n")
+        return
+    safe, seconds = 0, []
+    print(
+        f"{'case':<28} {'obstacles':>9} {'parts':>5} {'path':>6} {'solve':>6}  {'safe':<5} "
+        f"{'duration':>8} {'proven':>8}"
+    )
+    for number, (name, make) in enumerate(CASES.items(), start=1):
+        if chosen.numbers and number not in chosen.numbers:
+            continue
+        began = time.process_time()
+        case = rcp.parking.ParkingCase.from_numbers(make(), name=name)
+        m = rcp.parking.parking_model(case)
+        built = time.process_time() - began
+        result = rcp.solve(m, time_limit=120.0)
+        seconds.append(time.process_time() - began)
+        safe += bool(result.safe)
+        worst = result.safety.worst
+        print(
+            f"{number:>2} {name:<25} {len(case.obstacles):>9} {len(case.parts):>5} {built:>6.1f} "
+            f"{seconds[-1] - built:>6.1f}  {'yes' if result.safe else 'NO':<5} {m.drive.duration.value:>8.1f} "
+            f"{worst.proven:>8.4f}  {len(result.rounds)} rounds",
+            flush=True,
+        )
+    print(f"{safe} of {len(seconds)} safe; CPU seconds: mean {np.mean(seconds):.1f}, longest {max(seconds):.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Long plans among many obstacles start from a copy on fewer elements."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.planning import coarse_start
+
+pytestmark = [pytest.mark.ipopt, pytest.mark.slow]
+
+
+def field(elements: int) -> Any:
+    """A disc through a field of posts."""
+    m = pyo.ConcreteModel(name="field")
+    m.move = b = rcp.PhaseBlock(duration=2.0, elements=elements, stages=2)
+    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
+    b.vx, b.vy = rcp.Control(), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.vx[t] ** 2 + b.vy[t] ** 2))
+    b.initialize_straight_lines()
+    posts = {f"post {x} {y}": rcp.Polytope.box(0.3, 0.3, center=(x, y)) for x in (1, 2, 3) for y in (-0.7, 0.1, 0.9)}
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.2, 0.2),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles=posts,
+        clearance=0.05,
+    )
+    return m
+
+
+def test_a_start_on_fewer_elements_leads_to_the_same_plan_and_keeps_the_users_variables(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 40)
+    monkeypatch.setattr(coarse_start, "LEAST_SEPARATIONS", 50)
+    m = field(40)
+    held = dict(m.move.x.items())
+    result = rcp.solve(m)
+    assert result.safe
+    assert any(made.purpose.startswith("fewer elements: ") for made in result.rounds)
+    assert any(made.purpose == "from a plan on 20 elements" for made in result.rounds)
+    assert m.move.grid.mesh.elements == 40
+    assert all(m.move.x[t] is variable for t, variable in held.items())
+    monkeypatch.setattr(coarse_start, "LEAST_ELEMENTS", 10**6)
+    directly = rcp.solve(field(40))
+    assert directly.safe
+    assert result.objective == pytest.approx(directly.objective, rel=2e-2)
+    assert np.isfinite(result.objective)

@@ -1,0 +1,107 @@
+"""Plans on meshes that are too coarse for their equations: refined in place, or kept away by margins."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from scipy.integrate import solve_ivp
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.planning.planning_point import PlanningPoint
+
+pytestmark = [pytest.mark.ipopt]
+
+CLEARANCE = 0.05
+POST = (1.0, 0.0)
+
+
+def unicycle(elements: int, scheme: str = "radau", stages: int | None = 1) -> Any:
+    """Around a post, on few elements of low order."""
+    m = pyo.ConcreteModel(name="unicycle")
+    m.move = b = rcp.PhaseBlock(duration=2.0, elements=elements, scheme=scheme, stages=stages)
+    b.x, b.y = rcp.State(initial=0, final=2), rcp.State(initial=0, final=0.2)
+    b.heading = rcp.State(initial=0.8)
+    b.speed, b.turn = rcp.Control(bounds=(0, 3)), rcp.Control(bounds=(-4, 4))
+    b.ode(
+        lambda b, t: {
+            b.x: b.speed[t] * pyo.cos(b.heading[t]), b.y: b.speed[t] * pyo.sin(b.heading[t]), b.heading: b.turn[t]
+        }
+    )  # fmt: skip
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.2, 0.1),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.heading[t]),
+        obstacles={"post": rcp.Polytope.hull([POST], radius=0.2, allow_flat=True)},
+        clearance=CLEARANCE,
+    )
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.speed[t] ** 2 + 0.1 * b.turn[t] ** 2))
+    b.initialize(x=lambda t: t, y=lambda t: 0.4 * np.sin(np.pi * t / 2), speed=1.0)
+    return m
+
+
+def closest(m: Any) -> float:
+    """Distance of the motion that SciPy makes of the controls from the post, over the corners of the body."""
+    trajectory = m.move.trajectory()
+    state, least = [0.0, 0.0, 0.8], np.inf
+    corners = [(s * 0.1, r) for s in (-1, 1) for r in np.linspace(-0.05, 0.05, 21)]
+    corners += [(s, r * 0.05) for r in (-1, 1) for s in np.linspace(-0.1, 0.1, 41)]
+    for start, end in pairwise(trajectory.grid.mesh.boundaries):
+
+        def rates(t: float, s: Any, start: float = start, end: float = end) -> Any:
+            u = trajectory(max(t, np.nextafter(start, end)))
+            return [u["speed"] * np.cos(s[2]), u["speed"] * np.sin(s[2]), u["turn"]]
+
+        found = solve_ivp(rates, (start, end), state, rtol=1e-10, atol=1e-10, t_eval=np.linspace(start, end, 40))
+        state = found.y[:, -1]
+        for x, y, heading in found.y.T:
+            for a, b in corners:
+                place = (x + np.cos(heading) * a - np.sin(heading) * b, y + np.sin(heading) * a + np.cos(heading) * b)
+                least = min(least, np.hypot(place[0] - POST[0], place[1] - POST[1]) - 0.2)
+    return float(least)
+
+
+def test_a_mesh_that_is_too_coarse_is_refined_and_the_rounds_say_so() -> None:
+    m = unicycle(6)
+    final = m.move.x[m.move.final_time]
+    result = rcp.solve(m)
+    assert result.safe
+    assert m.move.grid.mesh.elements > 6
+    assert any("elements of 'move' from 6 to" in made.purpose for made in result.rounds)
+    assert m.move.x[m.move.final_time] is final
+    assert closest(m) >= 0.99 * CLEARANCE
+    assert m.move.trajectory().verify().largest_violation < 1e-6
+
+
+def test_small_deviations_are_covered_by_margins_on_the_users_mesh() -> None:
+    m = unicycle(10, stages=2)
+    result = rcp.solve(m)
+    assert result.safe
+    assert m.move.grid.mesh.elements == 10
+    assert closest(m) >= 0.99 * CLEARANCE
+
+
+def test_what_cannot_be_refined_keeps_its_mesh_and_is_not_called_safe_falsely() -> None:
+    """A row that the user states on a point in the middle of an element, by its number, cannot follow."""
+    m = unicycle(4, stages=2)
+    inner = sorted(m.move.time)[1]
+    m.own = pyo.Constraint(expr=m.move.y[inner] >= -5)
+    result = rcp.solve(m)
+    assert m.move.grid.mesh.elements == 4
+    assert not result.safe or closest(m) >= 0.99 * CLEARANCE
+
+
+def test_a_planning_point_goes_back_to_its_mesh() -> None:
+    m = unicycle(5)
+    before = {index: variable.value for index, variable in m.move.x.items()}
+    point = PlanningPoint(m, [m.move.avoid])
+    m.move.remesh(12)
+    for variable in m.move.x.values():
+        variable.value = variable.value if variable.fixed else 7.0
+    assert point.restore()
+    assert {index: variable.value for index, variable in m.move.x.items()} == before
+    assert m.move.grid.mesh.elements == 5
+    assert not point.restore()
