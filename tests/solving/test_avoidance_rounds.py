@@ -162,10 +162,10 @@ def failing_verify(monkeypatch: pytest.MonkeyPatch, calls: int, error: BaseExcep
     """Have `verify` raise after some calls."""
     verify, count = ObstacleAvoidanceBlockData.verify, iter(range(calls))
 
-    def failing(self: Any, *args: Any) -> Any:
+    def failing(self: Any, *args: Any, **options: Any) -> Any:
         if next(count, None) is None:
             raise error
-        return verify(self, *args)
+        return verify(self, *args, **options)
 
     monkeypatch.setattr(ObstacleAvoidanceBlockData, "verify", failing)
 
