@@ -44,7 +44,9 @@ class Fails:
         b = self.model.move
         middle = min(b.time, key=lambda t: abs(b.x[t].value))
         self.told[purpose] = b.y[middle].value
-        return SimpleNamespace(constraint_violation=1.0, quality=rcp.Quality.INFEASIBLE, stop_reason=rcp.StopReason.ITERATION_LIMIT)
+        return SimpleNamespace(
+            constraint_violation=1.0, quality=rcp.Quality.INFEASIBLE, stop_reason=rcp.StopReason.ITERATION_LIMIT
+        )
 
     def may_go_on(self, result: Any) -> bool:
         return True
