@@ -37,7 +37,7 @@ def build(case: str = "turbo", elements: int = 20, stages: int = 2) -> pyo.Concr
     duration = rcp.Duration(bounds=(1, 40), initial_guess=15)
     m.drive = b = rcp.PhaseBlock(duration=duration, elements=elements, stages=stages, free_element_widths=(0.2, 3))
     b.x = rcp.State(initial=0, final=DISTANCE, initial_guess=lambda t: DISTANCE * t)
-    b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST), initial_guess=1)
+    b.v = rcp.State(initial=0, final=0, bounds=(0, FASTEST), initial_guess=2)
     b.pedal = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")
     if case == "hysteresis":
         b.memory = rcp.State(initial=-ON, initial_guess=-ON)

@@ -90,7 +90,8 @@ def solve(
         Polish the point of each strategy; without it, a point is as complementary as its relaxation.
     exploration : float, optional
         How long to explore branches for better optima, as a multiple of the time that the rest of the solve took so
-        far; ``float("inf")`` for no limit but `time_limit`. By default 1 up to 100 pairs, then less, and 0 from 200.
+        far; ``float("inf")`` for no limit but `time_limit`. By default 1 up to 100 pairs, and at least a second; then
+        less, and 0 from 200 pairs.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default the best that is present; for models with obstacles and for those that repeat

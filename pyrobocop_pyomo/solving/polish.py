@@ -40,6 +40,9 @@ NEARLY_BIACTIVE = 1e-3
 # Up to here exploration may take as long as the rest of the solve by default. The more pairs, the less a look beyond
 # the nearest solution pays: at twice as many there is none, unless it is asked for.
 EXPLORED_PAIRS = 100
+# By default it may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
+# on which of them the machine was busy in.
+EXPLORED_SECONDS = 1.0
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
 LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
@@ -72,7 +75,8 @@ class Exploration:
         """Seconds that may be spent from now on in a problem with so many pairs."""
         elsewhere = time.perf_counter() - self.started - self.seconds
         factor = min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
-        return factor * elsewhere - self.seconds if factor > 0.0 else 0.0
+        least = EXPLORED_SECONDS if self.factor is None else 0.0
+        return max(least, factor * elsewhere) - self.seconds if factor > 0.0 else 0.0
 
 
 class Polish:
