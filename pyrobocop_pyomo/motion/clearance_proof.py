@@ -21,7 +21,7 @@ from .bodies import Body
 from .equations_motion import EquationsMotion, equations_motion
 from .far_pairs import BoxProofs, PairToProve, box_distances
 from .motion import Motion
-from .moving_shapes import MovingShape, PathBounds, moving_shapes
+from .moving_shapes import MovingShape, PathBounds, halves, moving_shapes
 from .pose_templates import node_times
 from .required_clearance import (
     RequiredBounds,
@@ -175,25 +175,8 @@ def _at_points(
                 distances = np.array(
                     [signed_distance(p, q, poses[first, at], poses[second, at]).distance for at in motion.points]
                 )
-                worst = int(np.argmin(distances - required))
-                results.append(
-                    BodyPairSafety(
-                        first=p_name,
-                        second=q_name,
-                        clearance=float(required[worst]),
-                        tolerance=_tolerance(tolerance, float(required.min())),
-                        distance=float(distances[worst]),
-                        proven=float(distances[worst]),
-                        time=motion.points[worst],
-                        interval=None,
-                        interval_distance=distances,
-                        interval_proven=distances,
-                        interval_clearance=required,
-                        interval_deviation=np.zeros(len(distances)),
-                        undecided=(),
-                        subintervals=len(distances),
-                    )
-                )
+                allowed = _tolerance(tolerance, float(required.min()))
+                results.append(BodyPairSafety.at_points(p_name, q_name, motion.points, distances, required, allowed))
     return SafetyReport(tuple(results), between=False, motion=motion.description(bodies))
 
 
@@ -361,12 +344,7 @@ class _Proof:
             self.undecided.update(interval[still_open].tolist())
         halved = np.zeros_like(still_open) if gives_up else still_open
         np.minimum.at(self.proven, interval[~halved], bound[~halved])
-        middle = 0.5 * (start[halved] + end[halved])
-        return (
-            np.concatenate([interval[halved], interval[halved]]),
-            np.concatenate([start[halved], middle]),
-            np.concatenate([middle, end[halved]]),
-        )
+        return halves(interval[halved], start[halved], end[halved])
 
     def _measure(self, interval: Indices, fraction: Array) -> tuple[Array, Array]:
         """Excesses and normals at instants; the instant of each interval with the least excess is remembered."""

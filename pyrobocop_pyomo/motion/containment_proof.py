@@ -17,7 +17,7 @@ from pyrobocop_pyomo.numerics import Array, Indices
 from .bodies import Body
 from .equations_motion import EquationsMotion, equations_motion
 from .motion import Motion
-from .moving_shapes import MovingShape, PathBounds, moving_shapes
+from .moving_shapes import MovingShape, PathBounds, halves, moving_shapes
 from .pose_templates import node_times
 from .safety_report import BodyPairSafety, SafetyReport
 
@@ -149,12 +149,7 @@ class _InsideProof:
             self.undecided.update(interval[still_open].tolist())
         halved = np.zeros_like(still_open) if gives_up else still_open
         np.minimum.at(self.proven, interval[~halved], bound[~halved])
-        middle = 0.5 * (start[halved] + end[halved])
-        return (
-            np.concatenate([interval[halved], interval[halved]]),
-            np.concatenate([start[halved], middle]),
-            np.concatenate([middle, end[halved]]),
-        )
+        return halves(interval[halved], start[halved], end[halved])
 
     def _measure(self, interval: Indices, fraction: Array) -> None:
         """Measure the room at instants; the least of each interval is remembered."""

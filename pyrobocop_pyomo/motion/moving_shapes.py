@@ -193,6 +193,16 @@ def moving_shapes(motion: Motion, bodies: dict[str, Body]) -> dict[str, list[Mov
     return shapes
 
 
+def halves(interval: Indices, start: Array, end: Array) -> tuple[Indices, Array, Array]:
+    """The first halves of subintervals, then the second ones; fractions of their intervals."""
+    middle = 0.5 * (start + end)
+    return (
+        np.concatenate([interval, interval]),
+        np.concatenate([start, middle]),
+        np.concatenate([middle, end]),
+    )
+
+
 def _template(
     motion: Motion, body: Body, name: str, times: dict[float, float]
 ) -> SignalFormulas | FormulaTemplate | None:

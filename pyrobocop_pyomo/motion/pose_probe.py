@@ -11,11 +11,12 @@ from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
-from pyomo.core.expr.visitor import identify_mutable_parameters, identify_variables
+from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals, rule_result
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .expression_values import ExpressionValues
 from .motion import Motion
@@ -165,5 +166,5 @@ def _variables(entries: list[Any]) -> list[Any]:
     found: dict[int, Any] = {}
     for entry in entries:
         if entry.__class__ not in native_numeric_types:
-            found |= {id(variable): variable for variable in identify_variables(entry, include_fixed=True)}
+            found |= {id(variable): variable for variable in variables_in(entry, include_fixed=True)}
     return list(found.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -72,6 +72,29 @@ class BodyPairSafety:
     preferred: float | None = None
     interval_ends: Array | None = field(default=None, repr=False)
     interval_times: Array | None = field(default=None, repr=False)
+
+    @classmethod
+    def at_points(
+        cls, first: str, second: str, points: Sequence[Any], distances: Array, required: Array, tolerance: float
+    ) -> BodyPairSafety:
+        """At points without an order: what is measured there is all there is to prove."""
+        worst = int(np.argmin(distances - required))
+        return cls(
+            first=first,
+            second=second,
+            clearance=float(required[worst]),
+            tolerance=tolerance,
+            distance=float(distances[worst]),
+            proven=float(distances[worst]),
+            time=points[worst],
+            interval=None,
+            interval_distance=distances,
+            interval_proven=distances,
+            interval_clearance=required,
+            interval_deviation=np.zeros(len(distances)),
+            undecided=(),
+            subintervals=len(distances),
+        )
 
     @property
     def safe(self) -> bool:

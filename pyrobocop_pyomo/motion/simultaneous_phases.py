@@ -6,11 +6,11 @@ from numbers import Real
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.visitor import identify_variables
 from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expressions import same_expression
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 _SAME = 1e-12
 
@@ -61,7 +61,7 @@ def _same_durations(phase: Any, other: Any) -> bool:
         return _same(*pair)
     wanted = {id(duration) for duration in pair}
     for row in phase.model().component_data_objects(Constraint, active=True, descend_into=True):
-        if row.equality and {id(v) for v in identify_variables(row.body)} == wanted and _is_difference(row):
+        if row.equality and {id(v) for v in variables_in(row.body)} == wanted and _is_difference(row):
             return True
     return False
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import identify_variables
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.errors import ObstacleError
@@ -23,6 +22,7 @@ from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.links import LinkData
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.pose_probe import PoseReading, read_pose
@@ -115,7 +115,7 @@ def _is_real_time(phase: Any, reading: PoseReading) -> bool:
     duration = phase.duration
     if phase.record.free_widths or not phase.has_free_duration:
         return False
-    starts = [] if isinstance(phase.start, Real) else list(identify_variables(phase.start, include_fixed=True))
+    starts = [] if isinstance(phase.start, Real) else list(variables_in(phase.start, include_fixed=True))
     read = {id(variable) for variable in reading.variables}
     if (isinstance(phase.start, Real) and phase.start != 0.0) or any(id(variable) not in read for variable in starts):
         return False
@@ -189,7 +189,7 @@ def _warn_of_loose_start(model: Any, first: Any, second: Any, blocks: Iterable[A
     own = [second, *blocks]
     rows = model.component_data_objects(Constraint, active=True, descend_into=True)
     others = (row for row in rows if not any(_is_within(row, block) for block in own))
-    read = (variable for row in others for variable in identify_variables(row.body, include_fixed=False))
+    read = (variable for row in others for variable in variables_in(row.body, include_fixed=False))
     if not any(variable is second.start for variable in read):
         logger.warning(
             "phase '%s' follows '%s', but nothing ties its start to the end of that phase, and %s move(s) with its "
@@ -234,7 +234,7 @@ def _common_scale(model: Any, domain: Any) -> Any:
         if not rows.is_indexed() or not any(subset is domain for subset in rows.index_set().subsets()):
             continue
         equalities = [row for row in rows.values() if row.active and row.equality]
-        read = [list(identify_variables(row.body, include_fixed=False)) for row in equalities]
+        read = [list(variables_in(row.body, include_fixed=False)) for row in equalities]
         for variables in read:
             scalars = {id(v): v for v in variables if not v.parent_component().is_indexed()}
             if scalars:  # the equations that pyomo.dae adds have none
@@ -244,7 +244,7 @@ def _common_scale(model: Any, domain: Any) -> Any:
 
 def _is_open(time: Any) -> bool:
     """Whether a time is to be found."""
-    return not isinstance(time, Real) and next(iter(identify_variables(time, include_fixed=False)), None) is not None
+    return not isinstance(time, Real) and next(iter(variables_in(time, include_fixed=False)), None) is not None
 
 
 def _timed(block: Any) -> Iterator[tuple[str, Body, PoseReading]]:

@@ -313,23 +313,9 @@ class ContainmentData(BuiltBlockData):
         """The rooms at points without an order, between which there is no motion."""
         record = self.record
         room = self._rooms_and_extents()[0].max(axis=1)
-        worst = int(room.argmin())
-        pair = BodyPairSafety(
-            first="body",
-            second=f"outside of {len(record.regions)} regions",
-            clearance=asked,
-            tolerance=tolerance,
-            distance=float(room[worst]),
-            proven=float(room[worst]),
-            time=record.times[worst],
-            interval=None,
-            interval_distance=room,
-            interval_proven=room,
-            undecided=(),
-            subintervals=len(room),
-            interval_clearance=np.full(len(room), asked),
-            interval_deviation=np.zeros(len(room)),
-        )
+        outside = f"outside of {len(record.regions)} regions"
+        required = np.full(len(room), asked)
+        pair = BodyPairSafety.at_points("body", outside, record.times, room, required, tolerance)
         return SafetyReport((pair,), between=False, motion=self.motion.description({"body": record.body}))
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import GeometryError, ObstacleError
 from pyrobocop_pyomo.geometry import Pose, check_pose, distance_of_points
 from pyrobocop_pyomo.geometry.poses import LARGEST_USUAL_ANGLE
 from pyrobocop_pyomo.modeling.row_violations import constraint_violation
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import values_restored
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
@@ -128,7 +128,7 @@ def warn_about_soft_clearance(block: Any) -> None:
         return
     missed = {id(variable) for variable in block.missed.values()}
     objectives = block.model().component_data_objects(Objective, active=True, descend_into=True)
-    if any(id(read) in missed for objective in objectives for read in identify_variables(objective.expr)):
+    if any(id(read) in missed for objective in objectives for read in variables_in(objective.expr)):
         return
     LOGGER.warning(
         "obstacle avoidance '%s': soft_clearance prefers a clearance of %g, but missing it costs nothing. Add "
@@ -253,7 +253,7 @@ def warn_about_quaternions(snapshot: Snapshot, model: Any) -> None:
         if constrained is None:
             rows = model.component_data_objects(Constraint, active=True, descend_into=True)
             constrained = {
-                frozenset(map(id, identify_variables(row.body, include_fixed=False))) for row in rows if row.equality
+                frozenset(map(id, variables_in(row.body, include_fixed=False))) for row in rows if row.equality
             }
         # Some schemes have no equations at the ends of elements: one instant with an equation is enough.
         free = (frozenset(id(variable) for variable in read if not variable.fixed) for _, read in rotations)

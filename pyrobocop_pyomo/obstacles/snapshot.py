@@ -6,9 +6,9 @@ from collections.abc import Hashable, Iterable
 from typing import Any
 
 import numpy as np
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment
@@ -99,7 +99,7 @@ def variables_of(pose: Any) -> list[Any]:
     variables: dict[int, Any] = {}
     for entry in pose.entries:
         if not is_number(entry):
-            variables.update({id(variable): variable for variable in identify_variables(entry, include_fixed=True)})
+            variables.update({id(variable): variable for variable in variables_in(entry, include_fixed=True)})
     return list(variables.values())
 
 

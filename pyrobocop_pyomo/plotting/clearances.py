@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import matplotlib
+
+from .figures import figure_or_new
 
 # Distances beyond so many times the clearance are off the picture: what counts is near the line that is asked for.
 _HIGHEST = 8.0
@@ -66,8 +67,7 @@ def plot_clearances(title: str, curves: Sequence[ClearanceCurve], *, most: int =
     -------
     matplotlib.figure.Figure or SubFigure
     """
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(7.2, 4.0), layout="constrained")
+    figure = figure_or_new(figure, 7.2, 4.0)
     axis = figure.subplots()
     axis.set_title(title, color="0.1" if title == "clear" else "C3")
     drawn, rest = curves[:most], curves[most:]

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import matplotlib
+
+from .figures import figure_or_new
 
 _MOST_NAMED = 6  # data sets, beyond which a legend would hide the data
 
@@ -49,8 +50,7 @@ def draw_fit(
     """
     columns = 1 if len(panels) <= 4 else 2
     rows = -(-len(panels) // columns)
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(6.0 * columns, 1.9 * rows + 0.8), layout="constrained")
+    figure = figure_or_new(figure, 6.0 * columns, 1.9 * rows + 0.8)
     axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     names = list(dict.fromkeys(name for panel in panels for name in panel.samples))
     for axis, panel in zip(axes, panels, strict=False):

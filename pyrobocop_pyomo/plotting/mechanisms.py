@@ -10,6 +10,7 @@ import numpy as np
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import matplotlib
 
+from .figures import figure_or_new
 from .outlines import outline
 from .time_colours import evenly_moved, time_colours
 
@@ -43,8 +44,7 @@ def draw_linkage(
     -------
     matplotlib.figure.Figure or SubFigure
     """
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(6.0, 5.2), layout="constrained")
+    figure = figure_or_new(figure, 6.0, 5.2)
     axis = figure.subplots()
     colours = time_colours(time)
     if cart is not None:
@@ -115,8 +115,7 @@ def draw_planar_pushing(
     -------
     matplotlib.figure.Figure or SubFigure
     """
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(6.4, 6.0), layout="constrained")
+    figure = figure_or_new(figure, 6.4, 6.0)
     axis = figure.subplots()
     colours = time_colours(time)
     for obstacle in obstacles:

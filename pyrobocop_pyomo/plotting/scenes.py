@@ -14,6 +14,7 @@ from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
 
+from .figures import figure_or_new
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
 
@@ -63,8 +64,7 @@ def draw_scene(
     """
     time = np.asarray(time, dtype=float)
     dimension = check_scene(time, bodies, obstacles)
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(6.4, 6.0), layout="constrained")
+    figure = figure_or_new(figure, 6.4, 6.0)
     axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
     colours = time_colours(time)
     chosen = evenly_moved(np.concatenate([body.places() for body in bodies], axis=1), snapshots)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import matplotlib
+
+from .figures import figure_or_new
 
 _MOST_DOTS = 120  # beyond, they merge and hide the line
 _POINTS_PER_LETTER = 4.5  # of the small font, about
@@ -49,9 +50,7 @@ def plot_signals(
     """
     columns = 1 if len(values) <= 4 else 2
     rows = -(-len(values) // columns)
-    if figure is None:
-        # The object interface, not pyplot: no global figure list grows, and no display is asked for.
-        figure = matplotlib.figure.Figure(figsize=(4.2 * columns + 1, 1.5 * rows + 0.8), layout="constrained")
+    figure = figure_or_new(figure, 4.2 * columns + 1, 1.5 * rows + 0.8)
     axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
     for axis, name in zip(axes, values, strict=False):
         if name in steps:

@@ -11,6 +11,7 @@ import numpy as np
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import matplotlib
 
+from .figures import figure_or_new
 from .signals import show_no_noise, write_above
 
 _MOST_NAMES = 8
@@ -52,8 +53,7 @@ def plot_history(
     -------
     matplotlib.figure.Figure or SubFigure
     """
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(7.2, 5.4), layout="constrained")
+    figure = figure_or_new(figure, 7.2, 5.4)
     upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2, 3)})
     borders = [0.0, *ends.tolist()]
     for axis in (upper, lower):
@@ -153,8 +153,7 @@ def plot_pair_sides(
     -------
     matplotlib.figure.Figure or SubFigure
     """
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(7.2, 4.2), layout="constrained")
+    figure = figure_or_new(figure, 7.2, 4.2)
     axes = figure.subplots(2, 1, sharex=True)
     both = (np.abs(first) <= zero) & (np.abs(second) <= zero)
     gaps = np.diff(place)
@@ -208,8 +207,7 @@ def plot_products(title: str, delta: Array, product: Array, natural: Array, *, f
     -------
     matplotlib.figure.Figure or SubFigure
     """
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(5.6, 4.4), layout="constrained")
+    figure = figure_or_new(figure, 5.6, 4.4)
     axis = figure.subplots()
     floor = min(1e-12, 1e-2 * float(delta.min()))  # exact zeros are drawn here
     range_of = np.array([delta.min() / 3, delta.max() * 3])

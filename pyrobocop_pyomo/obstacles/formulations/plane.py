@@ -19,6 +19,7 @@ from .rows import (
     norm_relation,
     rotation_of,
     set_norm,
+    state_side,
     turned,
 )
 
@@ -87,10 +88,7 @@ class Plane:
                         block.turned_normal.add((name, *place, axis), entry)
                         for axis, entry in enumerate(turned(normal, pose))
                     ]
-                heights = [dot(corner, direction) + level for corner in corners.tolist()]
-                heights += [dot(ray, direction) for ray in rays.tolist()]
-                for number, height in enumerate(heights):
-                    rows.add((*place, number), (0.0, height, None) if upward else (None, height, 0.0))
+                state_side(rows, place, corners, rays, direction, level, upward=upward)
         block.unit.add(index, norm_relation(normal, "ball"))
 
     def start(

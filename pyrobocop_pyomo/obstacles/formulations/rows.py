@@ -66,6 +66,23 @@ def turned(normal: Sequence[Any], pose: Pose) -> list[Any]:
     return [dot([pose.rotation[row][column] for row in range(dimension)], normal) for column in range(dimension)]
 
 
+def state_side(
+    rows: Constraint,
+    place: tuple[Any, ...],
+    corners: np.ndarray,
+    rays: np.ndarray,
+    direction: Sequence[Any],
+    level: Any,
+    *,
+    upward: bool,
+) -> None:
+    """Rows that keep corners, and rays from them, on one side of a plane at a height over a body's origin."""
+    heights = [dot(corner, direction) + level for corner in corners.tolist()]
+    heights += [dot(ray, direction) for ray in rays.tolist()]
+    for number, height in enumerate(heights):
+        rows.add((*place, number), (0.0, height, None) if upward else (None, height, 0.0))
+
+
 def norm_relation(normal: Sequence[Any], norm: str) -> tuple[Any, Any, Any]:
     """The relation that bounds ("ball") or fixes ("sphere") the length of the normal."""
     square = sum(entry**2 for entry in normal)

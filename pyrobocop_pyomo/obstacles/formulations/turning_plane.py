@@ -13,7 +13,7 @@ from pyrobocop_pyomo.geometry import distance_of_points
 
 from .plane import WIDER_THAN_ONE
 from .protocol import PlacedShape, PosedShape, SeparationIndex
-from .rows import add_components, dot, empty_expressions, empty_rows, norm_relation, turned
+from .rows import add_components, dot, empty_expressions, empty_rows, norm_relation, state_side, turned
 
 _ENDS = (0, 1)
 
@@ -86,10 +86,8 @@ class TurningPlane:
                     block.turned_normal.add((name, *place, axis), entry)
                     for axis, entry in enumerate(turned(normal, pose))
                 ]
-                heights = [dot(corner, direction) + level for corner in posed.shape.vertices.tolist()]
-                heights += [dot(ray, direction) for ray in posed.shape.rays.tolist()]
-                for number, height in enumerate(heights):
-                    rows.add((*place, number), (0.0, height, None) if upward else (None, height, 0.0))
+                shape = posed.shape
+                state_side(rows, place, shape.vertices, shape.rays, direction, level, upward=upward)
         for end in _ENDS:
             block.unit.add((*index, end), norm_relation(normals[end], "ball"))
 
