@@ -11,21 +11,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pyomo.core.base.var import Var
-
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.equations_motion import phases_of_motion
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.settings import Settings
+from pyrobocop_pyomo.solving.starts import take_values_of_copy
 
 from .planning_round import PlanningRound
 
 logger = logging.getLogger(__name__)
 
-# From so many elements and separations on; the copy has a quarter of the elements, or as few as this.
-LEAST_ELEMENTS, LEAST_SEPARATIONS = 50, 500
+# From so many elements and separations on. Or from so many pairs of shapes in all intervals together, near and far: the
+# guess is near few of them, and its plan wanders among all. The copy has a quarter of the elements, or as few as this.
+LEAST_ELEMENTS, LEAST_SEPARATIONS, LEAST_PAIRS = 50, 500, 5000
 COARSER, LEAST_COARSE_ELEMENTS = 4, 20
 
 
@@ -72,8 +73,10 @@ def plan_on_fewer_elements(
         When the search was interrupted; what it had found is on the model.
     """
     phases = {id(phase): phase for block in blocks for phase in phases_of_motion(block.motion)}
-    separations = sum(len(getattr(block, "separations", ())) for block in blocks)
-    if separations < LEAST_SEPARATIONS or model.model() is not model:
+    scenes = [block for block in blocks if isinstance(block, ObstacleAvoidanceBlockData)]
+    separations = sum(len(block.separations) for block in scenes)
+    pairs = separations + sum(len(block.record.pruned) for block in scenes)
+    if (separations < LEAST_SEPARATIONS and pairs < LEAST_PAIRS) or model.model() is not model:
         return None
     long = [phase for phase in phases.values() if phase.grid.mesh.elements >= LEAST_ELEMENTS]
     if not long or any(why_not_remeshed(phase) is not None for phase in long):
@@ -90,19 +93,9 @@ def plan_on_fewer_elements(
         logger.info("'%s': no start on fewer elements: %s", model.name, error)
         return None
     if result.quality is not Quality.INFEASIBLE:
-        _take_values(model, copy, long)
+        take_values_of_copy(model, copy)
     if result.stop_reason is StopReason.INTERRUPTED:
         raise KeyboardInterrupt
     if result.quality is Quality.INFEASIBLE:
         return None
     return CoarsePlan(sum(twin.grid.mesh.elements for twin in twins.values()), rounds)
-
-
-def _take_values(model: Any, copy: Any, long: list[Any]) -> None:
-    """Values of the copy: those of phases with fewer elements by their trajectories, all others one by one."""
-    for variable in model.component_data_objects(Var, active=True):
-        twin = copy.find_component(variable)
-        if twin is not None and twin.value is not None and not variable.fixed:
-            variable.set_value(twin.value, skip_validation=True)
-    for phase in long:
-        phase.initialize(copy.find_component(phase).trajectory())

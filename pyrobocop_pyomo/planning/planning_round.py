@@ -106,6 +106,13 @@ class PlanningRound:
         """Whether it is a plan to go by."""
         return self.safe and self.quality is not Quality.INFEASIBLE
 
+    @property
+    def is_nearly_safe(self) -> bool:
+        """Whether it is feasible, and too close by its clearance at most: what margins or a finer mesh make safe."""
+        worst = self.result.safety.worst
+        feasible = self.quality is not Quality.INFEASIBLE
+        return feasible and worst is not None and worst.shortfall <= worst.clearance
+
     def record(self) -> PlanningRound:
         """The same without its result and the way back: what a result keeps, and a pickle can hold."""
         return replace(self, result=None, restore=_cannot_restore)

@@ -17,15 +17,17 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.car_paths import CarPath, hybrid_a_star
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose
+from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.motion.expression_values import ExpressionValues
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
+from pyrobocop_pyomo.phases.families import equations_by_component
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
 
 logger = logging.getLogger(__name__)
@@ -201,9 +203,9 @@ class _Equations:
         record = phase.record
         self.time = time = next(iter(phase.points))
         self.rates: dict[str, Any] = {
-            phase.state_name(state): rate
+            phase.state_name(state): plain_entry(rate)
             for statement in record.statements_of("ode")
-            for state, rate in statement.rule(phase, time).items()
+            for state, rate in equations_by_component(record, statement.rule(phase, time), statement.name).items()
         }
         self.pose: Pose = block.motion.pose_at_node(block.record.scene.bodies[body].pose, time, name=body)
         names = [*record.names_of_states, *record.names_of_signals]
@@ -221,7 +223,7 @@ class _Equations:
             id(variable)
             for expression in expressions
             if hasattr(expression, "is_expression_type")
-            for variable in identify_variables(expression, include_fixed=True)
+            for variable in variables_in(expression, include_fixed=True)
         }
         return [name for name, variable in self._variables.items() if id(variable) in found]
 

@@ -23,14 +23,14 @@ from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockDat
 from pyrobocop_pyomo.obstacles.broad_phase import ran_through_what_was_left_out
 from pyrobocop_pyomo.obstacles.pictures import scene_of
 from pyrobocop_pyomo.obstacles.tightening import tighten, tighten_containment
-from pyrobocop_pyomo.solving.ipopt_options import SOLVE_AGAIN
+from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, SOLVE_AGAIN
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .coarse_start import plan_on_fewer_elements
+from .coarse_start import LEAST_SEPARATIONS, plan_on_fewer_elements
 from .planning_round import PlanningRound, way_back
 from .recovery import MOST_ITERATIONS, Recovery, clear_margins
 from .safety_meshes import SafetyMeshes
@@ -90,12 +90,12 @@ class SafePlanning:
         self._best: PlanningRound | None = None
         self._interrupted = False
         self._meshes = SafetyMeshes([*blocks, *regions])
-        self._is_start = False
+        self._is_start = self._is_any_start = False
         self._began = VariableValues.of_free(model)
 
-    def is_for_a_start(self) -> None:
-        """Be content with a motion that is nearly clear, on the mesh as it is: it is where another plan starts."""
-        self._is_start = True
+    def is_for_a_start(self, *, any_point: bool) -> None:
+        """Be content with a motion that is nearly clear, or with any feasible point, on the mesh as it is."""
+        self._is_start, self._is_any_start = True, any_point
         self._meshes.stay()
 
     def plan(self) -> SolveResult:
@@ -126,11 +126,11 @@ class SafePlanning:
 
     def _plan(self) -> None:
         recovery = Recovery(self._model, self._blocks, self._regions, self)
-        if self._from_fewer_elements() and self._is_good_enough:
+        if not self._is_start and self._from_fewer_elements() and self._is_good_enough:
             return
         for step in recovery.steps():
             result = step()
-            if result.quality is not Quality.INFEASIBLE:
+            if result.quality is not Quality.INFEASIBLE and not self._is_any_start:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
@@ -155,7 +155,9 @@ class SafePlanning:
     def _planned(self, copy: Any, settings: Settings) -> tuple[SolveResult, list[PlanningRound]]:
         """A plan on a copy whose mesh is coarse on purpose, with its rounds."""
         planning = SafePlanning(copy, avoidance_blocks(copy), containments(copy), settings, equations=self._equations)
-        planning.is_for_a_start()
+        # Among few separations margins are cheaper on the user's mesh, among many on the coarse one.
+        few = sum(len(block.separations) for block in self._blocks) < LEAST_SEPARATIONS
+        planning.is_for_a_start(any_point=few)
         return planning.plan(), planning.rounds
 
     def _revise_regions(self) -> None:
@@ -193,7 +195,8 @@ class SafePlanning:
         """
         settings = self._settings
         if again:
-            settings = replace(settings, options=settings.options.with_default(SOLVE_AGAIN))
+            nearly = self.rounds and self.rounds[-1].is_nearly_safe
+            settings = replace(settings, options=settings.options.with_default(NEARLY_SAFE if nearly else SOLVE_AGAIN))
         if most_iterations is not None:
             settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
         self._began = VariableValues.of_free(self._model)
@@ -261,6 +264,8 @@ class SafePlanning:
                 # The start stands on another mesh than the plan now.
                 result, can_go_back = finer, False
                 point, reports = VariableValues.of_free(self._model), self._reports
+                if self.rounds[-1].is_nearly_safe:
+                    start, can_go_back = point, True
                 continue
             pairs = zip(self._blocks, reports[: len(self._blocks)], strict=True)
             goes_back = can_go_back and any(ran_through_what_was_left_out(*pair) for pair in pairs)
@@ -282,6 +287,9 @@ class SafePlanning:
                 point.restore()
             else:
                 point, reports = VariableValues.of_free(self._model), self._reports
+                if self.rounds[-1].is_nearly_safe:
+                    # Where the next round leaves what is nearly safe, it starts again from there.
+                    start, can_go_back = point, True
         return result
 
     def _on_a_finer_mesh(self, result: SolveResult, reports: Sequence[SafetyReport]) -> SolveResult | None:
@@ -299,19 +307,20 @@ class SafePlanning:
             return None
         return result
 
+    @property
+    def _is_good_enough(self) -> bool:
+        """Safe; or feasible, where nobody asked for more than the points, or another plan starts from this one."""
+        assert self._best is not None
+        asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
+        if self._is_start and not self._is_any_start:
+            return self._best.is_safe or self._best.is_nearly_safe
+        enough = self._is_any_start or not asked
+        return self._best.is_safe or (self._best.quality is not Quality.INFEASIBLE and enough)
+
     def _is_clear_enough(self, report: SafetyReport) -> bool:
         """Safe; or nearly clear, where another plan starts from this one."""
         worst = report.worst
         return report.safe or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
-
-    @property
-    def _is_good_enough(self) -> bool:
-        """Safe; or feasible, where nobody asked for more than the points."""
-        assert self._best is not None
-        asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
-        if self._is_start and self._best.quality is not Quality.INFEASIBLE:
-            return self._is_clear_enough(self._best.result.safety)
-        return self._best.is_safe or (self._best.quality is not Quality.INFEASIBLE and not asked)
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""

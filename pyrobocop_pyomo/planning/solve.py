@@ -30,6 +30,7 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 
+from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
 
 
@@ -50,14 +51,33 @@ def solve(
     complementarity_tolerance: float = 1e-7,
     progress: bool | None = None,
     equations: bool = True,
+    scaling: bool | None = None,
 ) -> SolveResult:
     """Solve a model with complementarity pairs: relax, continue, polish, certify, and report.
 
     The model is checked first, then relaxed, solved by runs of Ipopt, and taken back: afterwards it holds the best
     point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
-    where it is not lifted. Models without pairs are solved by one run.
+    where it is not lifted.
 
-    Strategies follow each other until one gives a certified point, and the best point of all wins:
+    Models without pairs are solved by one run, "solve". Where it fails, further strategies follow until one gives a
+    solution by recomputed residuals; together they may take twice its iterations, each at most 500:
+
+    * "tighter": from a point that is solved by Ipopt's scaled tolerances only, with smaller ones;
+    * "typical sizes": divided by typical sizes, where these were too near to each other to do so at once;
+    * "own units": with Ipopt's scaling instead of that by typical sizes;
+    * "simulated": from the motion of the phases under the controls of the initial guess;
+    * "elastic rows": all rows may be violated at a price first, then on from there; what has more equations than
+      variables, or equations that follow from each other, is solved by this one;
+    * "coarse mesh": from the answer on a quarter of the elements;
+    * "adaptive": with Ipopt's adaptive barrier parameter;
+    * "straight lines", "inside bounds": from states on lines between their ends, and from the middle of all bounds.
+
+    After local infeasibility only "typical sizes", "own units", "simulated", "elastic rows" and "straight lines"
+    follow; after a limit that the caller set by ``options={"max_iter": ...}``, none. With obstacles, the recovery has
+    starts of its own instead. An initial guess at which an expression has no value is left for one at which all have,
+    and the result names it.
+
+    With pairs, strategies follow each other until one gives a certified point, and the best point of all wins:
 
     * "barrier": delta follows Ipopt's barrier parameter in one solve, ``FollowBarrier(factor=2)``;
     * "tight": one solve at delta = 1e-8 from the user's initial guess, as a cross-check of up to 100 pairs;
@@ -85,7 +105,8 @@ def solve(
     schedule : Schedule, optional
         How delta shrinks, in a single strategy of its own instead of the default sequence.
     strategies : str, Strategy or several of them, optional
-        Which strategies to run, in this order; by default all.
+        Which strategies to run, in this order; by default all. Those for models of the other kind, with pairs or
+        without, are left out.
     polish : bool
         Polish the point of each strategy; without it, a point is as complementary as its relaxation.
     exploration : float, optional
@@ -111,6 +132,12 @@ def solve(
     equations : bool
         Among obstacles: whether the motion that the equations make of the plan's controls keeps clear as well, on a
         finer mesh where it has to. False for robots whose controller tracks the polynomials of the plan.
+    scaling : bool, optional
+        Let Ipopt see variables, rows and objective divided by their typical sizes, where the model has no pairs. By
+        default where these sizes are a factor of 10,000 apart or more, and as a second try elsewhere; not with
+        obstacles and regions, whose rows are of size one where lengths are.
+        Values, residuals and multipliers come back in the model's units. A suffix ``scaling_factor`` of the model
+        wins for what it names; with Ipopt's option ``nlp_scaling_method`` only that option scales.
 
     Returns
     -------
@@ -148,6 +175,7 @@ def solve(
         deadline=Deadline.after(time_limit),
         output=tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ()),
         progress=Progress(progress),
+        scaling=False if scaling is None and (blocks or regions) else scaling,
     )
     if exploration is not None and not exploration >= 0.0:
         raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
@@ -162,10 +190,19 @@ def solve(
     for region in regions:
         check_fixed_inside(region, feasibility_tolerance)
         check_contained_motion(region)
-    if blocks or regions:
-        result = SafePlanning(model, blocks, regions, settings, equations=equations).plan()
+
+    def as_it_stands() -> SolveResult:
+        if blocks or regions:
+            # Where no plan is found, the recovery has other starts.
+            without = replace(settings, second_tries=False)
+            return SafePlanning(model, blocks, regions, without, equations=equations).plan()
+        return solve_model(model, settings)
+
+    choices = open_choices(model)
+    if choices:
+        result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
     else:
-        result = solve_model(model, settings)
+        result = as_it_stands()
     return replace(result, seconds=time.perf_counter() - started)
 
 
