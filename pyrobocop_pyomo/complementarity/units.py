@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from pyomo.core.base.units_container import units
-from pyomo.core.expr.visitor import identify_variables
 from pyomo.util import check_units
 
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .component import Complementarity
 from .pairs import canonical_form
@@ -36,7 +36,7 @@ def _unit_of(expression: Any) -> Any:
     if type(units).__name__ == _NOT_USED_YET:
         return None
     plain = is_plain_variable(expression)
-    variables = [expression] if plain else identify_variables(expression, include_fixed=True)
+    variables = [expression] if plain else variables_in(expression, include_fixed=True)
     if all(variable.parent_component().get_units() is None for variable in variables):
         return None
     unit = units.get_units(expression)

@@ -30,12 +30,13 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .record import Discretisation, Substitution
-from .structure import PAIRS, Axis, Spot, axis_on, variables_in, variables_of_row
+from .structure import PAIRS, Axis, Spot, axis_on, variables_of_row
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
-from pyomo.core.expr.numvalue import native_types
 from pyomo.dae import ContinuousSet
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 PAIRS = (Complementarity, MpecComplementarity)
 
@@ -137,27 +137,6 @@ def label(family: tuple[Any, ...]) -> str:
         indices = others if isinstance(others, tuple) else () if others is None else (others,)
         parts.append(f"{name}[{','.join(map(str, indices))}]" if indices else name)
     return ".".join(parts)
-
-
-def variables_in(expression: Any, leaves: Collection[int] = ()) -> Iterator[Any]:
-    """Every variable of an expression, some perhaps more than once; a leaf, given by its id, stands for itself."""
-    # Several times faster than Pyomo's general walker, and called for every row of a model.
-    stack, entered = [expression], set()
-    while stack:
-        part = stack.pop()
-        if part.__class__ in native_types or part is None:
-            continue
-        if part.is_expression_type():
-            if part.is_named_expression_type():
-                if id(part) in entered:
-                    continue
-                entered.add(id(part))
-                if id(part) in leaves:
-                    yield part
-                    continue
-            stack.extend(part.args)
-        elif part.is_variable_type():
-            yield part
 
 
 def variables_of_row(data: Any) -> Iterable[Any]:

@@ -21,8 +21,9 @@ from pyomo.core.expr.numvalue import native_types, value
 from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
-from .structure import Spot, axis_on, variables_in
+from .structure import Spot, axis_on
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,13 @@ from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
 from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .expansion import set_initial_value
 from .record import Discretisation, discretisation_of, discretisations_of
-from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, label, spots, variables_in
+from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, label, spots
 
 
 def dae_trajectory(model: Any, wrt: Any) -> Trajectory:

@@ -17,11 +17,12 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import ExpressionReplacementVisitor, identify_variables
+from pyomo.core.expr.visitor import ExpressionReplacementVisitor
 from pyomo.repn.standard_repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData
 
@@ -182,7 +183,7 @@ def _substitute(block: Any, substitution: Mapping[int, Any]) -> None:
 
     replaced = visitor.walk_expression
     for row in block.component_data_objects(Constraint, descend_into=True):
-        if any(id(v) in substitution for v in identify_variables(row.body, include_fixed=True)):
+        if any(id(v) in substitution for v in variables_in(row.body, include_fixed=True)):
             row.set_value(replaced(row.expr))
     for objective in block.component_data_objects(Objective, descend_into=True):
         objective.set_value(replaced(objective.expr))
@@ -248,7 +249,7 @@ def _forget_declaration(block: Any, name: str) -> None:
 
 def _definition(row: Any, wanted: ComponentSet, known: Mapping[int, Any]) -> tuple[Any, Any] | None:
     """Variable and expression, where a row says ``coefficient * variable == expression``."""
-    inside = identify_variables(row.body, include_fixed=False)
+    inside = variables_in(row.body, include_fixed=False)
     if not any(variable in wanted and id(variable) not in known for variable in inside):
         return None
     representation = generate_standard_repn(row.body, compute_values=True, quadratic=False)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.var import VarData
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import phases_of
 
@@ -104,7 +104,7 @@ class TimeShift:
         wanted: list[tuple[int, frozenset[int]]] = []
         moved: dict[int, int] = {}
         for i, row in enumerate(rows):
-            mine: Iterable[VarData] = list(identify_variables(row.body, include_fixed=True))
+            mine: Iterable[VarData] = list(variables_in(row.body, include_fixed=True))
             for variable in mine:
                 if id(variable) not in moved:
                     moved[id(variable)] = id(self._later_variable(variable))

@@ -8,10 +8,12 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import LinkError, TranscriptionError
+from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, State
+from pyrobocop_pyomo.phases.families import equations_by_component, names_by_component
 from pyrobocop_pyomo.phases.record import labelled_rows
 
 
@@ -53,6 +55,9 @@ class PhaseEnd:
         if name.startswith("_"):
             raise AttributeError(name)
         declared = self._phase.record.declarations
+        if name in self._phase.record.families:
+            names = self._phase.record.families[name]
+            return array([getattr(self, member) for member in names.members]).reshape(names.shape)
         component = self._phase.component(name)
         if component is None:
             raise LinkError(
@@ -120,7 +125,10 @@ def states_given(what: str, first: Any, second: Any, states: Any, determined: se
     LinkError
         When a name is no state, or a start is given twice.
     """
-    given = states.items() if isinstance(states, Mapping) else [(state, state) for state in listed(states)]
+    if isinstance(states, Mapping):
+        given = list(states.items())
+    else:
+        given = [(state, state) for state in names_by_component(first.record, listed(states))]
     continued: dict[str, str] = {}
     for source, target in given:
         before, after = _state_name(what, first, source), _state_name(what, second, target)
@@ -138,7 +146,8 @@ def omitted_states(what: str, first: Any, second: Any, omit: Any) -> set[str]:
     LinkError
         When a name is a state of neither phase.
     """
-    names = {name_of(state) for state in listed(omit)}
+    named = names_by_component(second.record, names_by_component(first.record, listed(omit)))
+    names = {name_of(state) for state in named}
     for name in names:
         if name not in first.record.names_of_states and name not in second.record.names_of_states:
             raise LinkError(f"{what}: omit= names '{name}', which is a state of neither phase.")
@@ -219,7 +228,7 @@ def sort_jump(
     starts = {id(second.component(name)[second.initial_time]): name for name in second.record.names_of_states}
     if isinstance(result, Mapping):
         expressions: dict[str, Any] = {}
-        for state, expression in result.items():
+        for state, expression in plain_expressions(equations_by_component(second.record, result, what)).items():
             name = _name(what, second, list(starts.values()), state)
             if isinstance(expression, RelationalExpression) or not _is_numeric(expression):
                 raise LinkError(
@@ -230,7 +239,7 @@ def sort_jump(
             expressions[name] = expression
         return expressions, Relations()
     relations = Relations()
-    for label, relation in labelled_rows("constraint", result).items():
+    for label, relation in labelled_rows("constraint", plain_expressions(result)).items():
         if not isinstance(relation, (RelationalExpression, tuple)):
             raise LinkError(
                 f"{what}: the jump returned {relation!r}; expected {{state: expression}}, or one or several relations "
@@ -238,7 +247,7 @@ def sort_jump(
             )
         relations.rows[0 if label is None else label] = relation
         if isinstance(relation, EqualityExpression):
-            seen = {id(variable) for variable in identify_variables(relation, include_fixed=True)}
+            seen = {id(variable) for variable in variables_in(relation, include_fixed=True)}
             relations.determined |= {name for key, name in starts.items() if key in seen}
     return {}, relations
 

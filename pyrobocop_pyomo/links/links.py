@@ -12,11 +12,11 @@ from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import LinkError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
 from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
 from pyrobocop_pyomo.phases import PhaseBlock, PhaseBlockData
@@ -121,7 +121,7 @@ class LinkData(BuiltBlockData):
         """
         rows = [row for row in (*self.continuity.values(), *self.jump.values()) if row.equality]
         expressions = [(row.name, row.body - row.upper) for row in rows]
-        read = {id(variable) for row in rows for variable in identify_variables(row.body, include_fixed=True)}
+        read = {id(variable) for row in rows for variable in variables_in(row.body, include_fixed=True)}
         starts = {name: self.second.component(name)[self.second.initial_time] for name in self._second_states}
         starts = {name: variable for name, variable in starts.items() if id(variable) in read}
         if len(rows) != len(starts):

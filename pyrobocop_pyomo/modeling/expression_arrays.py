@@ -210,6 +210,8 @@ def array(values: Any) -> ExpressionArray:
     """
     if isinstance(values, ExpressionArray):
         return values
+    if hasattr(type(values), "as_expression_array"):
+        return values.as_expression_array()  # a vector of parameters
     found = np.empty((), dtype=object)
     if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
         return values.astype(object).view(ExpressionArray)  # numbers only

@@ -11,6 +11,8 @@ from pyomo.core.base.var import VarData
 from pyomo.core.expr import Expr_if, LinearExpression, MonomialTermExpression
 from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
 
+from .shared_nodes import shared_value
+
 
 def holds_variable(expression: Any) -> bool:
     """True when the expression may hold a variable, fixed or not."""
@@ -101,7 +103,7 @@ def value_or_none(expression: Any) -> Any:
     Affine expressions are summed up here: Pyomo's general walk takes five times as long.
     """
     if expression.__class__ is not LinearExpression:
-        return value(expression, exception=False)
+        return shared_value(expression, exception=False)
     total: Any = 0
     for term in expression.args:
         if term.__class__ is MonomialTermExpression:

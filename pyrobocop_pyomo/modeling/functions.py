@@ -375,6 +375,12 @@ class FunctionOutput:
         """Value at one point."""
         return float(self.function.values_at([value(argument) for argument in arguments])[self.index])
 
+    def evaluate_arrays(self, arguments: Iterable[Any]) -> FloatArray:
+        """Values at all points of arrays that are broadcast to one shape."""
+        arrays = np.broadcast_arrays(*(np.asarray(argument, dtype=float) for argument in arguments))
+        points = np.stack([array.ravel() for array in arrays], axis=1)
+        return np.asarray(self.function.values(points)[:, self.index].reshape(arrays[0].shape))
+
     def evaluate_fgh(
         self, args: Iterable[Any], fixed: Sequence[bool] | None = None, fgh: int = 2
     ) -> tuple[float, list[float] | None, list[float] | None]:

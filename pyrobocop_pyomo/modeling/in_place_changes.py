@@ -35,10 +35,6 @@ class _State:
     members: list[Any] | None
     contents: list[tuple[Any, Any]]
 
-    def is_lost(self, index: Any, part: Any) -> bool:
-        """True for a part that the component no longer has."""
-        return self.component._data.get(index) is not part
-
 
 class InPlaceChanges:
     """A context in which components are changed; leaving it by an error takes every change back."""

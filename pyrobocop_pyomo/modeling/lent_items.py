@@ -8,7 +8,8 @@ from itertools import chain
 from typing import Any
 
 from pyomo.core.base.var import VarData
-from pyomo.core.expr.visitor import identify_variables
+
+from .shared_nodes import variables_in
 
 _MISSING = object()
 
@@ -42,5 +43,5 @@ def variables_read(result: Any) -> list[Any]:
     if isinstance(result, (list, tuple)):
         return list(chain.from_iterable(map(variables_read, result)))
     if hasattr(result, "is_expression_type"):
-        return list(identify_variables(result, include_fixed=True))
+        return list(variables_in(result, include_fixed=True))
     return []

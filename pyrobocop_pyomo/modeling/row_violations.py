@@ -8,8 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
+
+from .shared_nodes import shared_value
 
 
 def number_or_nan(expression: Any, without: float = math.nan) -> float:
@@ -17,7 +18,7 @@ def number_or_nan(expression: Any, without: float = math.nan) -> float:
     if expression is None:
         return without
     try:
-        number = value(expression, exception=False)
+        number = shared_value(expression, exception=False)
         return math.nan if number is None or isinstance(number, complex) else float(number)
     except (ArithmeticError, ValueError, TypeError):
         return math.nan
@@ -63,7 +64,7 @@ def relation_violation(relation: Any, unknown: float | None = None) -> float:
     is_relation = isinstance(relation, RelationalExpression)
     terms = relation.args if is_relation else relation if isinstance(relation, tuple) else (relation,)
     if unknown is None:
-        numbers = [None if term is None else float(value(term)) for term in terms]
+        numbers = [None if term is None else float(shared_value(term)) for term in terms]
     else:
         numbers = [None if term is None else number_or_nan(term) for term in terms]
         if numbers == [None] or any(number is not None and math.isnan(number) for number in numbers):

@@ -20,6 +20,7 @@ from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 
 from .expressions import same_expression
 from .rule_slips import slip_of
+from .variable_families import VariableFamily
 
 
 class _Index:
@@ -108,6 +109,12 @@ class Signals:
         """The time that ``t`` stands for on a phase."""
         raise NotImplementedError
 
+    def delayed_value(self, component: Any, t: Any, delay: Any) -> Any:
+        """What the rule reads of a variable over time a while before ``t``."""
+        raise self.error(
+            f"'{component.name}' is read at an earlier time (delayed), which has no answer between the nodes here."
+        )
+
     def scalar(self, component: Any) -> Any:
         """What the rule reads of a component without index."""
         return component
@@ -189,6 +196,10 @@ class ComponentProxy:
             )
         return _proxy_of(self._component[key], self._signals)
 
+    def delayed(self, t: Any, delay: Any) -> Any:
+        """Its value a while ago, as a variable over the time of a phase gives it."""
+        return self._signals.delayed_value(self._component, t, delay)
+
     def _refuse_changed_expression(self, rule: Any) -> None:
         """A rule says nothing about expressions that were given other values since."""
         if id(self._component) in self._signals.checked_expressions:
@@ -222,7 +233,7 @@ def _proxy_of(found: Any, signals: Signals) -> Any:
         return signals.proxy_of(found)
     if isinstance(found, IndexedComponent):
         return ComponentProxy(found, signals) if found.is_indexed() else signals.scalar(found)
-    return found
+    return found.on(signals.proxy_of(found.parent_block())) if isinstance(found, VariableFamily) else found
 
 
 def rule_result(rule: Any, block: Any, signals: Signals, what: str) -> Any:

@@ -19,7 +19,7 @@ from .expression_nodes import NUMPY_NAMES
 _OF_NUMPY = {numpy_name: name for name, numpy_name in NUMPY_NAMES.items()}
 _UFUNC = re.compile(r"has no callable (\w+) method")
 _NO_ATTRIBUTE = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
-_FAMILY = re.compile(r"Indexed\w+|ComponentProxy|NotImplementedType")
+_FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImplementedType")
 
 
 @contextmanager

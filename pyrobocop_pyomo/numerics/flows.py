@@ -82,6 +82,20 @@ def integrate_flows(
     return Flows(_by_element(local), _from_first_start(rates, starts, local, slopes, scales, tolerance, first), error)
 
 
+def integrate_elements(
+    rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float
+) -> tuple[Array, float] | None:
+    """Integrate all elements, each from its own start; parameters as for `integrate_flows`.
+
+    Returns
+    -------
+    (paths, error) or None
+        ``paths`` of shape ``(N, k, n)``; None as from `integrate_flows`.
+    """
+    found = _march(rates, starts.T[:, None, :], scales, samples, tolerance)
+    return None if found is None else (_by_element(found[0][:, :, 0, :]), found[1])
+
+
 def _by_element(paths: Array) -> Array:
     """From (k, n, N) to (N, k, n)."""
     return np.ascontiguousarray(paths.transpose(2, 0, 1))

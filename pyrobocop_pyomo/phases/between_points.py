@@ -15,6 +15,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
 
+from .delays import AheadOfMotion, past_on_model
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement
 
@@ -44,7 +45,9 @@ def check_rules_between_points(
     TrajectoryError
         Naming the rule, and what it reads or says.
     """
-    asks_phase, element = point.asks_phase, point.element
+    asks_phase, element, past = point.asks_phase, point.element, point.past
+    if past is None:
+        point.past = _past_of_any_value(block, record)
     try:
         for statement in statements:
             try:
@@ -57,15 +60,28 @@ def check_rules_between_points(
                     f"grid ({type(error).__name__}: {error})."
                 ) from error
     finally:
-        point.asks_phase, point.element = asks_phase, element
+        point.asks_phase, point.element, point.past = asks_phase, element, past
         point.leave_nodes()
+
+
+def _past_of_any_value(block: Any, record: PhaseRecord) -> Any:
+    boundaries = np.array(record.grid.mesh.boundaries)
+    on_model = past_on_model(block, record, boundaries, boundaries)
+
+    def past(name: str, time: float) -> float:
+        try:
+            return on_model(name, time)
+        except AheadOfMotion:
+            return 1.0  # anything will do, as for what has no value at the point itself
+
+    return past
 
 
 def _compare(block: Any, record: PhaseRecord, point: PointModel, statement: Statement) -> None:
     what = f"phase '{block.name}': the rule '{statement.name}'"
     grid = record.grid
     states = dict.fromkeys(record.names_of_states, 0.0)
-    more = [PreviousStates(what, states)] if statement.kind == "step map" else []
+    more = [PreviousStates(what, states, record.families)] if statement.kind == "step map" else []
     fixed: frozenset[int] | None = None
     for i in np.unique(np.linspace(0, grid.mesh.elements - 1, _SAMPLES).astype(int)).tolist():
         on = grid.stage_times[i][-1]
@@ -85,7 +101,7 @@ def _compare(block: Any, record: PhaseRecord, point: PointModel, statement: Stat
             moved = (fixed ^ read) | (by_phase ^ (fixed - here)) | (by_proxy ^ by_phase)
             raise TrajectoryError(
                 f"{what} reads {point.name_of(moved)}, at other times than its own, which change with it. What it "
-                "says is known at the points of the grid only."
+                "says is known at the points of the grid only. A delay is known everywhere: write b.x.delayed(t, tau)."
             )
         if not _agree(numbers, stated):
             raise TrajectoryError(

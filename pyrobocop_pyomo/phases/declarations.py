@@ -24,12 +24,20 @@ from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knot
 Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007
 
+# Before a phase starts: a number, or a function of real time.
+History = Union[float, Callable[[float], Any], None]  # noqa: UP007
+
 UNBOUNDED: Bounds = (None, None)
 
 
 def _lost_bounds(time: float) -> Bounds:
     """Stand-in for a function that a pickle could not hold."""
     raise TrajectoryError("a function for bounds did not survive pickling. Define it at the top level of a module.")
+
+
+def _lost_history(time: float) -> float:
+    """Stand-in for a function that a pickle could not hold."""
+    raise TrajectoryError("a function for a history did not survive pickling. Define it at the top level of a module.")
 
 
 def has_lost_bounds(declaration: Declaration) -> bool:
@@ -60,6 +68,9 @@ class Declaration:
         Where the solver starts; 0 by default.
     units : Pyomo unit or None
         Units of the variable, such as ``pyo.units.m``; numbers of this declaration are meant in them.
+    index : int, iterable of labels, Set, or list of several of these, optional
+        Makes it a vector or a matrix: ``index=3``, ``index=m.JOINTS``, ``index=[range(2), range(3)]``. Numbers, bounds
+        and guesses of the declaration are then for every component alike, or one for each.
     declared_at : str
         File and line of the declaration, quoted in messages.
     """
@@ -67,6 +78,7 @@ class Declaration:
     bounds: BoundsInTime = UNBOUNDED
     initial_guess: InitialGuess = None
     units: Any = None
+    index: Any = None
     declared_at: str = field(default_factory=call_site, repr=False, compare=False)
 
     def bounds_at(self, time: float, name: str) -> Bounds:
@@ -97,6 +109,8 @@ class Declaration:
             state["initial_guess"] = picklable_or_none(self.initial_guess)
         if callable(self.bounds):
             state["bounds"] = picklable_or_none(self.bounds) or _lost_bounds
+        if callable(state.get("history")):
+            state["history"] = picklable_or_none(state["history"]) or _lost_history
         return state
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Declaration:
@@ -114,11 +128,14 @@ class State(Declaration):
     derivative_bounds : (lower, upper) or None
         Bounds on the time derivative. They keep the derivative as a variable of its own, which is
         otherwise eliminated.
+    history : number, function of time, or None
+        What it was before the phase starts, for ``b.x.delayed(t, delay)``.
     """
 
     initial: float | Bounds | None = None
     final: float | Bounds | None = None
     derivative_bounds: Bounds | None = None
+    history: History = None
 
     def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
         """Element boundaries and collocation points."""
@@ -127,7 +144,15 @@ class State(Declaration):
 
 @dataclass(frozen=True, kw_only=True)
 class Algebraic(Declaration):
-    """A variable without derivative that the equations determine: a force, a slip speed, a slack."""
+    """A variable without derivative that the equations determine: a force, a slip speed, a slack.
+
+    Attributes
+    ----------
+    history : number, function of time, or None
+        What it was before the phase starts, for ``b.z.delayed(t, delay)``.
+    """
+
+    history: History = None
 
     def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
         """Collocation points."""
@@ -152,13 +177,39 @@ class Control(Declaration):
     rate_bounds : (lower, upper) or None
         Bounds on the rate of change in real time: the slope of a linear control; for the others, the difference of
         neighbouring values over the distance of their times (middles, where values are constant).
+    history : number, function of time, or None
+        What it was before the phase starts, for ``b.u.delayed(t, delay)``.
+    integer : sequence of numbers, True or None
+        The values that it may take; True means the whole numbers within its bounds. Such a control is piecewise
+        constant. `solve` solves the problem with all values in between, rounds, and solves again.
+    one_of : bool
+        Of a vector with ``integer=(0, 1)``: exactly one of its components is 1.
+    max_switches : int, optional
+        How often an integer control may change.
+    min_dwell : float, optional
+        How long in real time it keeps a value at least.
+    levels : tuple of float or None
+        The values of `integer`, in order; not to be given.
     """
 
     parametrization: str = "collocated"
     knots: tuple[float, ...] | None = None
     rate_bounds: Bounds | None = None
+    history: History = None
+    integer: Any = None
+    one_of: bool = False
+    max_switches: int | None = None
+    min_dwell: float | None = None
+    levels: tuple[float, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if self.integer is not None and self.integer is not False:
+            self._restrict_to_levels()
+        elif self.one_of or self.max_switches is not None or self.min_dwell is not None:
+            raise DeclarationError(
+                f"control declared at {self.declared_at}: one_of, max_switches and min_dwell belong to an integer "
+                "control. Say which values it takes: integer=(0, 1)."
+            )
         if self.parametrization not in PARAMETRIZATIONS:
             raise DeclarationError(
                 f"control declared at {self.declared_at}: parametrization {self.parametrization!r} is unknown; "
@@ -171,6 +222,23 @@ class Control(Declaration):
                     "parametrization='piecewise_constant' or 'piecewise_linear'."
                 )
             object.__setattr__(self, "knots", tuple(float(knot) for knot in self.knots))
+
+    def _restrict_to_levels(self) -> None:
+        what = f"integer control declared at {self.declared_at}"
+        if self.parametrization == "piecewise_linear":
+            raise DeclarationError(f"{what}: it is constant over intervals, not piecewise_linear.")
+        object.__setattr__(self, "parametrization", "piecewise_constant")
+        if self.levels is None:
+            object.__setattr__(self, "levels", integer_levels(self.integer, self.bounds, what))
+        assert self.levels is not None
+        if self.bounds == UNBOUNDED:
+            object.__setattr__(self, "bounds", (self.levels[0], self.levels[-1]))
+        if self.one_of and self.levels != (0.0, 1.0):
+            raise DeclarationError(f"{what}: one_of is for components that are 0 or 1; say integer=(0, 1).")
+        if self.max_switches is not None and (self.max_switches != int(self.max_switches) or self.max_switches < 0):
+            raise DeclarationError(f"{what}: max_switches = {self.max_switches!r}; expected 0, 1, 2, ...")
+        if self.min_dwell is not None and not 0.0 <= float(self.min_dwell) < math.inf:
+            raise DeclarationError(f"{what}: min_dwell = {self.min_dwell!r}; expected a time, 0 or more.")
 
     def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
         """Collocation points, the intervals between knots, or the knots."""
@@ -199,6 +267,43 @@ class Duration(Declaration):
 @dataclass(frozen=True, kw_only=True)
 class Start(Declaration):
     """A start time that the optimiser chooses; the phase is then stated in normalised time."""
+
+
+_MOST_LEVELS = 1000
+
+
+def integer_levels(integer: Any, bounds: Any, what: str) -> tuple[float, ...] | None:
+    """The values of an integer control in order; None where its components have bounds of their own.
+
+    Raises
+    ------
+    DeclarationError
+        When there is no range, or it holds no whole number.
+    """
+    if integer is not True:
+        try:
+            levels = tuple(sorted({float(level) for level in integer}))
+        except (TypeError, ValueError):
+            levels = ()
+        if not levels or not all(map(math.isfinite, levels)):
+            raise DeclarationError(f"{what}: integer = {integer!r}; expected the values that it takes, such as (0, 1).")
+        return levels
+    if isinstance(bounds, (list, dict)) or (
+        isinstance(bounds, tuple) and any(isinstance(side, (list, tuple)) or hasattr(side, "shape") for side in bounds)
+    ):
+        raise DeclarationError(f"{what}: components with bounds of their own; say integer=(...) with the values.")
+    lower, upper = (None, None) if callable(bounds) else check_bounds(bounds, what, "bounds")
+    if lower is None or upper is None:
+        raise DeclarationError(
+            f"{what}: it has no range. Say integer=(0, 1, 2), the values that it takes, or give it bounds=(0, 2)."
+        )
+    first, last = math.ceil(lower - 1e-9), math.floor(upper + 1e-9)
+    if first > last or last - first >= _MOST_LEVELS:
+        raise DeclarationError(
+            f"{what}: its bounds ({lower:g}, {upper:g}) hold {max(last - first + 1, 0)} whole numbers; expected 1 to "
+            f"{_MOST_LEVELS}."
+        )
+    return tuple(map(float, range(first, last + 1)))
 
 
 def check_bounds(bounds: object, name: str, what: str) -> Bounds:

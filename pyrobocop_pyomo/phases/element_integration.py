@@ -10,6 +10,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -25,10 +26,14 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
 
 from .declarations import Algebraic, Control
-from .point_model import PointEquations
+from .delays import AheadOfMotion, MotionSoFar, past_of
+from .point_model import PointEquations, PointModel
 from .record import PhaseRecord
 
 LOGGER = logging.getLogger(__name__)
+
+# Relative to an element: shorter delays would take too many steps.
+_SHORTEST_PART = 1e-5
 
 Rates = Callable[[int, float, Array], Array]
 
@@ -269,7 +274,9 @@ def signals_at(
     return values | {name: float(np.interp(time, *of_knots)) for name, of_knots in knots.items()}
 
 
-def integrate_inside(trajectory: Trajectory, rates: Rates, fractions: Array, first: Array | None = None) -> Flows:
+def integrate_inside(
+    trajectory: Trajectory, rates: Rates, fractions: Array, first: Array | None = None, delays: PointModel | None = None
+) -> Flows:
     """Each element from its own start, and all of them from the first start on, by SciPy.
 
     Parameters
@@ -281,16 +288,113 @@ def integrate_inside(trajectory: Trajectory, rates: Rates, fractions: Array, fir
         Where in each element states are wanted, from 0 to 1.
     first : array, shape (n,), optional
         Where the whole motion starts; by default where the trajectory does.
+    delays : PointModel, optional
+        Where rules read earlier times: what they read belongs to the trajectory while each element is integrated from
+        its own start, and to the motion itself when all of them are, by the method of steps.
     """
     boundaries = trajectory.grid.mesh.boundaries
     starts = np.array([trajectory.element_states(name)[:, 0] for name in trajectory.states]).T
     ends = list(enumerate(pairwise(boundaries)))
     local = [_integrate(rates, i, start, end, starts[i], fractions) for i, (start, end) in ends]
+    if delays is not None:
+        carried_on = _whole_by_steps(trajectory, rates, fractions, starts[0] if first is None else first, delays)
+        return Flows(np.array(local), carried_on, 1e-10)
     whole: list[Array] = [local[0]] if first is None else [_integrate(rates, 0, *ends[0][1], first, fractions)]
     for i, (start, end) in ends[1:]:
         whole.append(_integrate(rates, i, start, end, whole[-1][-1], fractions))
     carried = np.array(whole)
     return Flows(np.array(local), carried if np.isfinite(carried).all() else None, 1e-10)
+
+
+def _whole_by_steps(
+    trajectory: Trajectory, rates: Rates, fractions: Array, state: Array, point: PointModel
+) -> Array | None:
+    """All elements from the first start on; None where that leaves the finite numbers."""
+    of_plan = past_of(trajectory)
+    point.past = so_far = MotionSoFar(list(trajectory.states), of_plan)
+    carried = []
+    try:
+        for i, (start, end) in enumerate(pairwise(trajectory.grid.mesh.boundaries)):
+            with np.errstate(all="ignore"):
+                result = integrate_by_steps(
+                    partial(rates, i), start, end, state, so_far, lambda: point.smallest_delay,
+                    method="DOP853", rtol=1e-10, atol=1e-11,
+                )  # fmt: skip
+            state = result.y[:, -1]
+            if not result.success or not np.isfinite(state).all():
+                return None
+            times = np.append(start + (end - start) * fractions[:-1], end)
+            carried.append(np.array([so_far.state(time) for time in times.tolist()]))
+    except TrajectoryError:
+        raise  # a rule that cannot be asked says nothing about the motion
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return None
+    finally:
+        point.past = of_plan
+    return np.array(carried)
+
+
+def integrate_by_steps(
+    rates: Callable[[float, Array], Array],
+    start: float,
+    end: float,
+    state: Array,
+    past: MotionSoFar,
+    longest: Callable[[], float],
+    *,
+    to_real_time: Callable[[float], float] = float,
+    **options: Any,
+) -> Any:
+    """Integrate by SciPy over parts so short that what is delayed is known; `past` learns each of them.
+
+    Parameters
+    ----------
+    rates : callable
+        ``rates(time, state)``; raises `AheadOfMotion` where a delayed value is not known yet.
+    start, end : float
+    state : array, shape (n,)
+    past : MotionSoFar
+    longest : callable
+        How long a part may be, as far as is known after an attempt, in real time.
+    to_real_time : callable
+        From the times of the integration, linear.
+    **options
+        Of `scipy.integrate.solve_ivp`.
+
+    Returns
+    -------
+    OdeResult
+        Of the last part; of the one that failed, where ``success`` is False.
+
+    Raises
+    ------
+    TrajectoryError
+        When a delay is too short to go on.
+    """
+    unit = (to_real_time(end) - to_real_time(start)) / (end - start)
+    step = min(end - start, longest() / unit)
+    result = None
+    while result is None or (result.success and result.t[-1] < end):
+        first = start if result is None else float(result.t[-1])
+        last = end if end - first < 1.001 * step else first + step
+        try:
+            result = scipy.integrate.solve_ivp(rates, (first, last), state, dense_output=True, **options)
+        except AheadOfMotion:
+            step = min(0.5 * step, longest() / unit)
+            if step < _SHORTEST_PART * (end - start):
+                raise TrajectoryError(
+                    f"a delay is shorter than {_SHORTEST_PART:g} of the element that starts at {first:g}: the method "
+                    "of steps does not get on."
+                ) from None
+            continue
+        if result.success:
+            state = result.y[:, -1]
+            past.append(to_real_time(last), partial(_at_real_time, result.sol, to_real_time(start), start, unit))
+    return result
+
+
+def _at_real_time(solution: Callable[[float], Array], origin: float, start: float, unit: float, time: float) -> Array:
+    return solution(start + (time - origin) / unit)
 
 
 def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array, fractions: Array) -> Array:

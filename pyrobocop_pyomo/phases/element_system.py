@@ -15,11 +15,11 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import EqualityExpression
-from pyomo.core.expr.visitor import identify_variables
 from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_form
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
 
@@ -117,7 +117,7 @@ class _Functions:
                 else:
                     self._constant[k] += value(coefficient) * value(variable)
             if repn.nonlinear_expr is not None:
-                variables = identify_variables(repn.nonlinear_expr, include_fixed=True)
+                variables = variables_in(repn.nonlinear_expr, include_fixed=True)
                 inner = [variable for variable in variables if id(variable) in position]
                 self._others.append((k, repn.nonlinear_expr, inner))
 
@@ -158,7 +158,7 @@ def element_systems(block: Any, record: PhaseRecord, unknown: Sequence[str]) -> 
                 systems[i].unknowns.append(variable)
 
     def element(*expressions: Any) -> int:
-        found = (identify_variables(each, include_fixed=True) for each in expressions if hasattr(each, "args"))
+        found = (variables_in(each, include_fixed=True) for each in expressions if hasattr(each, "args"))
         plain = [each for each in expressions if id(each) in element_of]
         read = [variable for variables in found for variable in variables] + plain
         return max((element_of.get(id(variable), -1) for variable in read), default=-1)

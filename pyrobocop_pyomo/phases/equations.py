@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+import re
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from itertools import count
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -17,28 +20,32 @@ from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
 from .declarations import State, check_bounds, within
+from .families import equations_by_component
 from .horizon import element_widths
 from .record import PhaseRecord, PreviousStates, labelled_rows, place
 from .variables import add_generated, rate_units
 
 Rule = Callable[..., Any]
 
+# As Pyomo says it.
+_MISSING_INDEX = re.compile(r"Index '([-+0-9.e]+)' is not valid for indexed component '([^']+)'")
 
-def add_ode(block: Any, record: PhaseRecord, rule: Rule) -> None:
+
+def add_ode(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for the states whose derivatives a rule gives."""
-    what = f"phase '{block.name}': ode '{rule_name(rule)}'"
+    what = f"phase '{block.name}': ode '{name}'"
     rates = _given_for_states(
         block, record, what, "derivative", "right-hand side", rule, lambda time: rule(block, time), ("b", "t")
     )
-    for name, values in rates.items():
-        _refuse_second_equation(record, name, what)
-        _add_state_equation(block, record, name, values)
-        record.equation_of[name] = rule_name(rule)
+    for state, values in rates.items():
+        _refuse_second_equation(record, state, what)
+        _add_state_equation(block, record, state, values)
+        record.equation_of[state] = name
 
 
-def add_step(block: Any, record: PhaseRecord, rule: Rule) -> None:
+def add_step(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for the states whose values an element later a rule gives."""
-    what = f"phase '{block.name}': step map '{rule_name(rule)}'"
+    what = f"phase '{block.name}': step map '{name}'"
     grid = record.grid
     if not can_step(grid.scheme):
         raise TranscriptionError(
@@ -49,23 +56,25 @@ def add_step(block: Any, record: PhaseRecord, rule: Rule) -> None:
     starts = {stage: nodes[0] for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True)}
 
     def ask(time: float) -> Any:
-        return rule(block, time, PreviousStates(what, {name: state[starts[time]] for name, state in states.items()}))
+        starting = {name: state[starts[time]] for name, state in states.items()}
+        return rule(block, time, PreviousStates(what, starting, record.families))
 
     given = _given_for_states(block, record, what, "next value", "value", rule, ask, ("b", "t", "previous"))
-    for name, following in given.items():
-        _refuse_second_equation(record, name, what)
-        declaration = record.declarations[name]
+    for state, following in given.items():
+        _refuse_second_equation(record, state, what)
+        declaration = record.declarations[state]
         assert isinstance(declaration, State)
-        if declaration.derivative_bounds is not None or name in record.kept_derivatives:
+        if declaration.derivative_bounds is not None or state in record.kept_derivatives:
             raise TranscriptionError(
-                f"{what} gives the next value of '{name}' (declared at {declaration.declared_at}), whose derivative is "
-                "in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an ode."
+                f"{what} gives the next value of '{state}' (declared at {declaration.declared_at}), whose derivative "
+                "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
+                "ode."
             )
-        rows = _add_generated_rows(block, record, f"{name}_step")
-        for time, row in step_rows(states[name], following, grid):
+        rows = _add_generated_rows(block, record, f"{state}_step")
+        for time, row in step_rows(states[state], following, grid):
             rows.add(time, row)
-        record.equation_of[name] = rule_name(rule)
-        record.discrete_states.add(name)
+        record.equation_of[state] = name
+        record.discrete_states.add(state)
 
 
 def _given_for_states(
@@ -82,14 +91,17 @@ def _given_for_states(
     names: dict[Any, str] = {}
     given: dict[str, dict[float, Any]] = {}
     for time in record.grid.points:
-        with slips_explained(rule, what, block, arguments, TranscriptionError):
+        with (
+            other_times_explained(record, what, time),
+            slips_explained(rule, what, block, arguments, TranscriptionError),
+        ):
             result = ask(time)
         if not isinstance(result, Mapping):
             raise TranscriptionError(
                 f"{what} returned a {type(result).__name__} at t = {time:g}; expected a dict "
                 f"{{state: {expected}}}. Is the return statement missing?"
             )
-        for state, expression in result.items():
+        for state, expression in equations_by_component(record, result, f"{what} at t = {time:g}").items():
             if state not in names:
                 names[state] = block.state_name(state)
             expression = plain_scalar(expression, f"{what}: the {meaning} of '{names[state]}' at t = {time:g}")
@@ -157,10 +169,10 @@ def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
     return add_generated(block, record, name, Constraint(block.points))
 
 
-def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
+def add_residual(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for implicit and algebraic equations."""
-    what = f"phase '{block.name}': residual '{rule_name(rule)}'"
-    results = _collect(block, rule, what, "residual", record.grid.points)
+    what = f"phase '{block.name}': residual '{name}'"
+    results = _collect(block, record, rule, what, "residual", record.grid.points)
     for time, rows in results.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
@@ -179,30 +191,30 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule) -> None:
                 f"{what} states {count} equations at t = {first:g} and {len(rows)} at t = {time:g}; it must state as "
                 "many at every point. What holds at some points only is a 'constraint'."
             )
-    record.residuals_per_point += _add_rows(block, record, rule, results)
+    record.residuals_per_point += _add_rows(block, record, name, results)
 
 
-def add_constraint(block: Any, record: PhaseRecord, rule: Rule) -> None:
+def add_constraint(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for path constraints."""
-    what = f"phase '{block.name}': constraint '{rule_name(rule)}'"
-    _add_relations(block, record, rule, _collect(block, rule, what, "constraint", record.grid.points), what)
+    what = f"phase '{block.name}': constraint '{name}'"
+    _add_relations(block, record, name, _collect(block, record, rule, what, "constraint", record.grid.points), what)
 
 
-def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule) -> None:
+def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for path constraints on the states at element boundaries."""
-    what = f"phase '{block.name}': constraint at boundaries '{rule_name(rule)}'"
+    what = f"phase '{block.name}': constraint at boundaries '{name}'"
     try:
-        results = _collect(block, rule, what, "constraint", record.grid.mesh.boundaries)
+        results = _collect(block, record, rule, what, "constraint", record.grid.mesh.boundaries)
     except KeyError as error:
         raise TranscriptionError(
             f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
             "what needs controls or algebraics is a 'constraint'."
         ) from None
-    _add_relations(block, record, rule, results, what)
+    _add_relations(block, record, name, results, what)
 
 
 def _add_relations(
-    block: Any, record: PhaseRecord, rule: Rule, results: dict[float, dict[Hashable, Any]], what: str
+    block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]], what: str
 ) -> None:
     for time, rows in results.items():
         for row in rows.values():
@@ -210,32 +222,60 @@ def _add_relations(
                 raise TranscriptionError(
                     f"{what} returned {row!r} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
-    _add_rows(block, record, rule, results)
+    _add_rows(block, record, name, results)
 
 
-def add_complementarity(block: Any, record: PhaseRecord, rule: Rule) -> None:
+def add_complementarity(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
-    what = f"phase '{block.name}': complementarity '{rule_name(rule)}'"
-    results = _collect(block, rule, what, "complementarity", record.grid.points)
+    what = f"phase '{block.name}': complementarity '{name}'"
+    results = _collect(block, record, rule, what, "complementarity", record.grid.points)
     pairs = {_index(time, label): pair for time, rows in results.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in results.items() for label in rows}
-    _check_name(block, record, rule_name(rule), what)
+    _check_name(block, record, name, what)
     component = Complementarity(
         list(pairs),
         rule=pairs,
         group={index: record.grid.element_of[time] for index, time in times.items()},
         weight={index: record.grid.quadrature_weights[time] for index, time in times.items()},
     )
-    place(block, record, rule_name(rule), component)
+    place(block, record, name, component)
+
+
+@contextmanager
+def other_times_explained(record: PhaseRecord, what: str, time: float) -> Iterator[None]:
+    """Context for asking a rule, in which a reading at a time that the grid has not is explained.
+
+    Raises
+    ------
+    TranscriptionError
+        Naming the rule and the time.
+    """
+    try:
+        yield
+    except KeyError as error:
+        found = _MISSING_INDEX.search(str(error))
+        if found is None or record.restating is not None or not _may_be_a_time(found[1], record):
+            raise
+        raise TranscriptionError(
+            f"{what} reads '{found[2]}' at {found[1]} when it is asked for t = {time:g}; it has no value there. For "
+            f"the value of a while ago write {found[2].rpartition('.')[2]}.delayed(t, delay), for that at a fixed time "
+            f"{found[2].rpartition('.')[2]}.at(time)."
+        ) from error
+
+
+def _may_be_a_time(text: str, record: PhaseRecord) -> bool:
+    times = record.grid.times
+    return float(text) not in times and abs(float(text)) <= 10 * (abs(times[0]) + abs(times[-1]))
 
 
 def _collect(
-    block: Any, rule: Rule, what: str, kind: str, times: tuple[float, ...]
+    block: Any, record: PhaseRecord, rule: Rule, what: str, kind: str, times: tuple[float, ...]
 ) -> dict[float, dict[Hashable, Any]]:
     """Answers of a rule at each time as {time: {label: row}}."""
     results: dict[float, dict[Hashable, Any]] = {}
     for time in times:
-        with slips_explained(rule, what, block, ("b", "t"), TranscriptionError):
+        explained = other_times_explained(record, what, time) if times == record.grid.points else nullcontext()
+        with explained, slips_explained(rule, what, block, ("b", "t"), TranscriptionError):
             result = rule(block, time)
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
@@ -243,9 +283,8 @@ def _collect(
     return results
 
 
-def _add_rows(block: Any, record: PhaseRecord, rule: Rule, results: dict[float, dict[Hashable, Any]]) -> int:
+def _add_rows(block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]]) -> int:
     """One indexed constraint named after the rule; returns the number of rows at a point."""
-    name = rule_name(rule)
     _check_name(block, record, name, f"phase '{block.name}': rule '{name}'")
     indices = [_index(time, label) for time, labelled in results.items() for label in labelled]
     rows = place(block, record, name, Constraint(indices))
@@ -262,13 +301,35 @@ def _index(time: float, label: Hashable) -> Hashable:
 def _check_name(block: Any, record: PhaseRecord, name: str, what: str) -> None:
     if record.restating is not None:
         return  # it was checked when it was stated first
-    if name == "<lambda>":
-        raise DeclarationError(f"{what}: its rows are named after the function, and a lambda has no name. Use def.")
     if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():
         raise DeclarationError(
             f"{what}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
-            "Rename the function."
+            "Rename the function, or say name='...' beside it."
         )
+
+
+def name_of_rows(block: Any, kind: str, rule: Rule, given: str | None) -> str:
+    """What the rows of a rule are called: as asked for, or like the function.
+
+    A lambda has no name; its rows are called after what they are, and numbered. Where each phase has a method of the
+    function's name, its rows have "_rows" behind theirs.
+
+    Raises
+    ------
+    DeclarationError
+        When the name that was asked for is no identifier.
+    """
+    if given is not None:
+        if not isinstance(given, str) or not given.isidentifier():
+            raise DeclarationError(f"phase '{block.name}': name = {given!r} of a {kind} is no identifier.")
+        return given
+    name = rule_name(rule)
+    if kind in ("ode", "step map"):
+        return name  # their rows are called after the states
+    if name == "<lambda>":
+        stem = kind.replace(" ", "_")
+        return next(f"{stem}_{i}" for i in count(1) if not hasattr(block, f"{stem}_{i}"))
+    return f"{name}_rows" if hasattr(type(block), name) else name
 
 
 def rule_name(rule: Rule) -> str:

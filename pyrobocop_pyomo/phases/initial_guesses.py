@@ -18,6 +18,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
 from .declarations import Parameter, State, within
+from .families import guesses_by_component
 from .horizon import horizon_fraction, real_grid
 from .phase_values import PhaseValues
 from .record import PhaseRecord
@@ -33,6 +34,7 @@ def set_guesses(block: Any, record: PhaseRecord, guesses: Mapping[Any, InitialGu
     InitialGuessError
         Naming what is unknown, of the wrong length or not finite; nothing is set then.
     """
+    guesses = guesses_by_component(record, guesses, f"phase '{block.name}'")
     named = {_name_of(block, record, key): guess for key, guess in guesses.items()}
     if len(named) != len(guesses):
         raise InitialGuessError(

@@ -64,6 +64,10 @@ class Nodes:
         component = block.component(self.component)
         return [component[time] for time in self.times]
 
+    def variable(self, block: Any, position: int) -> Any:
+        """One of the variables."""
+        return block.component(self.component)[self.times[position]]
+
     def from_samples(self, samples: Array) -> Array:
         """Values from samples at `sample_times`."""
         return samples
@@ -211,6 +215,10 @@ class _PiecewiseNodes(Nodes):
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
         return list(block.component(self.component).values())
+
+    def variable(self, block: Any, position: int) -> Any:
+        """One of the variables."""
+        return block.component(self.component)[position]
 
     def around(self, time: float) -> list[int]:
         """The interval."""

@@ -220,10 +220,11 @@ class PhaseActions:
 
         Parameters
         ----------
-        variable : Var or str
-            A state, algebraic or control of this phase.
+        variable : Var, vector or str
+            A state, algebraic or control of this phase; the squares of all components of a vector are summed.
         reference : number, function, Trajectory or pair of lists
-            A function of time, or times and values, which are joined by lines; a trajectory is evaluated by its
+            A function of time, or times and values, which are joined by lines; for a vector an array, a function that
+            returns one, or times and an array of shape ``(components, times)``. A trajectory is evaluated by its
             polynomials. With a free duration a function gets an expression for the time, so that it has to be made of
             Pyomo's functions.
         weight : number or function

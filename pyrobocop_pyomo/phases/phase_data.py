@@ -13,6 +13,7 @@ from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
+from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -25,8 +26,9 @@ from .equations import (
     add_ode,
     add_residual,
     add_step,
-    rule_name,
+    name_of_rows,
 )
+from .families import OneOf, component_declarations, family_names
 from .horizon import add_horizon, check_horizon, make_mesh, real_time
 from .integrals import named_integral
 from .laws import Law
@@ -61,6 +63,11 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             self.declare(name, value)
         elif isinstance(value, type) and issubclass(value, (Declaration, Law)):
             raise DeclarationError(f"{self._what}: '{name}' was given the class; write {value.__name__}().")
+        elif getattr(value, "__name__", "") == "<lambda>":
+            raise DeclarationError(
+                f"{self._what}: a function was assigned to '{name}', which states nothing. Say what it is: "
+                f"constraint(rule, name='{name}'), residual(...), ode(...), or an Expression with a rule."
+            )
         else:
             super().__setattr__(name, value)
 
@@ -77,19 +84,50 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if isinstance(declaration, Duration):
             raise DeclarationError(f"{self._what}: a Duration is given to PhaseBlock(duration=...), not to '{name}'.")
         if hasattr(self, name):
+            held = self.component(name)
+            by = "an attribute that every phase has" if held is None else f"a {held.ctype.__name__}"
+            by = "a vector" if name in self.record.families else by
             raise DeclarationError(
-                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another."
+                f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another: "
+                f"there is {by} by this name."
             )
         with self._all_or_nothing(), PauseGC():
             if isinstance(declaration, Law):
                 declaration.state(self, name)
                 return
+            if declaration.index is not None:
+                self._declare_family(name, declaration)
+                return
+            if isinstance(declaration, Control) and declaration.one_of and not self.record.is_declaring_components:
+                raise DeclarationError(
+                    f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
+                    "many components it has by index=3."
+                )
             add_variables(self, self.record, name, declaration)
             self.record.declarations[name] = declaration
 
+    def _declare_family(self, name: str, declaration: Declaration) -> None:
+        what = f"{self._what}: {type(declaration).__name__.lower()} '{name}'"
+        names = family_names(name, declaration, what)
+        self.record.is_declaring_components = True
+        try:
+            for member, of_component in component_declarations(names, declaration, what):
+                self.declare(member, of_component)
+        finally:
+            self.record.is_declaring_components = False
+        self.record.families[name] = names
+        if isinstance(declaration, Control) and declaration.one_of:
+            self.constraint(OneOf(name), name=f"{name}_one_of")
+
+    def __getattr__(self, name: str) -> Any:
+        record = self.__dict__.get("_record")
+        if record is not None and name in record.families:
+            return VariableFamily(self, record.families[name])
+        return super().__getattr__(name)
+
     # ---------------------------------------------------------------- statements
 
-    def ode(self, rule: Rule) -> Rule:
+    def ode(self, rule: Rule, name: str | None = None) -> Rule:
         """State explicit differential equations: ``rule(phase, t)`` returns ``{state: right-hand side}``.
 
         Usable as a decorator. Several rules may share the states among them. The right-hand side is substituted
@@ -98,16 +136,17 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         Parameters
         ----------
         rule : callable
-            Called at each collocation point ``t``; keys of its result are states (or their names).
+            Called at each collocation point ``t``; keys of its result are states (or their names), values of vectors
+            and matrices are arrays.
 
         Raises
         ------
         TranscriptionError
-            When a key is no state, or a state gets a second equation.
+            When a key is no state, a state gets a second equation, or an array has another length than the state.
         """
-        return self._state("ode", rule, add_ode)
+        return self._state("ode", rule, name, add_ode)
 
-    def step_map(self, rule: Rule) -> Rule:
+    def step_map(self, rule: Rule, name: str | None = None) -> Rule:
         """State a map from element to element: ``rule(phase, t, previous)`` returns ``{state: value at the end}``.
 
         Usable as a decorator, for states that no differential equation describes well: a rotation matrix that turns by
@@ -126,9 +165,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             When the scheme has more than one stage, or one inside the element; when a key is no state, a state gets a
             second equation, or its derivative is in use.
         """
-        return self._state("step map", rule, add_step)
+        return self._state("step map", rule, name, add_step)
 
-    def residual(self, rule: Rule) -> Rule:
+    def residual(self, rule: Rule, name: str | None = None) -> Rule:
         """State implicit or algebraic equations: ``rule(phase, t)`` returns one or several equalities.
 
         Usable as a decorator. A bare expression means ``expression == 0``; a list, tuple or dict
@@ -139,12 +178,13 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             When a result is no equality.
         """
-        return self._state("residual", rule, add_residual)
+        return self._state("residual", rule, name, add_residual)
 
-    def constraint(self, rule: Rule) -> Rule:
+    def constraint(self, rule: Rule, name: str | None = None) -> Rule:
         """State path constraints: ``rule(phase, t)`` returns one or several relations.
 
-        Usable as a decorator. They hold at each collocation point. Unlike residuals they do not
+        Usable as a decorator. The rows are named after the function, or by `name`; those of a lambda are numbered,
+        ``constraint_1``. They hold at each collocation point. Unlike residuals they do not
         count as equations that determine states and algebraics. A tuple ``(lower, body, upper)`` is one
         relation, as everywhere in Pyomo.
 
@@ -153,9 +193,9 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             When a result is no relation.
         """
-        return self._state("constraint", rule, add_constraint)
+        return self._state("constraint", rule, name, add_constraint)
 
-    def constraint_at_boundaries(self, rule: Rule) -> Rule:
+    def constraint_at_boundaries(self, rule: Rule, name: str | None = None) -> Rule:
         """State path constraints on the states at every element boundary, start and end included.
 
         As `constraint`, for what has to hold there too: the stages of a Gauss scheme lie inside the elements, and no
@@ -166,15 +206,15 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             When a result is no relation, or the rule reads what has no value at a boundary, such as a control.
         """
-        return self._state("constraint at boundaries", rule, add_constraint_at_boundaries)
+        return self._state("constraint at boundaries", rule, name, add_constraint_at_boundaries)
 
-    def complementarity(self, rule: Rule) -> Rule:
+    def complementarity(self, rule: Rule, name: str | None = None) -> Rule:
         """State complementarity: ``rule(phase, t)`` returns ``complements(a >= 0, b >= 0)``, or a list of such.
 
         Usable as a decorator. The component carries the element of each pair, so that
         relaxations can be grouped per element.
         """
-        return self._state("complementarity", rule, add_complementarity)
+        return self._state("complementarity", rule, name, add_complementarity)
 
     def derivative(self, state: Any) -> Mapping[float, Any]:
         """The time derivative of a state at each collocation point.
@@ -195,6 +235,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             When it is no state of this phase, or one that a step map leads.
         """
+        if (family := self._family(state)) is not None:
+            return family.of_each(self.derivative)  # type: ignore[return-value]
         name = self.state_name(state)
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
@@ -242,6 +284,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         TranscriptionError
             When it is no control of this phase.
         """
+        if (family := self._family(control)) is not None:
+            return family.of_each(self.rate_of)  # type: ignore[return-value]
         name = control if isinstance(control, str) else getattr(control, "local_name", repr(control))
         if name not in self.record.names(Control):
             known = ", ".join(self.record.names(Control)) or "none"
@@ -297,6 +341,12 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             )
         return name
 
+    def _family(self, given: Any) -> VariableFamily | None:
+        """A vector or a matrix of this phase, given itself or by its name."""
+        if isinstance(given, str) and given in self.record.families:
+            return VariableFamily(self, self.record.families[given])
+        return given if isinstance(given, VariableFamily) else None
+
     def check(self) -> None:
         """Check that the equations fit the declared variables.
 
@@ -325,14 +375,15 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
     # ---------------------------------------------------------------- construction
 
-    def _state(self, kind: str, rule: Rule, add: Callable[..., None]) -> Rule:
+    def _state(self, kind: str, rule: Rule, name: str | None, add: Callable[..., None]) -> Rule:
+        name = name_of_rows(self, kind, rule, name)
         with self._all_or_nothing(), PauseGC():
             self.record.asking = True
             try:
-                add(self, self.record, rule)
+                add(self, self.record, rule, name)
             finally:
                 self.record.asking = False
-            self.record.statements.append(Statement(kind, rule_name(rule), rule))
+            self.record.statements.append(Statement(kind, name, rule))
         return rule
 
     def _build(

@@ -144,6 +144,7 @@ def make_trajectory(
         signals=signals,
         piecewise_linear=linear,
         piecewise_constant=constant,
+        families=record.families,
         phase=phase,
         **facts,
     )

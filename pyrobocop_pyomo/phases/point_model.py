@@ -11,7 +11,7 @@ the values of the instant meanwhile. What it gives there is what it says, howeve
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -25,10 +25,14 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.lent_items import in_place_of_nodes, variables_read
 from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
+from pyrobocop_pyomo.modeling.shared_nodes import NodeValues
+from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid
 
 from .companions import Companion, companions_of
 from .declarations import Parameter
+from .delays import delay_as_number, history_value, inside_of_its_element
+from .families import equations_by_component
 from .nodes import StageNodes, StateNodes
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 
@@ -53,6 +57,10 @@ class PointModel(Signals):
     asks_phase : bool
         Whether rules are asked of the phase itself at the points of its grid, instead of a proxy of it. Whoever sets
         it has put the values at all other times on the model, and puts back what was there.
+    past : callable or None
+        ``past(name, time)``: values at earlier real times, for delays; those on the model by default.
+    smallest_delay : float
+        Of those that rules have asked for and that are positive.
     """
 
     error = TrajectoryError
@@ -83,6 +91,8 @@ class PointModel(Signals):
         self._at_nodes = GridVariables(block, record)
         self._moved: list[tuple[Any, float | None, bool]] = []
         self._known_rules: set[int] = set()
+        self.past: Callable[[str, float], float] | None = None
+        self.smallest_delay = np.inf
 
     # ---------------------------------------------------------------- what rules read
 
@@ -108,6 +118,28 @@ class PointModel(Signals):
         if block is not self._block:
             return block.time_at(self.index)
         return float(np.interp(self.index, self._indices, self._boundaries)) if self._record.normalised else self.index
+
+    def delayed_value(self, component: Any, t: Any, delay: Any) -> Any:
+        """The number that a variable over time was a while ago."""
+        if component.parent_block() is not self._block:
+            return component.delayed(t, delay)
+        return self._past_value(component.local_name, t, delay)
+
+    def _past_value(self, name: str, t: Any, delay: Any) -> Any:
+        what = f"phase '{self._block.name}': '{name}'"
+        number = delay_as_number(delay, what)
+        if number == 0.0 and self.is_index(t):
+            return self._values[name]
+        if self.past is None:
+            raise TrajectoryError(f"{what} is read at an earlier time, which is not known here.")
+        now = float(np.interp(t, self._indices, self._boundaries)) if self._record.normalised else float(t)
+        self.smallest_delay = min(self.smallest_delay, number) if number > 0.0 else self.smallest_delay
+        start, end = self._boundaries[0], self._boundaries[-1]
+        time = now - number + inside_of_its_element(self._boundaries, now, self.element)
+        known = getattr(self._record.declarations[name], "history", None) is not None
+        if time < (start if known else start - 1e-9 * (end - start)):
+            return float(value(history_value(self._record, name, time, what, number, t)))
+        return self.past(name, time)
 
     def derivative(self, name: str) -> Any:
         """The variable that holds the derivative of a state."""
@@ -159,19 +191,22 @@ class PointModel(Signals):
         self._move_nodes(time)
         of_phase = self.asks_phase and self._at_nodes.has(time)
         read = self._read_by.get(id(statement), self._companions)
+        self._record.delay_reader = None if self.past is None else self._past_value
         try:
             if of_phase:
-                result = plain_expressions(statement.rule(self._block, time, *more))
+                result = self._plain(statement, statement.rule(self._block, time, *more))
             else:
                 for other in read:
                     other.set_instant(*self._place(time))
                 with in_place_of_nodes(chain(self._lent, *(other.lent for other in read)), time):
-                    result = plain_expressions(statement.rule(self._proxy, time, *more))
+                    result = self._plain(statement, statement.rule(self._proxy, time, *more))
         except (KeyError, IndexError) as error:
             raise TrajectoryError(
                 f"phase '{self._block.name}': the rule '{statement.name}' cannot be asked at t = {time:g} ({error}). "
                 "Read variables at t itself and through its first argument, not through the model."
             ) from error
+        finally:
+            self._record.delay_reader = None
         if of_phase:
             if id(statement) not in self._known_rules:
                 self.refuse_foreign(statement, variables_read(result))
@@ -180,6 +215,12 @@ class PointModel(Signals):
             variables = variables_read(result) if self._companions else []
             self._read_by[id(statement)] = tuple(other for other in self._companions if other.is_read_in(variables))
         return result
+
+    def _plain(self, statement: Statement, result: Any) -> Any:
+        if isinstance(result, Mapping) and statement.kind in ("ode", "step map"):
+            what = f"phase '{self._block.name}': {statement.kind} '{statement.name}'"
+            result = equations_by_component(self._record, result, what)
+        return plain_expressions(result)
 
     def _move_nodes(self, time: float) -> None:
         """Let the phase's own variables at a time hold the instant too, for rules that got hold of them some way."""
@@ -245,19 +286,25 @@ class PointModel(Signals):
 
     def rates(self, statements: list[Statement], time: float) -> dict[str, float]:
         """Derivatives that odes state, at a time index."""
+        known = NodeValues()
         return {
-            self._proxy.state_name(state): float(value(rate))
+            self._proxy.state_name(state): float(known.of(rate))
             for statement in statements
             for state, rate in self.result_of(statement, time).items()
         }
 
     def next_states(self, statements: list[Statement], time: float, previous: Mapping[str, float]) -> dict[str, float]:
         """Values at the end of an element by step maps, from those at its start and those that are set."""
+        known = NodeValues()
         return {
-            self._proxy.state_name(state): float(value(following))
+            self._proxy.state_name(state): float(known.of(following))
             for statement in statements
             for state, following in self.result_of(
-                statement, time, PreviousStates(f"phase '{self._block.name}': step map '{statement.name}'", previous)
+                statement,
+                time,
+                PreviousStates(
+                    f"phase '{self._block.name}': step map '{statement.name}'", previous, self._record.families
+                ),
             ).items()
         }
 
@@ -271,8 +318,12 @@ class _PhaseProxy(BlockProxy):
         self.start = grid.mesh.boundaries[0]
         self.duration = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0]
 
-    def derivative(self, state: Any) -> _Derivative:
+    def derivative(self, state: Any) -> Any:
         """The derivative of a state, as `PhaseBlock.derivative` gives it."""
+        if isinstance(state, str) and state in self._block.record.families:
+            state = getattr(self, state)
+        if isinstance(state, VariableFamily):
+            return state.of_each(self.derivative)
         return _Derivative(self._point.derivative(self.state_name(state)))
 
     def state_name(self, state: Any) -> str:
@@ -377,17 +428,18 @@ class PointEquations:
     def residuals(self, time: float, slopes: Mapping[str, float]) -> list[float]:
         """Left minus right side of each residual equation, at the values last set and all the slopes."""
         self._point.set_values({}, slopes)
+        known = NodeValues()
         return [
-            _signed(row)
+            _signed(row, known)
             for statement in self._residuals
             for row in labelled_rows("residual", self._point.result_of(statement, time)).values()
         ]
 
 
-def _signed(row: Any) -> float:
+def _signed(row: Any, known: NodeValues) -> float:
     if isinstance(row, EqualityExpression):
         left, right = row.args
-        return float(value(left)) - float(value(right))
+        return float(known.of(left)) - float(known.of(right))
     if isinstance(row, tuple):
-        return float(value(row[0])) - float(value(row[1]))
-    return float(value(row))
+        return float(known.of(row[0])) - float(known.of(row[1]))
+    return float(known.of(row))

@@ -5,32 +5,49 @@ Each rule is asked once, with variables in place of what it reads; the formulas 
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, ExpressionEvaluator, comparisons
+from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .point_model import PointModel
-from .record import PhaseRecord
+from .delays import SAME_TIME, delay_as_number, history_value
+from .families import equations_by_component
+from .point_model import GridVariables, PointModel
+from .record import PhaseRecord, Statement
 
-_FUNCTIONS: dict[str, Any] = {
+LOGGER = logging.getLogger(__name__)
+
+ARRAY_FUNCTIONS: dict[str, Any] = {
     **{name: getattr(np, numpy_name) for name, numpy_name in NUMPY_NAMES.items()},
     **comparisons(np.logical_and),
     "choose": np.where,
-    "call": lambda output, *arguments: np.vectorize(lambda *numbers: output.evaluate(numbers))(*arguments),
+    "call": lambda output, *arguments: output.evaluate_arrays(arguments),
 }
 # Elements at which the formulas are compared with the rules, and the largest relative difference.
 _SAMPLES, _AGREEMENT = 5, 1e-9
 
 
-class _Formulas(PointModel):
-    """What rules read are variables without values, and time is one too."""
+class RuleFormulas(PointModel):
+    """Asks rules for formulas that hold at all times: what rules read are variables without values, and time is one.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    indices, grid : Grid
+        The same grid in the phase's time indices and in real time.
+    """
 
     hold_numbers = False
 
@@ -41,33 +58,161 @@ class _Formulas(PointModel):
         self.index = self._scratch.index_of_time
 
     def is_index(self, key: Any) -> bool:
+        """Whether a key is the time of the formulas."""
         return key is self.index
 
     def value_of(self, signal: Any) -> Any:
+        """The variable that stands for a signal."""
         found = self._of_component.get(id(signal.component))
         if found is None:
             raise TrajectoryError(f"'{signal.name}' is no variable of the phase.")
         return found
 
+    def delayed_value(self, component: Any, t: Any, delay: Any) -> Any:
+        """Refused: what was earlier is no function of what is now."""
+        raise TrajectoryError(f"'{component.name}' is read at earlier times, which other elements have.")
+
     def time_at(self, block: Any) -> Any:
+        """The variable that stands for real time."""
         if block is not self._block:
             raise TrajectoryError(f"'{block.name}' has a time of its own.")
         return self._scratch.clock if self._record.normalised else self.index
 
-    def rates_of(self, names: list[str]) -> list[Any]:
-        """Formulas of the derivatives, in the order of the names."""
-        self.forget_derivatives()
+    def rates_of(self, names: list[str], *, derivatives: bool = False) -> list[Any]:
+        """Formulas of the derivatives, in the order of the names; those that rules read only where they are known."""
+        if not derivatives:
+            self.forget_derivatives()
         rates = {
             self._proxy.state_name(state): plain_expressions(rate)
             for statement in self._record.statements_of("ode")
-            for state, rate in statement.rule(self._proxy, self.index).items()  # type: ignore[misc]
+            for state, rate in equations_by_component(
+                self._record,
+                statement.rule(self._proxy, self.index),  # type: ignore[misc]
+                f"ode '{statement.name}'",
+            ).items()
         }
         return [rates[name] for name in names]
 
-    def leaves(self, declared: dict[str, Any], index: Any, clock: Any) -> dict[int, Any]:
-        """What stands in place of each variable, by its identity."""
+    def variables(self, names: Sequence[str]) -> list[Any]:
+        """What stands for these names, for the time index and for the time."""
+        return [*(self._values[name] for name in names), self._scratch.index_of_time, self._scratch.clock]
+
+    def clock_at(self, index: float) -> float:
+        """Real time of a time index."""
+        return float(np.interp(index, self._indices, self._boundaries)) if self._record.normalised else index
+
+    def formula_of(self, statement: Statement) -> Any:
+        """What a rule gives at any time.
+
+        Raises
+        ------
+        TrajectoryError
+            When it gives no formula.
+        """
+        try:
+            return plain_expressions(statement.rule(self._proxy, self.index))  # type: ignore[misc]
+        except Exception as error:  # a rule that was written for single instants may raise anything
+            raise TrajectoryError(
+                f"phase '{self._block.name}': {statement.kind} '{statement.name}' is no formula that holds at all "
+                f"times ({type(error).__name__}: {error})."
+            ) from error
+
+    def leaves(
+        self, declared: Mapping[str, Any], index: Any, clock: Any, slopes: Mapping[str, Any] | None = None
+    ) -> dict[int, Any]:
+        """What stands in place of each variable, by its identity; slopes in place of derivatives that rules read."""
         found = {id(self._values[name]): numbers for name, numbers in declared.items()}
+        found |= {id(self._derivatives[name]): numbers for name, numbers in (slopes or {}).items()}
         return found | {id(self._scratch.index_of_time): index, id(self._scratch.clock): clock}
+
+
+class PointRates:
+    """The differential equations of a phase at one instant after the other, as one function without expressions.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+        Every state has an explicit equation.
+    indices, grid : Grid
+        The same grid in time indices and in real time.
+    parameters : mapping of name to number
+
+    Raises
+    ------
+    TrajectoryError
+        When the rules give no formula for all times, or one that reads the phase at given points.
+    """
+
+    def __init__(
+        self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, parameters: Mapping[str, float]
+    ) -> None:
+        self._parameters = dict(parameters)
+        self._formulas = formulas = RuleFormulas(block, record, indices, grid)
+        self._names = record.names_of_states
+        self._inputs = [*record.declarations]
+        try:
+            rates = formulas.rates_of(self._names)
+            self._evaluate = StraightLine(rates, formulas.variables(self._inputs))
+        except PyRobocopError:
+            raise
+        except Exception as error:  # a rule that was written for single instants may raise anything
+            raise TrajectoryError(f"phase '{block.name}': its equations are no formulas ({error}).") from error
+        own = GridVariables(block, record).keys
+        if any(id(other) in own for other in self._evaluate.others):
+            raise TrajectoryError(f"phase '{block.name}': its equations read the phase at given points.")
+
+    def refresh(self) -> None:
+        """Read again what is no signal of the phase."""
+        self._evaluate.refresh()
+
+    def __call__(self, index: float, values: Mapping[str, float]) -> dict[str, float]:
+        """Derivatives at a time index, given the states, the signals and the parameters."""
+        values = {**self._parameters, **values}
+        given = [values[name] for name in self._inputs]
+        rates = self._evaluate(*given, index, self._formulas.clock_at(index))
+        if any(isinstance(rate, complex) for rate in rates):
+            raise ValueError("a rate is no real number")
+        return dict(zip(self._names, map(float, rates), strict=True))
+
+
+def compiled_rates(block: Any, record: PhaseRecord, grid: Grid, parameters: Mapping[str, float]) -> PointRates | None:
+    """`PointRates` of the phase on its own grid with given parameters; None where the rules give no formulas."""
+    try:
+        return PointRates(block, record, record.grid, grid, parameters)
+    except PyRobocopError as error:
+        LOGGER.debug("%s", error)
+        return None
+
+
+class _FormulasWithDelays(RuleFormulas):
+    """What rules read at earlier times are variables as well, whose numbers a trajectory gives."""
+
+    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid) -> None:
+        super().__init__(block, record, indices, grid)
+        self._scratch.delayed = Var(AnyIndex, dense=False)
+
+    def delayed_value(self, component: Any, t: Any, delay: Any) -> Any:
+        """The variable that stands for a value a while ago."""
+        what = f"'{component.name}'"
+        if component.parent_block() is not self._block or not self.is_index(t):
+            raise TrajectoryError(f"{what} is read a while before another time than the rule's own.")
+        return self._scratch.delayed[component.local_name, delay_as_number(delay, what)]
+
+    def delayed_numbers(self, trajectory: Trajectory, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
+        """Numbers for these variables at times in all elements, by their identity."""
+        start, end = self._boundaries[0], self._boundaries[-1]
+        found = {}
+        for (name, delay), variable in self._scratch.delayed.items():
+            # A hair inside of each element: what is delayed may jump where they meet.
+            earlier = times - delay + SAME_TIME * (0.5 - fraction) * widths
+            numbers = np.array(trajectory(np.clip(earlier, start, end))[name], dtype=float)
+            if getattr(self._record.declarations[name], "history", None) is not None:
+                for i in np.flatnonzero(earlier < start).tolist():
+                    before = history_value(self._record, name, float(earlier[i]), f"'{name}'", delay)
+                    numbers[i] = float(value(before))
+            found[id(variable)] = numbers
+        return found
 
 
 class RateArrays:
@@ -84,6 +229,12 @@ class RateArrays:
         Its grid in the time indices of the phase.
     point : PointModel
         Asks the rules one instant at a time, for comparison.
+    integrals : sequence of Statement
+        Whose integrands follow the states: what they gain over the local fraction.
+
+    Notes
+    -----
+    What is delayed is taken from the trajectory, as controls are.
 
     Raises
     ------
@@ -92,7 +243,13 @@ class RateArrays:
     """
 
     def __init__(
-        self, block: Any, record: PhaseRecord, trajectory: Trajectory, indices: Grid, point: PointModel
+        self,
+        block: Any,
+        record: PhaseRecord,
+        trajectory: Trajectory,
+        indices: Grid,
+        point: PointModel,
+        integrals: Sequence[Statement] = (),
     ) -> None:
         self._names = record.names_of_states
         self._trajectory, self._indices = trajectory, indices
@@ -100,10 +257,13 @@ class RateArrays:
         self._starts = np.array(trajectory.grid.mesh.boundaries[:-1])
         self._signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self._known: dict[float, tuple[dict[str, Any], Array, Array]] = {}
-        self._formulas = _Formulas(block, record, indices, trajectory.grid)
+        self._formulas = _FormulasWithDelays(block, record, indices, trajectory.grid)
+        self._delayed: dict[float, dict[int, Array]] = {}
         try:
             self._rates = self._formulas.rates_of(self._names)
             self._compare(point, record)
+            self._rates += [self._formulas.formula_of(statement) for statement in integrals]
+            self._delayed.clear()
         except PyRobocopError:
             raise
         except Exception as error:  # a rule that was written for single instants may raise anything
@@ -112,10 +272,14 @@ class RateArrays:
             ) from error
 
     def __call__(self, fraction: float, states: Array) -> Array:
-        """Derivatives at a local fraction, of states of shape ``(n, k, N)``."""
+        """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""
         declared, index, clock = self._declared_at(fraction)
-        declared = declared | dict(zip(self._names, states, strict=True))
-        known = ExpressionEvaluator(self._formulas.leaves(declared, index, clock), _FUNCTIONS)
+        declared = declared | dict(zip(self._names, states[: len(self._names)], strict=True))
+        leaves = self._formulas.leaves(declared, index, clock)
+        if fraction not in self._delayed:
+            numbers = self._formulas.delayed_numbers(self._trajectory, clock, self._widths, fraction)
+            self._delayed[fraction] = numbers
+        known = ExpressionEvaluator({**leaves, **self._delayed[fraction]}, ARRAY_FUNCTIONS)
         rates = np.empty_like(states)
         for j, rate in enumerate(self._rates):
             rates[j] = known.of(rate) * self._widths

@@ -11,7 +11,9 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import snapshot_of
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
+from pyrobocop_pyomo.modeling.expression_arrays import array
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Grid
 
 from .declarations import Algebraic, Bounds, Control, Declaration, Duration, State
@@ -52,6 +54,8 @@ class PhaseRecord:
     free_widths : bool
         True when the element boundaries are variables.
     declarations : dict of name to Declaration
+    families : dict of name to FamilyNames
+        Vectors and matrices, whose components are declarations of their own.
     statements : list of Statement
         Every rule, in the order stated.
     equation_of : dict of state name to the name of the rule that gives its derivative, or its value an element later
@@ -75,6 +79,14 @@ class PhaseRecord:
         Between which the width of each element may change, where the boundaries are variables.
     integrals : list of Statement
         Integrands of the integrals that were handed out, in the order of the members that stand for them.
+    values_at_times : list of (name, time index)
+        Values at fixed times that were handed out, in the order of the members that stand for them.
+    delayed_names : set of str
+        What rules read at earlier times than their own.
+    delay_reader : callable or None
+        While a rule is asked for numbers: ``delay_reader(name, t, delay)`` gives the value of a while ago.
+    is_declaring_components : bool
+        True while the components of a vector or a matrix are declared, one after the other.
     asking : bool
         True while a statement asks its rule, which is kept: what the rule makes is made anew with it.
     restating : Restatement or None
@@ -86,6 +98,7 @@ class PhaseRecord:
     normalised: bool = False
     free_widths: bool = False
     declarations: dict[str, Declaration] = field(default_factory=dict)
+    families: dict[str, FamilyNames] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     discrete_states: set[str] = field(default_factory=set)
@@ -98,6 +111,10 @@ class PhaseRecord:
     time_units: Any = None
     width_factors: Bounds | None = None
     integrals: list[Statement] = field(default_factory=list)
+    values_at_times: list[tuple[str, float]] = field(default_factory=list)
+    delayed_names: set[str] = field(default_factory=set)
+    delay_reader: Callable[[str, Any, float], Any] | None = None
+    is_declaring_components: bool = False
     asking: bool = False
     restating: Any = None
 
@@ -152,14 +169,19 @@ class PreviousStates:
     what : str
         Phase and rule, for messages.
     values : mapping of state name to variable or number
+    families : mapping of name to FamilyNames, optional
+        Vectors and matrices of the phase, which are read as arrays.
     """
 
-    def __init__(self, what: str, values: Mapping[str, Any]) -> None:
-        self._what, self._values = what, values
+    def __init__(self, what: str, values: Mapping[str, Any], families: Mapping[str, FamilyNames] | None = None) -> None:
+        self._what, self._values, self._families = what, values, families or {}
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
+        if name in self._families:
+            members = self._families[name].members
+            return array([getattr(self, member) for member in members]).reshape(self._families[name].shape)
         if name not in self._values:
             raise TranscriptionError(
                 f"{self._what} reads previous.{name}; only states have a value where an element starts; those of the "

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,15 +17,17 @@ import numpy as np
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Grid
-from pyrobocop_pyomo.numerics.flows import Flows, integrate_flows
+from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_flows
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .between_points import check_rules_between_points
 from .companions import companions_of, indices_of, put_on_model
+from .delays import past_of
 from .element_integration import integrate_inside, signals_at
+from .families import guesses_by_component
 from .point_model import PointModel
 from .rate_arrays import RateArrays
-from .record import PhaseRecord
+from .record import PhaseRecord, Statement
 from .stepped_elements import determined_unknowns, stepped_flows
 
 # Parts of each element at whose ends the motions are compared.
@@ -53,6 +55,13 @@ class Reintegration:
     contact : bool
         Whether pairs decide what happens. Contacts open and close at the steps of the plan: an open loop that misses
         one by a hair is another motion, and `local` is what counts.
+    integrals : dict of name to (array, array)
+        Per element, shape ``(N,)``, what an integral gains there: by the quadrature of the mesh, and along the motion
+        `local`.
+    remarks : tuple of str
+        Which integrals are not known along the motion, and why.
+    delayed : bool
+        Whether the equations read earlier times.
     """
 
     fractions: Array
@@ -60,6 +69,14 @@ class Reintegration:
     local: Mapping[str, Array]
     open_loop: Mapping[str, Array] | None
     contact: bool
+    integrals: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    delayed: bool = False
+
+    @property
+    def integral_errors(self) -> Mapping[str, Array]:
+        """Difference of each integral over each element from that along the motion of the equations, shape ``(N,)``."""
+        return {name: np.abs(planned - moved) for name, (planned, moved) in self.integrals.items()}
 
     @property
     def states(self) -> Mapping[str, Array] | None:
@@ -78,14 +95,23 @@ class Reintegration:
         """Largest difference of any state from the plan inside each element, shape ``(N,)``; infinite where unknown."""
         return self._largest(self.states, self.planned)
 
-    def end_errors(self, of: Mapping[str, Array] | None, trajectory: Trajectory) -> Array:
-        """Largest difference of any state from the plan at the end of each element, shape ``(N,)``."""
-        ends = {name: None if of is None else of[name][:, -1:] for name in self.planned}
-        planned = {
-            name: np.append(trajectory.element_states(name)[1:, 0], trajectory.states[name][-1])[:, None]
-            for name in self.planned
-        }
-        return self._largest(None if of is None else ends, planned)
+    def end_errors(
+        self, of: Mapping[str, Array] | None, trajectory: Trajectory, sizes: Mapping[str, float] | None = None
+    ) -> Array:
+        """Largest difference of any state from the plan at the end of each element, shape ``(N,)``; in units of sizes.
+
+        With delays it is that inside the element too: what is there is read again later.
+        """
+        sizes = sizes or dict.fromkeys(self.planned, 1.0)
+        planned, found = self.planned, of
+        if of is not None and not self.delayed:
+            found = {name: of[name][:, -1:] for name in planned}
+            ends = {
+                name: np.append(trajectory.element_states(name)[1:, 0], trajectory.states[name][-1]) for name in planned
+            }
+            planned = {name: values[:, None] for name, values in ends.items()}
+        scaled = None if found is None else {name: found[name] / sizes[name] for name in planned}
+        return self._largest(scaled, {name: values / sizes[name] for name, values in planned.items()})
 
     @staticmethod
     def _largest(of: Mapping[str, Any] | None, planned: Mapping[str, Array]) -> Array:
@@ -123,11 +149,13 @@ def reintegrate(
             "maps lead them from element to element; on another mesh it would be another motion. The defect says how "
             "far each step is from its map; phase.simulate() applies the maps one after the other."
         )
+    initial = guesses_by_component(record, initial or {}, f"phase '{block.name}'")
     planned_first = {name: float(trajectory.states[name][0]) for name in names}
     first = np.array([{**planned_first, **(initial or {})}[name] for name in names]) if initial else None
     contact = any(True for _ in block.component_data_objects(Complementarity, active=True, descend_into=True))
     with nullcontext() if point is not None else put_on_model([(block, trajectory)]):
         flows, fractions = _flows(block, record, trajectory, point, first)
+        integrals, remarks = _integrals(block, record, trajectory, point)
     planned = trajectory.element_polynomials(fractions)
     return Reintegration(
         fractions=fractions,
@@ -135,6 +163,9 @@ def reintegrate(
         local={name: flows.local[:, :, j] for j, name in enumerate(names)},
         open_loop=None if flows.whole is None else {name: flows.whole[:, :, j] for j, name in enumerate(names)},
         contact=contact,
+        integrals=integrals,
+        remarks=remarks,
+        delayed=bool(record.delayed_names),
     )
 
 
@@ -168,14 +199,19 @@ def _flows(
     if point is None:
         point = PointModel(block, record, indices, trajectory.grid, companions_of(block, indices.mesh.boundaries))
     point.set_values(trajectory.parameters)
+    past = point.past
     try:
         check_rules_between_points(block, record, point, record.statements_of("ode"))
         point.set_values(trajectory.parameters)
-        point.asks_phase = False
-        flows = _side_by_side(block, record, trajectory, indices, point, first)
+        point.asks_phase, point.past = False, past_of(trajectory)
+        # With delays the whole motion reads itself, which elements side by side cannot.
+        delays = bool(record.delayed_names)
+        flows = None if delays else _side_by_side(block, record, trajectory, indices, point, first)
         if flows is None:
-            flows = integrate_inside(trajectory, _single_rates(record, trajectory, point), fractions, first)
+            rates = _single_rates(record, trajectory, point)
+            flows = integrate_inside(trajectory, rates, fractions, first, point if delays else None)
     finally:
+        point.past = past
         point.leave_nodes()
     return flows, fractions
 
@@ -197,6 +233,57 @@ def _side_by_side(
     except TrajectoryError:
         return None
     return integrate_flows(rates, starts, scales, SAMPLES, TOLERANCE, first)
+
+
+def _integrals(
+    block: Any, record: PhaseRecord, trajectory: Trajectory, point: PointModel | None
+) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
+    """Each integral per element: by quadrature and along the local motion; and remarks on those that are not known."""
+    known: dict[str, tuple[Array, Array]] = {}
+    remarks: list[str] = []
+    for position, statement in enumerate(record.integrals, start=1):
+        name = f"{statement.name} ({position})"
+        try:
+            known[name] = _integral(block, record, trajectory, statement, point)
+        except TrajectoryError as error:
+            remarks.append(f"integral {name}: not re-integrated. {error}")
+    return known, tuple(remarks)
+
+
+def _integral(
+    block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement, point: PointModel | None
+) -> tuple[Array, Array]:
+    what = f"phase '{block.name}': integral '{statement.name}'"
+    if statement.rule is None:
+        raise TrajectoryError(f"{what} has lost its rule by pickling.")
+    if set(record.equation_of) != set(record.names_of_states):
+        raise TrajectoryError(f"{what}: the motion has implicit equations; make the integral a state.")
+    grid, indices = trajectory.grid, indices_of(record, trajectory.grid)
+    if point is None:
+        point = PointModel(block, record, indices, grid, companions_of(block, indices.mesh.boundaries))
+    asks_phase, past = point.asks_phase, point.past
+    point.asks_phase, point.past = False, past_of(trajectory)
+    try:
+        point.set_values(trajectory.parameters)
+        rates = RateArrays(block, record, trajectory, indices, point, [statement])
+    finally:
+        point.asks_phase, point.past = asks_phase, past
+        point.leave_nodes()
+    names, width = record.names_of_states, grid.mesh.widths
+    nodes = {name: trajectory.element_states(name) for name in names}
+    planned = np.zeros(len(width))
+    with np.errstate(all="ignore"):
+        for fraction, weight in zip(grid.scheme.c.tolist(), grid.scheme.b.tolist(), strict=True):
+            here = np.array([nodes[name] @ grid.scheme.state_at([fraction])[0] for name in names])
+            planned += weight * rates(fraction, np.vstack([here, planned])[:, None, :])[-1, 0]
+    if not np.isfinite(planned).all():
+        raise TrajectoryError(f"{what} has no finite value on the plan.")
+    starts = np.column_stack([*(nodes[name][:, 0] for name in names), np.zeros(len(width))])
+    sizes = [np.abs(nodes[name]).max() for name in names] + [np.abs(planned).sum()]
+    found = integrate_elements(rates, starts, SMALLEST_SCALE + np.array(sizes), SAMPLES, TOLERANCE)
+    if found is None:
+        raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
+    return planned, found[0][:, -1, -1]
 
 
 def _single_rates(record: PhaseRecord, trajectory: Trajectory, point: PointModel) -> Any:

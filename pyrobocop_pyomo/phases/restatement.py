@@ -19,6 +19,7 @@ from pyrobocop_pyomo.numerics import Array, Grid
 
 from .carried_marks import carried_marks
 from .declarations import Declaration, Parameter, within
+from .delays import VALUES_AT_TIMES, restate_values_at_times
 from .equations import (
     add_complementarity,
     add_constraint,
@@ -119,6 +120,7 @@ class Restatement:
     def finish(self) -> None:
         """Give the integrals their sums, and rows that were deactivated no part again."""
         restate_integrals(self.block, self.record)
+        restate_values_at_times(self.block, self.record)
         for name in self._placed:
             component = self.block.component(name)
             if hasattr(type(component), "deactivate"):
@@ -128,7 +130,7 @@ class Restatement:
     def owns(self, name: str) -> bool:
         """True for components that the declarations and statements of the phase make, and the integrals."""
         record = self.before
-        if name in ("time", "points", "start", "duration", "boundary", "boundary_width", INTEGRALS):
+        if name in ("time", "points", "start", "duration", "boundary", "boundary_width", INTEGRALS, VALUES_AT_TIMES):
             return True
         if name in record.declarations or name in record.generated_rows or name in self._nodes:
             return True
@@ -142,7 +144,7 @@ class Restatement:
         assert rule is not None  # asked before anything is changed
         record.asking = True
         try:
-            ADD[statement.kind](self.block, record, rule)
+            ADD[statement.kind](self.block, record, rule, statement.name)
         except KeyError as error:
             raise RemeshingError(
                 f"phase '{self.block.name}': its {statement.kind} '{statement.name}' reads what the new mesh has not "

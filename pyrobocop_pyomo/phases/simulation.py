@@ -7,9 +7,9 @@ each element is one mixed complementarity problem (`contact_steps`). Bounds and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.optional_imports import scipy
@@ -25,11 +26,21 @@ from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
 from .between_points import check_rules_between_points
 from .contact_steps import ContactSteps
-from .element_integration import Unknowns, find_unknowns, signals_at, step_element, step_start
+from .delays import AheadOfMotion, MotionSoFar, past_on_model
+from .element_integration import (
+    Unknowns,
+    find_unknowns,
+    integrate_by_steps,
+    signals_at,
+    step_element,
+    step_start,
+)
+from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
 from .nodes import KnotNodes
 from .phase_values import make_trajectory, pairs_of_phase, read_values
 from .point_model import PointEquations
+from .rate_arrays import PointRates, compiled_rates
 from .record import PhaseRecord
 
 # What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
@@ -37,6 +48,9 @@ _NO_VALUE = (ArithmeticError, ValueError)
 
 _WHAT_IS_MISSING = "has no value to simulate with. Give it in the call, or an initial guess."
 
+
+# Relative difference of compiled equations and rules that is rounding.
+_AGREEMENT = 1e-9
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "scheme")
 
@@ -55,6 +69,8 @@ class SimulationOptions:
         Algebraics and controls that are to be found.
     restitution : mapping of name of a pair to number
         Coefficients of Newton's law of impact.
+    most_evaluations : int, optional
+        Of the right-hand sides, in all; the simulation stops beyond.
     """
 
     method: str = "DOP853"
@@ -62,6 +78,11 @@ class SimulationOptions:
     atol: float = 1e-10
     unknown: Sequence[str] | None = None
     restitution: Mapping[str, float] = field(default_factory=dict)
+    most_evaluations: int | None = None
+
+
+class _TooManyEvaluations(Exception):
+    """Ends an integration that would go on for long."""
 
 
 def simulate(
@@ -76,6 +97,10 @@ def simulate(
         raise InitialGuessError(
             f"phase '{block.name}': method {options.method!r} is unknown; choose one of {', '.join(METHODS)}."
         )
+    what = f"phase '{block.name}'"
+    controls, initial = (guesses_by_component(record, given, what) for given in (controls, initial))
+    if options.unknown is not None:
+        options = replace(options, unknown=names_by_component(record, options.unknown))
     run = _Run(block, record, controls, initial, options)
     by_rows = options.method == "scheme" or bool(
         run.unknowns.algebraics or run.unknowns.implicit or record.discrete_states
@@ -88,8 +113,17 @@ def simulate(
                     failure = run.element(i, by_rows, options)
             except TrajectoryError:
                 raise  # a rule that cannot be asked says nothing about the motion
+            except AheadOfMotion:
+                failure = (
+                    start,
+                    (
+                        "what is delayed lies in the element itself, which the rows of the scheme do not know yet; use "
+                        "method='DOP853', or elements shorter than the delay"
+                    ),
+                )
             except _NO_VALUE as error:
-                failure = start, f"the equations have no value ({_first_line(error)})"
+                why = run.undefined(i) or _first_line(error)
+                failure = run.reached or start, f"the equations have no value ({why})"
             if failure is not None:
                 raise _failed(block, run, i, *failure)
             run.put_element(i)
@@ -138,6 +172,10 @@ class _Run:
         first = record.grid.stage_times[0][0]
         self.guesses = {name: _number_or_zero(block.component(name)[first]) for name in self.unknowns.algebraics}
         self.equations = PointEquations(block, record, record.grid, self.grid)
+        self.compiled: PointRates | None = None
+        self.evaluations = 0
+        self.asked: Mapping[str, float] = {}  # where rates were asked last, and when
+        self.reached: float | None = None
         shape = (record.grid.mesh.elements, record.grid.scheme.stages)
         names = record.names_of_states
         self.start = initial_states(block, record, initial)
@@ -200,6 +238,7 @@ class _Run:
             if not by_rows:
                 check_rules_between_points(block, record, point, record.statements_of("ode"))
                 point.set_values(self.equations.parameters)
+                self.compiled = compiled_rates(block, record, self.grid, self.equations.parameters)
             unknown = [*record.names_of_states, *self.unknowns.algebraics]
             components = [block.component(record.nodes(name).component) for name in unknown]
             components += [block.component(f"{name}_derivative") for name in sorted(record.kept_derivatives)]
@@ -210,6 +249,11 @@ class _Run:
             for name, number in zip(record.names_of_states, self.start.tolist(), strict=True):
                 block.component(name)[record.grid.times[0]].set_value(number, skip_validation=True)
             point.asks_phase = by_rows
+            on_model = past_on_model(
+                block, record, np.array(record.grid.mesh.boundaries), np.array(self.grid.mesh.boundaries)
+            )
+            self.so_far = MotionSoFar(record.names_of_states, on_model)
+            point.past = on_model if by_rows else self.so_far
             try:
                 with unfixed(self.steps.unknowns if self.steps is not None else ()):
                     yield
@@ -248,22 +292,87 @@ class _Run:
         def slope(local: float, state: Array) -> Array:
             index = first + local * (last - first)
             values = signals_at(scheme, local, index, given, self.knots)
-            result = self.equations.rates(index, {**values, **dict(zip(names, state.tolist(), strict=True))})
+            self.asked, self.reached = values | dict(zip(names, state.tolist(), strict=True)), begin + width * local
+            self.evaluations += 1
+            if options.most_evaluations is not None and self.evaluations > options.most_evaluations:
+                raise _TooManyEvaluations
+            result = rates(index, self.asked)
             return width * np.array([result[name] for name in names])
 
         if names:
+            rates = self._rates_in_element(first, {**signals_at(scheme, 0.0, first, given, self.knots)})
             asked = np.union1d(scheme.state_nodes, [0.0, 1.0])
-            result = scipy.integrate.solve_ivp(
-                slope, (0.0, 1.0), self.start, method=options.method, t_eval=asked, rtol=options.rtol, atol=options.atol
-            )
+            settings = {"method": options.method, "t_eval": asked, "rtol": options.rtol, "atol": options.atol}
+            try:
+                if self.record.delayed_names:
+                    return self._by_steps(i, slope, asked, options)
+                result = scipy.integrate.solve_ivp(slope, (0.0, 1.0), self.start, **settings)
+            except _TooManyEvaluations:
+                return self.reached or begin, f"it took more than {options.most_evaluations} evaluations"
             if not result.success or not np.isfinite(result.y).all():
                 reached = float(result.t[-1]) if len(result.t) else 0.0
                 return begin + width * reached, f"SciPy's {options.method} gave up ({result.message})"
-            nodes = result.y[:, np.searchsorted(asked, scheme.state_nodes)]
-            nodes[:, 0] = self.start  # LSODA returns it with rounding
-            self._take(i, dict(zip(names, nodes, strict=True)), result.y[:, -1])
+            self._take_samples(i, asked, result.y)
         self._fill_rates(i)
         return None
+
+    def _take_samples(self, i: int, asked: Array, values: Array) -> None:
+        nodes = values[:, np.searchsorted(asked, self.record.grid.scheme.state_nodes)]
+        nodes[:, 0] = self.start  # LSODA returns it with rounding
+        self._take(i, dict(zip(self.record.names_of_states, nodes, strict=True)), values[:, -1])
+
+    def _by_steps(self, i: int, slope: Any, asked: Array, options: SimulationOptions) -> tuple[float, str] | None:
+        """One element by the method of steps."""
+        width, begin = self.grid.mesh.widths[i], self.grid.mesh.boundaries[i]
+        result = integrate_by_steps(
+            slope, 0.0, 1.0, self.start, self.so_far, lambda: self.equations.point.smallest_delay,
+            to_real_time=lambda local: begin + width * local,
+            method=options.method, rtol=options.rtol, atol=options.atol,
+        )  # fmt: skip
+        if not result.success or not np.isfinite(result.y).all():
+            reached = float(result.t[-1]) if len(result.t) else 0.0
+            return begin + width * reached, f"SciPy's {options.method} gave up ({result.message})"
+        self._take_samples(i, asked, np.array([self.so_far.state(begin + width * local) for local in asked]).T)
+        self._fill_rates(i)
+        return None
+
+    def undefined(self, i: int) -> str:
+        """Which part of a right-hand side has no value in an element, where it was asked last; or empty."""
+        block, record = self.block, self.record
+        times = record.grid.stage_times[i]
+        found: list[tuple[Any, float]] = []
+        for name, number in self.asked.items():
+            if name not in record.declarations:
+                continue
+            nodes = record.nodes(name)
+            found += [(v, number) for t, v in zip(nodes.times, nodes.variables(block), strict=True) if t in times]
+        with values_restored(variable for variable, _ in found):
+            for variable, number in found:
+                if not variable.fixed:
+                    variable.set_value(number, skip_validation=True)
+            for state, rates in record.rates.items():
+                for time in record.grid.stage_times[i]:
+                    part = undefined_part(rates[time]) if time in rates else None
+                    if part is not None:
+                        return f"{part.what}, in rate of '{state}', element {i}"
+        return ""
+
+    def _rates_in_element(self, index: float, values: Mapping[str, float]) -> Callable[..., dict[str, float]]:
+        """Derivatives by one compiled function, if it says at the start of an element what the rules say."""
+        values = {**values, **dict(zip(self.record.names_of_states, self.start.tolist(), strict=True))}
+        stated = self.equations.rates(index, values)
+        compiled = self.compiled
+        if compiled is not None:
+            try:
+                compiled.refresh()
+                found = compiled(index, values)
+            except (*_NO_VALUE, TypeError, KeyError):
+                found = {}
+            if not all(
+                abs(found.get(name, np.nan) - rate) <= _AGREEMENT * (1.0 + abs(rate)) for name, rate in stated.items()
+            ):
+                self.compiled = compiled = None
+        return self.equations.rates if compiled is None else compiled
 
     def by_rows(self, i: int) -> tuple[float, str] | None:
         """Solve the rows of one element; returns time and reason of a failure."""

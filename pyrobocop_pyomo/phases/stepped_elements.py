@@ -14,6 +14,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .between_points import check_rules_between_points
 from .companions import indices_of
 from .declarations import Algebraic
+from .delays import past_of
 from .element_integration import Unknowns, find_unknowns, step_element
 from .point_model import PointEquations
 from .record import PhaseRecord
@@ -54,6 +55,7 @@ def stepped_flows(
     stated = [statement for statement in record.statements if statement.kind in ("ode", "residual")]
     check_rules_between_points(block, record, equations.point, stated)
     equations.point.set_values(equations.parameters)
+    equations.point.past = past_of(trajectory)
     fine = radau(trajectory.grid.scheme.stages + _MORE_STAGES)
     to_fine = trajectory.grid.scheme.stage_polynomial_at(fine.c)
     boundaries, widths = trajectory.grid.mesh.boundaries, trajectory.grid.mesh.widths

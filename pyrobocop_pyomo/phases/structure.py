@@ -16,11 +16,11 @@ from typing import Any
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.expr.visitor import identify_variables
 from pyomo.mpec import Complementarity as PyomoComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Matching, maximum_matching
 
 from .declarations import Algebraic, Control, Parameter
@@ -105,7 +105,7 @@ def _check_each_variable_appears(block: Any, record: PhaseRecord) -> None:
     for expression in _expressions(block):
         if not missing:
             return
-        seen = {id(variable) for variable in identify_variables(expression, include_fixed=True)}
+        seen = {id(variable) for variable in variables_in(expression, include_fixed=True)}
         missing = {name: ids for name, ids in missing.items() if not ids & seen}
     for name in missing:
         declaration = record.declarations[name]
@@ -305,7 +305,7 @@ def sides_of(pair: Any) -> tuple[Any, ...]:
 def _variables_in(expressions: Iterable[Any]) -> Iterator[Any]:
     for expression in expressions:
         if hasattr(expression, "is_expression_type"):
-            yield from identify_variables(expression, include_fixed=True)
+            yield from variables_in(expression, include_fixed=True)
 
 
 def _match(rows: list[tuple[Any, ...]], columns: Iterable[Any]) -> Matching:

@@ -10,11 +10,15 @@ import numpy as np
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .families import family_in, references_by_component
 from .record import PhaseRecord
 
 
 def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any, weight: Any) -> Any:
     """See `PhaseActions.tracking`."""
+    if (names := family_in(record, variable)) is not None:
+        every = zip(names.members, references_by_component(names, reference, f"phase '{block.name}'"), strict=True)
+        return sum(tracking_cost(block, record, member, of, weight) for member, of in every)
     name = variable if isinstance(variable, str) else getattr(variable, "local_name", repr(variable))
     what = f"phase '{block.name}': tracking '{name}'"
     component = block.component(name) if name in record.declarations else None

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression
-from pyomo.core.base.reference import Reference
 from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
@@ -27,6 +25,7 @@ from .declarations import Algebraic, Bounds, Control, Declaration, Parameter, St
 from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord, place
+from .signal_vars import SignalExpression, SignalVar, signal_reference
 
 
 def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Declaration) -> None:
@@ -128,10 +127,10 @@ def add_indexed(
     """Add a variable over times, with its bounds and its initial guess moved onto them."""
     if callable(declaration.bounds):
         each_bounds = [declaration.bounds_at(time, what) for time in index]
-        variable = Var(index, bounds=dict(zip(index, each_bounds, strict=True)), units=declaration.units)
+        variable = SignalVar(index, bounds=dict(zip(index, each_bounds, strict=True)), units=declaration.units)
     else:
         each_bounds = [declaration.bounds_at(0.0, what)] * len(index)
-        variable = Var(index, bounds=each_bounds[0], units=declaration.units)
+        variable = SignalVar(index, bounds=each_bounds[0], units=declaration.units)
     variable = place(block, record, name, variable)
     # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
     for data, value, bounds in zip(variable.values(), guess.tolist(), each_bounds, strict=True):
@@ -208,7 +207,7 @@ def _add_piecewise_constant(
     bounds = [_common_bounds(control, points[nodes.of_points == i].tolist(), what) for i in range(len(nodes.times))]
     values = _add_values(block, record, name, control, nodes, bounds, what)
     seen = {time: values[i] for time, i in zip(grid.points, nodes.of_points.tolist(), strict=True)}
-    place(block, record, name, Reference(seen))
+    place(block, record, name, signal_reference(seen))
 
 
 def _add_piecewise_linear(
@@ -217,7 +216,7 @@ def _add_piecewise_linear(
     _refuse_knots_of_its_own(record, nodes, what)
     bounds = [control.bounds_at(knot, what) for knot in nodes.knots]
     values = _add_values(block, record, name, control, nodes, bounds, what)
-    seen = place(block, record, name, Expression(block.points))
+    seen = place(block, record, name, SignalExpression(block.points))
     for time in record.grid.points:
         positions, weights = zip(*nodes.weights_at(time), strict=True)
         ends = [values[i] for i in positions]

@@ -29,6 +29,7 @@ from .companions import (
     put_on_model,
 )
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
+from .delays import past_of
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 from .reintegration import Reintegration, reintegrate
@@ -49,6 +50,7 @@ class Verification:
         Violation of residual equations and path constraints at the collocation points.
     bounds : float
         Violation of declared bounds, those of derivatives and of the duration included, and of boundary values.
+        Also how far an integer control is from its values.
     natural_residual : float
         Largest ``|min(a, b)|`` over all complementarity pairs.
     product : float
@@ -62,10 +64,16 @@ class Verification:
         Largest difference, inside elements too, of a state's polynomial from the solution of the equations under the
         plan's controls: integrated from the start of the plan on, or, where pairs decide what happens, from the start
         of each element.
+    integral_error : float or None
+        Of all integrals of the phase, those in the objective and in constraints, the largest sum over all elements of
+        the difference between the quadrature of the mesh and the integral along the motion that the equations make of
+        each element. None where none was stated, or none is known; then see `remarks`.
     remarks : tuple of str
         What could not be checked, and why.
     element_errors : array, shape (N,), or None
         The re-integration error of each element; `element_error` is the largest.
+    integral_errors : dict of name to array, shape (N,)
+        Of each integral over each element; its name is that of its rule, numbered in the order stated.
     """
 
     defect: float
@@ -77,8 +85,10 @@ class Verification:
     element_error: float | None
     horizon_error: float | None
     motion_error: float | None = None
+    integral_error: float | None = None
     remarks: tuple[str, ...] = field(default=())
     element_errors: Array | None = field(default=None, repr=False, compare=False)
+    integral_errors: Mapping[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def largest_violation(self) -> float:
@@ -99,6 +109,7 @@ class Verification:
             f"re-integration, per element {show(self.element_error)}",
             f"re-integration, horizon     {show(self.horizon_error)}",
             f"motion inside elements      {show(self.motion_error)}",
+            f"integrals, re-integrated    {show(self.integral_error)}",
         ]
         return "\n".join([*lines, *self.remarks])
 
@@ -137,6 +148,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
         defect, equations, natural, product = check.at_collocation_points()
         motion = check.reintegrate()
         ends = None if motion is None else motion.end_errors(motion.local, trajectory)
+        integrals = {} if motion is None else dict(motion.integral_errors)
         horizon = None if motion is None else float(motion.end_errors(motion.open_loop, trajectory).max())
         return Verification(
             defect=defect,
@@ -148,8 +160,10 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
             element_error=None if ends is None else float(ends.max()),
             horizon_error=horizon,
             motion_error=None if motion is None else float(motion.errors.max()),
+            integral_error=max((float(errors.sum()) for errors in integrals.values()), default=None),
             remarks=tuple(check.remarks),
             element_errors=ends,
+            integral_errors=integrals,
         )
 
 
@@ -188,6 +202,7 @@ class _TrajectoryCheck:
     def rules_asked(self) -> Iterator[None]:
         """Context for asking rules, with the values on the model: of the phase itself, where its grid is that."""
         self.point.asks_phase = self.on_grid
+        self.point.past = None if self.on_grid else past_of(self.trajectory)
         try:
             if not self.on_grid:
                 self.check_between_points(self.statements)
@@ -221,11 +236,9 @@ class _TrajectoryCheck:
         time = self.indices.times[0] if at_boundaries else self.indices.stage_times[0][0]
         states = dict.fromkeys(self.states, 0.0)
         try:
-            return variables_read(
-                self.point.result_of(
-                    statement, time, *([PreviousStates("", states)] if statement.kind == "step map" else [])
-                )
-            )
+            previous = PreviousStates("", states, self.record.families)
+            more = [previous] if statement.kind == "step map" else []
+            return variables_read(self.point.result_of(statement, time, *more))
         except Exception:  # said where the rule is checked
             return []
         finally:
@@ -333,6 +346,9 @@ class _TrajectoryCheck:
                     worst = max(worst, bound_violation(slope, *(declaration.derivative_bounds or UNBOUNDED)))
             else:
                 samples = list(zip(self.indices.points, self.trajectory.signals[name], strict=True))
+            levels = getattr(declaration, "levels", None)
+            if levels is not None:
+                worst = max([worst, *(min(abs(sample - level) for level in levels) for _, sample in samples)])
             for time, sample in samples:
                 worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
         return worst
@@ -346,6 +362,7 @@ class _TrajectoryCheck:
         except TrajectoryError as error:
             self.remarks.append(f"re-integration, which asks between the points of the grid, failed: {error}")
             return None
+        self.remarks.extend(found.remarks)
         if found.open_loop is None:
             self.remarks.append(
                 "re-integration over the whole horizon left the finite numbers: the motion is unstable."

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from pyomo.common.numeric_types import native_numeric_types
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.modeling.expression_arrays import array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, ExpressionEvaluator
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 
 # A pivot that is smaller, relative to the largest coefficient of its row, counts as zero.
@@ -171,7 +171,7 @@ def _is_regular(matrix: list[list[Any]]) -> bool:
     leaves = {
         id(variable): generator.uniform(*_range(variable), _SAMPLES)
         for expression in expressions
-        for variable in identify_variables(expression)
+        for variable in variables_in(expression)
     }
     evaluator = ExpressionEvaluator(leaves, _NUMPY_FUNCTIONS)
     try:

@@ -11,11 +11,11 @@ import numpy as np
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ExpressionArrayError, ProblemClassError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, plain_scalar
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .explicit_rates import AffineRow, Membership, rates_of, rates_of_matrix, solvable_groups, solve_rows
 from .methods import ARGUMENTS, WITH_PARAMETERS, Methods, finite_or_none
@@ -334,4 +334,4 @@ def _is_zero(coefficient: Any) -> bool:
 
 def _reads(row: AffineRow, own: set[int]) -> bool:
     parts = [part for part in (row.constant, *row.coefficients.values()) if hasattr(part, "is_expression_type")]
-    return any(id(variable) in own for part in parts for variable in identify_variables(part))
+    return any(id(variable) in own for part in parts for variable in variables_in(part))

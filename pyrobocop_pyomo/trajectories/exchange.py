@@ -66,6 +66,7 @@ def facts_of_time_series(series: Any, like: Any = None) -> dict[str, Any]:
         "signals": {name: values[name][positions] for name in like.signals},
         "parameters": like.parameters,
         "piecewise_constant": like.piecewise_constant,
+        "families": like.families,
         "phase": like.phase,
     }
 

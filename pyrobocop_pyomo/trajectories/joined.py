@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.plotting import mark_phases, plot_signals
 
 from .exchange import as_data_frame
-from .trajectory import Trajectory
+from .trajectory import Trajectory, family_values, member_labels, members_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,9 @@ class JoinedTrajectory:
                 return np.concatenate([_at_own_times(part, name) for part in self.parts])
             if name in self._signals:
                 return np.concatenate([part.signals.get(name, _nothing(part.points)) for part in self.parts])
+            if name in self._families:
+                names = self._families[name]
+                return family_values(names, [getattr(self, member) for member in names.members])
         raise AttributeError(f"a joined trajectory of {self._parts_named()} has no '{name}'.")
 
     @cached_property
@@ -52,6 +56,10 @@ class JoinedTrajectory:
     def _signals(self) -> list[str]:
         every = dict.fromkeys(name for part in self.parts for name in part.signals)
         return [name for name in every if name not in self._states]
+
+    @cached_property
+    def _families(self) -> dict[str, FamilyNames]:
+        return {name: names for part in self.parts for name, names in part.families.items() if names.in_time}
 
     @property
     def names(self) -> list[str]:
@@ -122,7 +130,9 @@ class JoinedTrajectory:
         TrajectoryError
             When a name is unknown, or none is given.
         """
-        chosen = self.names if names is None else list(names)
+        chosen = [
+            member for name in (self.names if names is None else names) for member in members_of(self._families, name)
+        ]
         unknown = [name for name in chosen if name not in self.names]
         if unknown or not chosen:
             missing = f"has no '{unknown[0]}'" if unknown else "was given nothing to draw"
@@ -137,7 +147,7 @@ class JoinedTrajectory:
         values = {name: self._dense_values(name, pieces) for name in chosen}
         nodes = {name: (self.time if name in self._states else self.points, getattr(self, name)) for name in chosen}
         steps = {name for name in chosen if all(name not in part.names or name in part.stepwise for part in self.parts)}
-        labels = names if isinstance(names, Mapping) else None
+        labels = member_labels(self._families, names) if isinstance(names, Mapping) else None
         drawn = plot_signals("", dense, values, nodes, steps, labels=labels, figure=figure)
         mark_phases(drawn, self.boundaries, [part.name for part in self.parts])
         return drawn

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
 
@@ -42,12 +43,15 @@ class Trajectory:
         Values that do not change in time.
     pairs : dict of name to array, shape (2, len(points))
         Both sides of each complementarity pair, in canonical form ``0 <= a ⟂ b >= 0``.
+    families : dict of name to FamilyNames
+        Vectors and matrices among all these, whose components have names of their own.
     phase : PhaseBlock or None
         Where the values came from; None after loading from a file.
 
     Notes
     -----
-    Values are attributes too: ``trajectory.theta``. Called with times, the trajectory interpolates all signals.
+    Values are attributes too: ``trajectory.theta``; those of a vector or a matrix have its shape, and time last. Called
+    with times, the trajectory interpolates all signals.
     """
 
     name: str
@@ -59,6 +63,7 @@ class Trajectory:
     rates: Mapping[str, Array] = field(default_factory=dict)
     piecewise_linear: Mapping[str, Array] = field(default_factory=dict)
     piecewise_constant: frozenset[str] = frozenset()
+    families: Mapping[str, FamilyNames] = field(default_factory=dict)
     phase: Any = field(default=None, repr=False)
 
     def __getattr__(self, name: str) -> Any:
@@ -66,6 +71,9 @@ class Trajectory:
             for values in (self.states, self.signals, self.parameters):
                 if name in values:
                     return values[name]
+            family = self.__dict__.get("families", {}).get(name)
+            if family is not None:
+                return family_values(family, [getattr(self, member) for member in family.members])
         raise AttributeError(f"trajectory '{self.__dict__.get('name', '?')}' has no '{name}'.")
 
     @cached_property
@@ -111,6 +119,7 @@ class Trajectory:
         Returns
         -------
         dict of name to float, or to array of shape (m,)
+            Asked for the name of a vector or a matrix, it makes the array of all its components.
 
         Raises
         ------
@@ -134,7 +143,7 @@ class Trajectory:
         values = {name: self._interpolate_state(name, element, local) for name in self.states}
         values |= {name: self._interpolate(self.element_signals(name), stage_weights, element) for name in self.signals}
         values |= {name: np.interp(times, *knots) for name, knots in self.piecewise_linear.items()}
-        return values if np.ndim(t) else {name: float(value[0]) for name, value in values.items()}
+        return _Values(self.families, values if np.ndim(t) else {name: float(of[0]) for name, of in values.items()})
 
     def element_polynomials(self, fractions: ArrayLike) -> dict[str, Array]:
         """Every state at the same local fractions of each element, by the polynomial of that element.
@@ -211,7 +220,8 @@ class Trajectory:
         Parameters
         ----------
         names : list of str, or mapping of name to label, optional
-            What to draw, and what to write beside it; everything under its name by default.
+            What to draw, and what to write beside it; the name of a vector stands for its components. Everything under
+            its name by default.
         figure : Figure or SubFigure, optional
             Where to draw; a new figure, with the name of the phase as title, by default.
 
@@ -220,7 +230,9 @@ class Trajectory:
         TrajectoryError
             When a name is unknown, or none is given.
         """
-        chosen = self.names if names is None else list(names)
+        chosen = [
+            member for name in (self.names if names is None else names) for member in members_of(self.families, name)
+        ]
         unknown = [name for name in chosen if name not in self.names]
         if unknown:
             raise TrajectoryError(f"trajectory '{self.name}' has no '{unknown[0]}'; it has {', '.join(self.names)}.")
@@ -241,7 +253,7 @@ class Trajectory:
             {name: values[name] for name in chosen},
             nodes,
             steps,
-            labels=names if isinstance(names, Mapping) else None,
+            labels=member_labels(self.families, names) if isinstance(names, Mapping) else None,
             figure=figure,
         )
 
@@ -286,6 +298,7 @@ class Trajectory:
             "scheme": self.grid.scheme.name,
             "parameters": dict(self.parameters),
             "piecewise_constant": sorted(self.piecewise_constant),
+            "families": [[names.name, names.axes, names.in_time] for names in self.families.values()],
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
@@ -313,7 +326,48 @@ class Trajectory:
                 grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
                 parameters=facts["parameters"],
                 piecewise_constant=frozenset(facts["piecewise_constant"]),
+                families={names.name: names for names in map(_names_read, facts.get("families", ()))},
                 **groups,
             )
         except (KeyError, TypeError) as error:
             raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+
+
+class _Values(dict[str, Any]):
+    """Values by name; those of vectors and matrices are put together when they are asked for."""
+
+    def __init__(self, families: Mapping[str, FamilyNames], values: Mapping[str, Any]) -> None:
+        super().__init__(values)
+        self._families = families
+
+    def __missing__(self, name: str) -> Any:
+        if name not in self._families:
+            raise KeyError(name)
+        return family_values(self._families[name], [self[member] for member in self._families[name].members])
+
+
+def members_of(families: Mapping[str, FamilyNames], name: str) -> list[str]:
+    """Names of the components of a vector or a matrix; of anything else its own name."""
+    return families[name].members if name in families else [name]
+
+
+def member_labels(families: Mapping[str, FamilyNames], labels: Mapping[str, str]) -> dict[str, str]:
+    """What to write beside each component, given what to write beside all of them."""
+    found: dict[str, str] = {}
+    for name, label in labels.items():
+        of = families[name].labels if name in families else [""]
+        members = members_of(families, name)
+        found |= {member: f"{label} {one}".rstrip() for member, one in zip(members, of, strict=True)}
+    return found
+
+
+def family_values(names: FamilyNames, of_members: Sequence[Any]) -> Array:
+    """The values of all components as one array, of the family's shape and that of a component's values."""
+    values = np.array(of_members, dtype=float)
+    return values.reshape((*names.shape, *values.shape[1:]))
+
+
+def _names_read(stored: Sequence[Any]) -> FamilyNames:
+    name, axes, in_time = stored
+    labels = tuple(tuple(tuple(label) if isinstance(label, list) else label for label in axis) for axis in axes)
+    return FamilyNames(name, labels, in_time)

@@ -1,0 +1,246 @@
+"""Which part of an expression has no value or no derivative at the current values, in words; and a way out of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
+from pyomo.core.expr.numeric_expr import DivisionExpression, Expr_ifExpression, PowExpression, UnaryFunctionExpression
+from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.visitor import StreamBasedExpressionVisitor
+
+from .row_violations import number_or_nan
+from .shared_nodes import variables_in
+from .variable_values import within_bounds
+
+# Longer expressions are named by their variables.
+_SHOWN_CHARACTERS, _SHOWN_VARIABLES = 60, 4
+# How far inside its domain an argument is moved, and the largest argument of an exponential there.
+_INSIDE, _LARGEST_EXPONENT = 0.1, 50.0
+_DOMAINS = {
+    "log": (0.0, math.inf),
+    "log10": (0.0, math.inf),
+    "sqrt": (0.0, math.inf),
+    "asin": (-1.0, 1.0),
+    "acos": (-1.0, 1.0),
+    "atanh": (-1.0, 1.0),
+    "acosh": (1.0, math.inf),
+}
+_GROWING = ("exp", "sinh", "cosh")
+_NO_VALUE = (ArithmeticError, ValueError, TypeError)
+
+
+@dataclass(frozen=True, eq=False)
+class UndefinedPart:
+    """The innermost part of an expression that has no value, or no derivative, where its arguments have values.
+
+    Attributes
+    ----------
+    what : str
+        In words, with the numbers.
+    argument : expression or number
+        What has to move for it to have a value.
+    value : float
+        Of the argument.
+    lower, upper : float
+        The argument's domain, whose ends do not belong to it.
+    outside : float
+        Half the width of a gap inside of the domain that the argument has to stay out of, around zero.
+    """
+
+    what: str
+    argument: Any
+    value: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    outside: float = 0.0
+
+    @property
+    def target(self) -> float:
+        """A value of the argument well inside the domain."""
+        room = self.upper - self.lower
+        inside = _INSIDE if math.isinf(room) else _INSIDE * room / 2.0
+        number = min(max(self.value, self.lower + inside), self.upper - inside)
+        if self.outside and abs(number) < self.outside:
+            number = math.copysign(self.outside, number)
+        return number
+
+
+def undefined_part(expression: Any) -> UndefinedPart | None:
+    """The first part of an expression that has no finite value or derivative; None where all have, or a value misses.
+
+    Parameters
+    ----------
+    expression : expression or number
+        Its variables have values.
+    """
+    if not hasattr(expression, "is_expression_type") or not expression.is_expression_type():
+        return None
+    found: list[UndefinedPart] = []
+    known: dict[int, float] = {}  # of nodes that several parents share
+
+    def enter(node: Any) -> tuple[Any, list[float]]:
+        if found:
+            return (), []
+        return _branch(node) if isinstance(node, Expr_ifExpression) else node.args, []
+
+    def before(node: Any, child: Any, index: int) -> tuple[bool, float | None]:
+        if child.__class__ in native_numeric_types or not child.is_expression_type():
+            return False, number_or_nan(child)
+        return (False, known[id(child)]) if id(child) in known else (True, None)
+
+    def leave(node: Any, numbers: Any) -> float:
+        if found:
+            return math.nan
+        number = _apply(node, numbers)
+        if all(map(math.isfinite, numbers)):
+            part = _undefined_here(node, numbers, number)
+            if part is not None:
+                found.append(part)
+        known[id(node)] = number
+        return number
+
+    StreamBasedExpressionVisitor(enterNode=enter, beforeChild=before, exitNode=leave).walk_expression(expression)
+    return found[0] if found else None
+
+
+def moved_into_domain(part: UndefinedPart) -> bool:
+    """Move the variables of a part's argument, by least change and within their bounds, until it is in its domain.
+
+    Returns whether it is there now.
+    """
+    if part.argument.__class__ in native_numeric_types:
+        return False
+    variables = list(variables_in(part.argument, include_fixed=False))
+    if not variables:
+        return False
+    target = part.target
+    for _ in range(20):
+        missing = target - number_or_nan(part.argument)
+        if not math.isfinite(missing):
+            return False
+        if abs(missing) <= 1e-3 * max(1.0, abs(target)):
+            return True
+        steps = list(_steps(part.argument, variables, missing))
+        if not any(step for _, step in steps):
+            # A stationary point, such as the middle of a circle: any way out will do.
+            steps = [(variables[0], math.sqrt(abs(missing)))]
+        for variable, step in steps:
+            variable.set_value(_inside_bounds(variable.value + step, variable), skip_validation=True)
+    return _is_inside(part, number_or_nan(part.argument))
+
+
+def _is_inside(part: UndefinedPart, number: float) -> bool:
+    return part.lower < number < part.upper and (not part.outside or number != 0.0)
+
+
+def _steps(argument: Any, variables: list[Any], missing: float) -> Iterator[tuple[Any, float]]:
+    """The smallest changes that, to first order, add what is missing."""
+    try:
+        derivatives = reverse_ad(argument)
+    except (*_NO_VALUE, DifferentiationException):
+        return
+    slopes = [(variable, derivatives.get(variable, 0.0)) for variable in variables]
+    if any(slope.__class__ is complex or not math.isfinite(slope) for _, slope in slopes):
+        return
+    square = sum(slope * slope for _, slope in slopes)
+    if square > 1e-16:
+        yield from ((variable, slope * missing / square) for variable, slope in slopes)
+
+
+def _inside_bounds(number: float, variable: Any) -> float:
+    lower, upper = variable.bounds
+    room = math.inf if lower is None or upper is None else upper - lower
+    inside = min(1e-2, 1e-2 * room)
+    number = number if lower is None else max(number, lower + inside)
+    return within_bounds(number if upper is None else min(number, upper - inside), variable)
+
+
+def _branch(node: Any) -> tuple[Any, ...]:
+    """Of an `Expr_if`, what its condition chooses: the other side need not have a value."""
+    condition = value(node.arg(0), exception=False)
+    return () if condition is None else (node.arg(1 if condition else 2),)
+
+
+def _apply(node: Any, numbers: Any) -> float:
+    if isinstance(node, Expr_ifExpression):
+        return float(numbers[0]) if numbers else math.nan
+    try:
+        number = node._apply_operation(list(numbers))
+    except _NO_VALUE:
+        return math.nan
+    return math.nan if number is None or isinstance(number, complex) else float(number)
+
+
+def _undefined_here(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
+    if isinstance(node, DivisionExpression):
+        return _division(node, numbers, number)
+    if isinstance(node, PowExpression):
+        return _power(node, numbers, number)
+    if isinstance(node, UnaryFunctionExpression):
+        return _function(node, numbers[0], number)
+    if numbers and not math.isfinite(number):
+        return UndefinedPart(f"{_words(node)} is not finite", node, number)
+    return None
+
+
+def _division(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
+    if math.isfinite(number):
+        return None
+    return UndefinedPart(f"division by {_equation(node.arg(1), numbers[1])}", node.arg(1), numbers[1], outside=_INSIDE)
+
+
+def _power(node: Any, numbers: Any, number: float) -> UndefinedPart | None:
+    base, exponent = numbers
+    fraction = exponent != math.floor(exponent)
+    what = f"{_equation(node.arg(0), base)} to the power {exponent:g}"
+    if math.isfinite(number):
+        if base == 0.0 and fraction and exponent < 2.0:
+            which = "derivative" if exponent < 1.0 else "second derivative"
+            return UndefinedPart(f"the {which} of {what}", node.arg(0), base, lower=0.0)
+        return None
+    if base == 0.0 and not fraction:
+        return UndefinedPart(what, node.arg(0), base, outside=_INSIDE)
+    if base <= 0.0:
+        return UndefinedPart(what, node.arg(0), base, lower=0.0)
+    return UndefinedPart(f"overflow of {what}", node.arg(0), base, lower=-_LARGEST_EXPONENT, upper=_LARGEST_EXPONENT)
+
+
+def _function(node: Any, argument: float, number: float) -> UndefinedPart | None:
+    name = node.getname()
+    domain = _DOMAINS.get(name)
+    if domain is not None:
+        lower, upper = domain
+        if math.isfinite(number) and argument not in domain:
+            return None
+        which = "the derivative of " if math.isfinite(number) else ""
+        what = f"{which}{name}(...) of {_equation(node.arg(0), argument)}"
+        return UndefinedPart(what, node.arg(0), argument, lower, upper)
+    if math.isfinite(number):
+        return None
+    if name in _GROWING:
+        what = f"overflow of {name}(...) of {_equation(node.arg(0), argument)}"
+        limits = {"lower": -math.inf if name == "exp" else -_LARGEST_EXPONENT, "upper": _LARGEST_EXPONENT}
+        return UndefinedPart(what, node.arg(0), argument, **limits)
+    return UndefinedPart(f"{name}(...) of {_equation(node.arg(0), argument)}", node.arg(0), argument)
+
+
+def _equation(argument: Any, number: float) -> str:
+    """An expression and its value; a long one by the values of its variables."""
+    if not hasattr(argument, "is_expression_type"):
+        return f"{number:.6g}"
+    text = str(argument)
+    return f"{text} = {number:.6g}" if len(text) <= _SHOWN_CHARACTERS else f"{number:.6g}, {_words(argument)}"
+
+
+def _words(expression: Any) -> str:
+    text = str(expression)
+    if len(text) <= _SHOWN_CHARACTERS:
+        return text
+    variables = list(variables_in(expression))
+    shown = ", ".join(f"{variable.name} = {number_or_nan(variable):.6g}" for variable in variables[:_SHOWN_VARIABLES])
+    more = ", ..." if len(variables) > _SHOWN_VARIABLES else ""
+    return f"an expression of {shown}{more}"

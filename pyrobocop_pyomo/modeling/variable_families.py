@@ -1,0 +1,334 @@
+"""Several variables under one name: vectors and matrices of states, controls and parameters.
+
+A family is no component. Its members are, each under a name of its own, and everything that knows single variables
+knows them. `VariableFamily` is how a rule reads them: ``b.x[t]`` is an array, ``b.x[i, t]`` a member at a time. Its
+home may be a block or a proxy of one; so rules are asked between the points of a grid like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import ExpressionArrayError
+
+from .expression_arrays import ExpressionArray, array
+
+_ALL = slice(None)
+
+
+@dataclass(frozen=True)
+class FamilyNames:
+    """What the members of a family are called.
+
+    Attributes
+    ----------
+    name : str
+    axes : tuple of tuple of labels
+        One per dimension of the array. Labels of several dimensions that are no product are tuples on one axis.
+    in_time : bool
+        Whether members are indexed by time.
+    """
+
+    name: str
+    axes: tuple[tuple[Any, ...], ...]
+    in_time: bool = True
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the array that the members make."""
+        return tuple(len(axis) for axis in self.axes)
+
+    @property
+    def labels(self) -> list[Any]:
+        """Label of each member, row by row."""
+        if len(self.axes) == 1:
+            return list(self.axes[0])
+        return list(product(*self.axes))
+
+    @property
+    def members(self) -> list[str]:
+        """Name of each member's component, row by row."""
+        return [self.member(label) for label in self.labels]
+
+    def member(self, label: Any) -> str:
+        """Name of the component behind a label."""
+        return "_".join([self.name, *map(str, label if isinstance(label, tuple) else (label,))])
+
+    def split(self, given: Any) -> Any:
+        """A value for each member, as an array of objects of the family's shape; None where the lengths do not fit.
+
+        Parameters
+        ----------
+        given : mapping of label to value, or array-like
+            Of the shape of the family, or with as many entries.
+        """
+        found = np.empty(self.shape, dtype=object)
+        if isinstance(given, Mapping):
+            if set(given) != set(self.labels):
+                return None
+            entries = [given[label] for label in self.labels]
+        else:
+            entries = list(given.ravel()) if isinstance(given, np.ndarray) else _flat(given, len(self.shape))
+        if len(entries) != found.size or (
+            isinstance(given, np.ndarray) and given.ndim > 1 and given.shape != self.shape
+        ):
+            return None
+        for position, entry in zip(np.ndindex(self.shape), entries, strict=True):
+            found[position] = entry
+        return found
+
+
+def _flat(given: Any, dimensions: int) -> list[Any]:
+    entries = list(given)
+    for _ in range(dimensions - 1):
+        if not all(isinstance(entry, (list, tuple, np.ndarray)) for entry in entries):
+            break
+        entries = [inner for entry in entries for inner in entry]
+    return entries
+
+
+class VariableFamily:
+    """Members of a family as a rule reads them.
+
+    Parameters
+    ----------
+    home : block or proxy of one
+        Where the members are.
+    names : FamilyNames
+    read : callable, optional
+        What is meant of each member, such as its derivative; the member itself by default.
+
+    Raises
+    ------
+    ExpressionArrayError
+        When it is read at an index that it does not have, or used without ``[t]``.
+    """
+
+    def __init__(self, home: Any, names: FamilyNames, read: Callable[[Any], Any] | None = None) -> None:
+        self._home, self.names, self._read = home, names, read
+
+    @property
+    def name(self) -> str:
+        """With the name of the home."""
+        return f"{getattr(self._home, 'name', '')}.{self.names.name}"
+
+    @property
+    def local_name(self) -> str:
+        """As it was declared."""
+        return self.names.name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of ``b.x[t]``."""
+        return self.names.shape
+
+    @property
+    def members(self) -> list[Any]:
+        """The components, row by row."""
+        found = [getattr(self._home, name) for name in self.names.members]
+        return found if self._read is None else [self._read(member) for member in found]
+
+    def parent_block(self) -> Any:
+        """The home."""
+        return self._home
+
+    def on(self, home: Any) -> VariableFamily:
+        """The same members on another block, or on a proxy."""
+        return VariableFamily(home, self.names, self._read)
+
+    def of_each(self, read: Callable[[Any], Any]) -> VariableFamily:
+        """Something of each member, such as its derivative."""
+        return VariableFamily(self._home, self.names, read)
+
+    def array_of(self, read: Callable[[Any], Any]) -> ExpressionArray:
+        """What is asked of each member, as an array."""
+        return self._array(self.members, read)
+
+    # ---------------------------------------------------------------- reading
+
+    def __getitem__(self, key: Any) -> Any:
+        keys = key if isinstance(key, tuple) else (key,)
+        labels, time = (keys[:-1], keys[-1]) if self.names.in_time else (keys, None)
+        members = self._chosen(labels)
+        read = (lambda member: member[time]) if self.names.in_time else (lambda member: member)
+        return self._array(members, read) if isinstance(members, np.ndarray) else read(members)
+
+    def _chosen(self, labels: tuple[Any, ...]) -> Any:
+        """One member, or an array of them."""
+        axes = self.names.axes
+        members = np.empty(self.shape, dtype=object)
+        for position, member in zip(np.ndindex(self.shape), self.members, strict=True):
+            members[position] = member
+        if not labels:
+            return members
+        if len(axes) == 1 and len(labels) > 1:
+            labels = (labels,)  # labels of several dimensions that are no product
+        if len(labels) > len(axes):
+            raise ExpressionArrayError(self._wrong_index(labels))
+        positions: list[Any] = []
+        for label, axis in zip(labels, axes, strict=False):
+            if isinstance(label, slice):
+                positions.append(label)
+            elif label in axis:
+                positions.append(axis.index(label))
+            else:
+                raise ExpressionArrayError(self._wrong_index(labels))
+        return members[tuple(positions)]
+
+    def _wrong_index(self, labels: tuple[Any, ...]) -> str:
+        asked = ", ".join(":" if label == _ALL else str(label) for label in labels)
+        axes = " and ".join(_listed(axis) for axis in self.names.axes)
+        after = ", t" if self.names.in_time else ""
+        return (
+            f"'{self.name}' is read at [{asked}{after}]; its labels are {axes}. "
+            f"{self.names.name}[t] is all of it at a time."
+            if self.names.in_time
+            else f"'{self.name}' is read at [{asked}]; its labels are {axes}."
+        )
+
+    def _array(self, members: Any, read: Callable[[Any], Any]) -> ExpressionArray:
+        held = np.empty(members.shape if isinstance(members, np.ndarray) else self.shape, dtype=object)
+        flat = list(members.ravel()) if isinstance(members, np.ndarray) else members
+        for position, member in zip(np.ndindex(held.shape), flat, strict=True):
+            held[position] = read(member)
+        return array(held)
+
+    def delayed(self, t: Any, delay: Any) -> ExpressionArray:
+        """Every member at an earlier time; see `SignalVar.delayed`."""
+        return self.array_of(lambda member: member.delayed(t, delay))
+
+    def at(self, time: float) -> ExpressionArray:
+        """Every member at a fixed time; see `SignalVar.at`."""
+        return self.array_of(lambda member: member.at(time))
+
+    @property
+    def at_start(self) -> ExpressionArray:
+        """Every member at the start of the phase."""
+        return self.array_of(lambda member: member.at_start)
+
+    @property
+    def at_end(self) -> ExpressionArray:
+        """Every member at the end of the phase."""
+        return self.array_of(lambda member: member.at_end)
+
+    # ---------------------------------------------------------------- all variables alike
+
+    def fix(self, *value: Any) -> None:
+        """Fix every variable, at its own value or at one for all."""
+        for variable in self.values():
+            variable.fix(*value)
+
+    def unfix(self) -> None:
+        """Let every variable move again."""
+        for variable in self.values():
+            variable.unfix()
+
+    def setlb(self, bound: Any) -> None:
+        """Set the lower bound of every variable."""
+        for variable in self.values():
+            variable.setlb(bound)
+
+    def setub(self, bound: Any) -> None:
+        """Set the upper bound of every variable."""
+        for variable in self.values():
+            variable.setub(bound)
+
+    def pprint(self, *arguments: Any, **options: Any) -> None:
+        """Show every component, as Pyomo does."""
+        for member in self.members:
+            member.pprint(*arguments, **options)
+
+    def display(self, *arguments: Any, **options: Any) -> None:
+        """Show the values of every component, as Pyomo does."""
+        for member in self.members:
+            member.display(*arguments, **options)
+
+    # ---------------------------------------------------------------- as a collection, and as an array
+
+    def keys(self) -> list[Any]:
+        """Indices of all variables: labels and time, or labels."""
+        if not self.names.in_time:
+            return self.names.labels
+        pairs = zip(self.names.labels, self.members, strict=True)
+        return [
+            (*(label if isinstance(label, tuple) else (label,)), time) for label, member in pairs for time in member
+        ]
+
+    def values(self) -> list[Any]:
+        """All variables."""
+        if not self.names.in_time:
+            return self.members
+        return [variable for member in self.members for variable in member.values()]
+
+    def items(self) -> list[tuple[Any, Any]]:
+        """Indices and variables."""
+        return list(zip(self.keys(), self.values(), strict=True))
+
+    def __neg__(self) -> Any:
+        return -self.as_expression_array()
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.keys() if self.names.in_time else self.members)
+
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, VariableFamily) and self._home is other._home and self.names == other.names
+
+    def __hash__(self) -> int:  # rules use what they read as keys: ``{b.x: A @ b.x[t]}``
+        return hash((id(self._home), self.names.name))
+
+    def __str__(self) -> str:
+        return self.name
+
+    __repr__ = __str__
+
+    def as_expression_array(self) -> ExpressionArray:
+        """A family without time as an array.
+
+        Raises
+        ------
+        ExpressionArrayError
+            When its members change in time.
+        """
+        if self.names.in_time:
+            raise ExpressionArrayError(
+                f"'{self.name}' is computed with as it is, but it changes in time. Is an index [t] missing?"
+            )
+        return self._array(self.members, lambda member: member)
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        return np.asarray(self.as_expression_array())
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        arrays = [each.as_expression_array() if isinstance(each, VariableFamily) else each for each in inputs]
+        return getattr(ufunc, method)(*arrays, **options)
+
+
+def _operator(ufunc: np.ufunc, *, swapped: bool = False) -> Any:
+    def apply(self: VariableFamily, other: Any) -> Any:
+        held = self.as_expression_array()
+        return ufunc(other, held) if swapped else ufunc(held, other)
+
+    return apply
+
+
+for _name, _ufunc in {
+    "add": np.add, "sub": np.subtract, "mul": np.multiply, "truediv": np.true_divide, "pow": np.power,
+    "matmul": np.matmul,
+}.items():  # fmt: skip
+    setattr(VariableFamily, f"__{_name}__", _operator(_ufunc))
+    setattr(VariableFamily, f"__r{_name}__", _operator(_ufunc, swapped=True))
+for _name, _ufunc in {"le": np.less_equal, "lt": np.less, "ge": np.greater_equal, "gt": np.greater}.items():
+    setattr(VariableFamily, f"__{_name}__", _operator(_ufunc))
+
+
+def _listed(axis: tuple[Any, ...], shown: int = 6) -> str:
+    labels = [str(label) for label in axis]
+    return ", ".join(labels if len(labels) <= shown else [*labels[: shown - 1], "...", labels[-1]])

@@ -1,0 +1,167 @@
+"""Relaxed choices over intervals, rounded to one choice in each: combinatorial integral approximation.
+
+A choice between ``n`` alternatives has weights that sum to 1 in each of ``N`` intervals. What a differential equation
+sees of them are their integrals. So the rounded choice is one whose accumulated weights stay near the relaxed ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pyrobocop_pyomo.optional_imports import scipy
+
+from .arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class IntegralApproximation:
+    """One alternative in each interval.
+
+    Attributes
+    ----------
+    choice : array of int, shape (N,)
+        Number of the alternative in each interval.
+    gap : float
+        Largest difference of the accumulated weights from the relaxed ones, in units of time.
+    bound : float or None
+        What the gap is at most, whatever the weights are; None where switches were limited.
+    """
+
+    choice: Array
+    gap: float
+    bound: float | None
+
+    @property
+    def switches(self) -> int:
+        """How often the alternative changes."""
+        return int(np.count_nonzero(np.diff(self.choice)))
+
+
+def integral_gap(weights: ArrayLike, choice: ArrayLike, widths: ArrayLike) -> float:
+    """Largest difference of accumulated weights, over all alternatives and interval ends.
+
+    Parameters
+    ----------
+    weights : array, shape (n, N)
+    choice : array of int, shape (N,)
+    widths : array, shape (N,)
+    """
+    relaxed = np.asarray(weights, dtype=float)
+    rounded = np.asarray(choice)[None, :] == np.arange(len(relaxed))[:, None]
+    return float(np.abs(np.cumsum((relaxed - rounded) * np.asarray(widths, dtype=float), axis=1)).max(initial=0.0))
+
+
+def sum_up_rounding(weights: ArrayLike, widths: ArrayLike) -> IntegralApproximation:
+    """In each interval the alternative that is farthest behind its relaxed weight.
+
+    Parameters
+    ----------
+    weights : array, shape (n, N)
+        Not negative; those of an interval sum to 1.
+    widths : array, shape (N,)
+        Of the intervals.
+
+    Returns
+    -------
+    IntegralApproximation
+        Its gap is at most half of the largest width for two alternatives, and ``n - 1`` times the largest width for
+        more.
+
+    References
+    ----------
+    Sager, Bock & Diehl, The integer approximation error in mixed-integer optimal control, Math. Program. 133 (2012),
+    thm. 5 and 6, doi:10.1007/s10107-010-0405-3
+    """
+    relaxed, steps = np.asarray(weights, dtype=float), np.asarray(widths, dtype=float)
+    behind = np.zeros(len(relaxed))
+    choice = np.zeros(len(steps), dtype=int)
+    for k, width in enumerate(steps.tolist()):
+        behind += relaxed[:, k] * width
+        choice[k] = int(behind.argmax())
+        behind[choice[k]] -= width
+    factor = 0.5 if len(relaxed) == 2 else len(relaxed) - 1.0
+    return IntegralApproximation(choice, integral_gap(relaxed, choice, steps), factor * float(steps.max(initial=0.0)))
+
+
+def limited_approximation(
+    weights: ArrayLike,
+    widths: ArrayLike,
+    *,
+    max_switches: int | None = None,
+    min_dwell: float = 0.0,
+    time_limit: float = 20.0,
+) -> IntegralApproximation | None:
+    """The choice of the smallest gap among those that switch seldom enough: a mixed-integer linear program.
+
+    Parameters
+    ----------
+    weights : array, shape (n, N)
+    widths : array, shape (N,)
+    max_switches : int, optional
+        How often the alternative may change.
+    min_dwell : float
+        How long an alternative stays at least once it is chosen, as far as the horizon goes.
+    time_limit : float
+        Seconds; the best choice until then is taken.
+
+    Returns
+    -------
+    IntegralApproximation or None
+        None where nothing was found in time.
+
+    References
+    ----------
+    Sager, Jung & Kirches, Combinatorial integral approximation, Math. Methods Oper. Res. 73 (2011),
+    doi:10.1007/s00186-011-0355-4
+    """
+    relaxed, steps = np.asarray(weights, dtype=float), np.asarray(widths, dtype=float)
+    alternatives, intervals = relaxed.shape
+    size = alternatives * intervals
+    starts = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
+    # Columns: choices, then whether an alternative begins in an interval, then the gap.
+    at = np.arange(size).reshape(alternatives, intervals)
+    rows: list[tuple[list[int], list[float], float, float]] = []
+    for k in range(intervals):
+        rows.append((at[:, k].tolist(), [1.0] * alternatives, 1.0, 1.0))
+    for i in range(alternatives):
+        accumulated = np.cumsum(relaxed[i] * steps)
+        for k in range(intervals):
+            columns, factors = at[i, : k + 1].tolist(), steps[: k + 1].tolist()
+            rows.append(([*columns, 2 * size], [*factors, -1.0], -np.inf, float(accumulated[k])))
+            rows.append(([*columns, 2 * size], [*factors, 1.0], float(accumulated[k]), np.inf))
+            if k:
+                begins = size + int(at[i, k])
+                rows.append(([begins, int(at[i, k]), int(at[i, k - 1])], [1.0, -1.0, 1.0], 0.0, np.inf))
+                for j in range(k + 1, intervals):
+                    if starts[j] < starts[k] + min_dwell - 1e-9 * steps[k]:
+                        rows.append(([int(at[i, j]), begins], [1.0, -1.0], 0.0, np.inf))
+    if max_switches is not None:
+        begins = [size + int(at[i, k]) for i in range(alternatives) for k in range(1, intervals)]
+        rows.append((begins, [1.0] * len(begins), 0.0, float(max_switches)))
+    lengths = [len(columns) for columns, *_ in rows]
+    matrix = scipy.sparse.csr_matrix(
+        (
+            np.concatenate([factors for _, factors, *_ in rows]),
+            np.concatenate([columns for columns, *_ in rows]),
+            np.concatenate([[0], np.cumsum(lengths)]),
+        ),
+        shape=(len(rows), 2 * size + 1),
+    )
+    # Switches that gain nothing cost a little.
+    cost = np.concatenate([np.zeros(size), np.full(size, 1e-6 * float(steps.mean()) / max(size, 1)), [1.0]])
+    found = scipy.optimize.milp(
+        cost,
+        constraints=scipy.optimize.LinearConstraint(
+            matrix, np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
+        ),
+        integrality=np.concatenate([np.ones(size), np.zeros(size + 1)]),
+        bounds=scipy.optimize.Bounds(0.0, np.concatenate([np.ones(2 * size), [np.inf]])),
+        options={"time_limit": time_limit},
+    )
+    if found.x is None:
+        return None
+    choice = found.x[:size].reshape(alternatives, intervals).argmax(axis=0)
+    return IntegralApproximation(choice, integral_gap(relaxed, choice, steps), None)

@@ -1,0 +1,310 @@
+"""Tables of numbers as smooth functions of one or two inputs, with exact derivatives."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pyrobocop_pyomo.errors import EvaluationError, FunctionError
+from pyrobocop_pyomo.modeling.functions import Function
+from pyrobocop_pyomo.optional_imports import scipy
+
+from .arrays import Array
+
+Kind = Literal["cubic", "natural", "quintic", "monotone"]
+Outside = Literal["error", "linear", "constant"]
+
+# A solver keeps bounds up to its tolerance: so far beyond its edge, relative to its width, a table continues.
+_BEYOND = 1e-6
+
+
+class _Interpolant:
+    """What `Table` evaluates: value, first and second derivatives at many points."""
+
+    _FEWEST: ClassVar = {"cubic": 4, "natural": 3, "quintic": 6, "monotone": 2}
+
+    def __init__(
+        self, name: str, inputs: Sequence[str], grids: list[Array], values: Array, kind: str, outside: str
+    ) -> None:
+        self.name, self.inputs, self.outside = name, list(inputs), outside
+        self.lower = np.array([grid[0] for grid in grids])
+        self.upper = np.array([grid[-1] for grid in grids])
+        if kind == "monotone":
+            self._spline = scipy.interpolate.PchipInterpolator(grids[0], values)
+        else:
+            degree, ends = (5, None) if kind == "quintic" else (3, "natural" if kind == "natural" else None)
+            knots, coefficients = [], values
+            for axis, grid in enumerate(grids):  # one axis after the other: a tensor product
+                along = scipy.interpolate.make_interp_spline(grid, coefficients, k=degree, bc_type=ends, axis=axis)
+                knots.append(along.t)
+                coefficients = np.moveaxis(along.c, 0, axis)  # SciPy keeps the axis of a spline in front
+            self._spline = scipy.interpolate.NdBSpline(tuple(knots), coefficients, degree)
+
+    def value(self, points: Array) -> Array:
+        at, beyond, _ = self._places(points)
+        found = self._derivative(at)
+        for i in range(self._linear_inputs):
+            found = found + self._derivative(at, i) * beyond[:, i]
+        return np.asarray(found)
+
+    def jacobian(self, points: Array) -> Array:
+        at, beyond, inside = self._places(points)
+        columns = []
+        for j in range(points.shape[1]):
+            slope = self._derivative(at, j) * (1.0 if self.outside != "constant" else inside[:, j])
+            for i in range(self._linear_inputs):
+                slope = slope + inside[:, j] * self._derivative(at, i, j) * beyond[:, i]
+            columns.append(slope)
+        return np.stack(columns, axis=1)
+
+    def hessian(self, points: Array) -> Array:
+        at, beyond, inside = self._places(points)
+        count = points.shape[1]
+        found = np.empty((points.shape[0], count, count))
+        for j in range(count):
+            for k in range(j + 1):
+                both = inside[:, j] * inside[:, k]
+                curvature = self._derivative(at, j, k) * both
+                if self.outside == "linear":
+                    # With one input outside, the slope by it changes with the other one.
+                    curvature = curvature + self._derivative(at, j, k) * (inside[:, j] != inside[:, k])
+                    for i in range(count):
+                        curvature = curvature + both * self._derivative(at, i, j, k) * beyond[:, i]
+                found[:, j, k] = found[:, k, j] = curvature
+        return found
+
+    @property
+    def _linear_inputs(self) -> int:
+        return self.lower.size if self.outside == "linear" else 0
+
+    def _places(self, points: Array) -> tuple[Array, Array, Array]:
+        """Where the spline is evaluated, how far from there the points are, and which inputs are inside (1 or 0)."""
+        at = np.clip(points, self.lower, self.upper)
+        if self.outside == "error":
+            far = np.abs(points - at) > _BEYOND * (self.upper - self.lower)
+            if far.any():
+                point, i = np.argwhere(far)[0]
+                raise EvaluationError(
+                    f"'{self.name}': {self.inputs[i]} = {points[point, i]:.6g} is outside of the table, from "
+                    f"{self.lower[i]:g} to {self.upper[i]:g}. Bound what goes in, extend the table, or give "
+                    "outside='linear' or 'constant'."
+                )
+            return points, np.zeros_like(points), np.ones_like(points)
+        return at, points - at, (points == at).astype(float)
+
+    def _derivative(self, at: Array, *by: int) -> Array:
+        if isinstance(self._spline, scipy.interpolate.PchipInterpolator):
+            return np.asarray(self._spline(at[:, 0], len(by), extrapolate=True))
+        orders = np.bincount(np.array(by, dtype=int), minlength=self.lower.size)
+        return np.asarray(self._spline(at, nu=orders, extrapolate=True))
+
+
+class Table(Function):
+    """A table of numbers as a smooth function of one or two inputs, for expressions, numbers and arrays.
+
+    The function goes through all points of the table. As any `Function` it is legal wherever Pyomo's expressions are,
+    has exact first and second derivatives, and is evaluated for all points of a model at once.
+
+    Parameters
+    ----------
+    *grids_and_values : array-likes
+        ``Table(x, values)`` for one input, shapes (n,) and (n,); ``Table(x, y, values)`` for two, shapes (n,), (m,) and
+        (n, m): rows of the values belong to x. Grids increase strictly. ``Table(series)`` and ``Table(frame)`` of
+        pandas take the grids from index and columns.
+    kind : {"cubic", "natural", "quintic", "monotone"}
+        Cubic splines have two continuous derivatives, quintic ones four; in two inputs they are tensor products.
+        ``"cubic"`` has not-a-knot ends, ``"natural"`` no curvature there. ``"monotone"``, of one input only, never
+        overshoots: between two points it stays between their values; its second derivative jumps at the points.
+    outside : {"error", "linear", "constant"}
+        Beyond the table: refused (a solver takes a shorter step then, and no solution lies there), continued by the
+        tangent, or by the value at the edge. Both continuations have kinks at the edge, in the second and in the first
+        derivative.
+    inputs : sequence of str, optional
+        Names of the inputs, for messages.
+    name : str
+    units, input_units : unit and sequence of units, optional
+        As for `Function`.
+
+    Attributes
+    ----------
+    lower, upper : float array, shape (inputs,)
+        The range of the table.
+
+    Raises
+    ------
+    FunctionError
+        For grids that do not increase, too few points, values of another shape, or numbers that are not finite.
+    EvaluationError
+        When it is evaluated beyond the table, where that is refused.
+
+    References
+    ----------
+    de Boor, A Practical Guide to Splines, Springer 1978. Fritsch and Butland, A method for constructing local monotone
+    piecewise cubic interpolants, SIAM J. Sci. Stat. Comput. 5(2), 1984, doi:10.1137/0905021
+
+    Examples
+    --------
+    >>> import numpy as np, pyomo.environ as pyo
+    >>> import pyrobocop_pyomo as rcp
+    >>> drag = rcp.Table([0, 1, 2, 3, 4], [0, 1, 8, 27, 64], name="drag")
+    >>> m = pyo.ConcreteModel()
+    >>> m.v = pyo.Var(initialize=2.5)
+    >>> print(drag(m.v) / 2, round(drag(1.5), 6), drag(np.array([1.0, 2.0])).round(6))
+    drag(v)/2 3.375 [1. 8.]
+    """
+
+    def __init__(
+        self,
+        *grids_and_values: Any,
+        kind: Kind = "cubic",
+        outside: Outside = "error",
+        inputs: Sequence[str] | None = None,
+        name: str = "table",
+        units: Any = None,
+        input_units: Sequence[Any] | None = None,
+    ) -> None:
+        if len(grids_and_values) == 1:
+            grids_and_values = _of_pandas(name, grids_and_values[0])
+        if len(grids_and_values) not in (2, 3):
+            raise FunctionError(
+                f"'{name}': {len(grids_and_values)} arrays are given. A table is Table(x, values) or "
+                "Table(x, y, values)."
+            )
+        for word, given, known in (
+            ("kind", kind, ("cubic", "natural", "quintic", "monotone")),
+            ("outside", outside, ("error", "linear", "constant")),
+        ):
+            if given not in known:
+                raise FunctionError(f"'{name}': {word} is {given!r}; choose one of {', '.join(map(repr, known))}.")
+        count = len(grids_and_values) - 1
+        if kind == "monotone" and count == 2:
+            raise FunctionError(f"'{name}': kind='monotone' is for tables of one input. Give kind='cubic'.")
+        names = [f"input {i}" for i in range(count)] if inputs is None else list(inputs)
+        if len(names) != count:
+            raise FunctionError(f"'{name}': inputs has {len(names)} names for {count} grids.")
+        fewest = _Interpolant._FEWEST[kind]
+        grids = [_grid(name, of, grid, fewest, kind) for of, grid in zip(names, grids_and_values, strict=False)]
+        values = _numbers(name, "values", grids_and_values[-1])
+        shape = tuple(grid.size for grid in grids)
+        if values.shape != shape:
+            raise FunctionError(
+                f"'{name}': values have the shape {values.shape}; the grids ask for {shape}."
+                + (" Transpose them." if values.shape == shape[::-1] else "")
+            )
+        interpolant = _Interpolant(name, names, grids, values, kind, outside)
+        self.lower, self.upper = interpolant.lower, interpolant.upper
+        super().__init__(
+            interpolant.value,
+            interpolant.jacobian,
+            interpolant.hessian,
+            inputs=names,
+            name=name,
+            units=units,
+            input_units=input_units,
+            check_derivatives=False,
+        )
+
+    @classmethod
+    def from_csv(cls, path: str | Path, **options: Any) -> Table:
+        """A table in a file of comma-separated values.
+
+        Parameters
+        ----------
+        path : str or Path
+            Two columns below a line of titles: one input and the values. More columns: the first has the first input
+            below any title, and the first line the second input above the values.
+        **options : Any
+            As for `Table`; the name is that of the file by default.
+
+        Raises
+        ------
+        FunctionError
+            Naming the line and the entry that is no number.
+        """
+        path = Path(path)
+        options = {"name": path.stem, **options}
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = [line for line in csv.reader(file) if line]
+        if len(lines) < 2 or len(lines[0]) < 2:
+            raise FunctionError(f"'{path}': a table has at least two columns, and lines below that of the titles.")
+        body = np.array([_entries(path, i, line, len(lines[0])) for i, line in enumerate(lines[1:], 2)])
+        if body.shape[1] == 2:
+            return cls(body[:, 0], body[:, 1], **options)
+        head = _entries(path, 1, ["0", *lines[0][1:]], len(lines[0]))
+        return cls(body[:, 0], head[1:], body[:, 1:], **options)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The table at these arguments: an expression, a number, or for arrays of numbers an array of their shape.
+
+        Raises
+        ------
+        FunctionError
+            When their count is wrong, or one of them is no number of Pyomo's.
+        """
+        if any(_is_numeric_array(a) for a in arguments) and len(arguments) == self.lower.size:
+            try:
+                arrays = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in arguments))
+            except (TypeError, ValueError) as error:
+                raise FunctionError(f"'{self.name}': {error}. Give arrays of one shape, or expressions.") from None
+            points = np.stack([array.ravel() for array in arrays], axis=1)
+            return self.values(points)[:, 0].reshape(arrays[0].shape)
+        return super().__call__(*arguments)
+
+
+def _is_numeric_array(argument: Any) -> bool:
+    return isinstance(argument, np.ndarray) and argument.ndim > 0 and argument.dtype.kind in "fiu"
+
+
+def _of_pandas(name: str, given: Any) -> tuple[Any, ...]:
+    if not hasattr(given, "index") or not hasattr(given, "to_numpy"):
+        raise FunctionError(f"'{name}': only one array is given. A table is Table(x, values) or Table(x, y, values).")
+    columns = [given.columns] if hasattr(given, "columns") else []
+    return (given.index, *columns, given.to_numpy())
+
+
+def _numbers(name: str, what: str, given: ArrayLike) -> Array:
+    try:
+        found = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise FunctionError(f"'{name}': {what} are no numbers: {error}.") from None
+    if not np.isfinite(found).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(found))[0])
+        raise FunctionError(
+            f"'{name}': {what} have {found[place]} at {list(place)}. Leave out what was not measured, or fill it in."
+        )
+    return found
+
+
+def _grid(name: str, of: str, given: ArrayLike, fewest: int, kind: str) -> Array:
+    grid = _numbers(name, f"points of {of}", given)
+    if grid.ndim != 1 or grid.size < fewest:
+        raise FunctionError(
+            f"'{name}': points of {of} have the shape {grid.shape}; kind={kind!r} takes a list of at least {fewest}."
+        )
+    steps = np.diff(grid)
+    if (steps <= 0).any():
+        i = int(np.argmax(steps <= 0))
+        fault = "appears twice" if steps[i] == 0 else f"is followed by {grid[i + 1]:g}"
+        raise FunctionError(
+            f"'{name}': points of {of} have to increase, but {grid[i]:g} at {i} {fault}. Sort the table by {of}, and "
+            "leave one line for each point."
+        )
+    return grid
+
+
+def _entries(path: Path, number: int, line: list[str], count: int) -> list[float]:
+    if len(line) != count:
+        raise FunctionError(f"'{path}', line {number}: {len(line)} entries; the first line has {count}.")
+    found = []
+    for entry in line:
+        try:
+            found.append(float(entry) if entry.strip() else math.nan)
+        except ValueError:
+            raise FunctionError(f"'{path}', line {number}: {entry!r} is no number.") from None
+    return found

@@ -1,0 +1,283 @@
+"""Values at other times than a rule's own: ``b.x.delayed(t, tau)``, and ``b.x.at(time)``.
+
+On a grid both are values of the collocation polynomial of the element that the time lies in, hence linear expressions
+in its variables. Which element that is, is found when the rule is asked, and anew on another mesh. Between the points
+of a grid, where a rule gets numbers, the values come from a trajectory or from the motion so far.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.expr import LinearExpression
+from pyomo.core.expr.numvalue import native_numeric_types, value
+
+from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .declarations import Duration
+from .horizon import real_time
+from .nodes import Nodes, StateNodes
+from .record import PhaseRecord
+
+VALUES_AT_TIMES = "values_at_times"
+
+# Relative to the horizon: times that are nearer to each other than rounding are the same.
+SAME_TIME = 1e-10
+# Of the weights of a polynomial, at times that are those of its nodes but for rounding.
+_ROUNDING = 1e-13
+
+
+def delay_as_number(delay: Any, what: str) -> float:
+    """A delay as the number that it is now.
+
+    Raises
+    ------
+    TranscriptionError
+        When it is none, or looks ahead.
+    """
+    delay = plain_entry(delay)
+    if getattr(delay, "is_potentially_variable", bool)():
+        raise TranscriptionError(
+            f"{what} is delayed by '{delay}', which is to be found: the element of t minus the delay is then not known "
+            "when the rows are made. Give a number or a Param, and compare several of them."
+        )
+    try:
+        number = float(value(delay))
+    except (TypeError, ValueError):
+        raise TranscriptionError(f"{what} is delayed by {delay!r}; expected a number or a Param.") from None
+    if not math.isfinite(number) or number < 0.0:
+        raise TranscriptionError(f"{what} is delayed by {number:g}; a delay is a finite number, 0 or more.")
+    return number
+
+
+def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
+    """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
+    what = f"phase '{block.name}': '{name}'"
+    number = delay_as_number(delay, what)
+    if number > 0.0:
+        record.delayed_names.add(name)
+    if record.delay_reader is not None:
+        return record.delay_reader(name, t, number)
+    if number == 0.0:
+        return block.component(name)[t]
+    grid = record.grid
+    start, end = grid.mesh.boundaries[0], grid.mesh.boundaries[-1]
+    index = _snapped(grid.times, t - number / _time_per_index(record, what), SAME_TIME * (end - start))
+    nodes = record.nodes(name)
+    after = _asks_the_element_that_starts(nodes)
+    # At the very start a stage at the end of its element means what was before; it may be something else.
+    before = index == start and not after and getattr(record.declarations[name], "history", None) is not None
+    if index < start or before:
+        time = real_time(block, record, index) if record.normalised else index
+        return history_value(record, name, time, what, number, t)
+    return value_at(block, nodes, index, after=after)
+
+
+def _time_per_index(record: PhaseRecord, what: str) -> float:
+    if not record.normalised:
+        return 1.0
+    if isinstance(record.duration, Duration) or record.free_widths:
+        found = "its duration" if isinstance(record.duration, Duration) else "the boundaries of its elements"
+        raise TranscriptionError(
+            f"{what} is delayed, but {found} are to be found, so that the element of t minus the delay is not known "
+            "when the rows are made. Give the phase a duration in numbers (a sweep compares several), and elements "
+            "that stay."
+        )
+    return float(record.duration)
+
+
+def history_value(record: PhaseRecord, name: str, time: Any, what: str, delay: float, t: Any = None) -> Any:
+    """The value before the phase starts, as it was declared.
+
+    Raises
+    ------
+    TranscriptionError
+        When there is no history.
+    DeclarationError
+        When it is no number.
+    """
+    declaration = record.declarations[name]
+    history = getattr(declaration, "history", None)
+    kind = type(declaration).__name__
+    if history is None:
+        asked = f" at t = {t:g}" if isinstance(t, (int, float)) else ""
+        raise TranscriptionError(
+            f"{what} is delayed by {delay:g}{asked}, which asks for it before the phase starts. Say what it was then: "
+            f"{kind}(history=...), a number or a function of time (declared at {declaration.declared_at})."
+        )
+    found = plain_entry(history(time) if callable(history) else history)
+    wrong = not _is_number(found)
+    if wrong or (found.__class__ in native_numeric_types and not math.isfinite(found)):
+        raise DeclarationError(
+            f"{what}: its history (declared at {declaration.declared_at}) is {found!r} at time {time}; expected a "
+            "finite number or an expression."
+        )
+    return found
+
+
+def _is_number(found: Any) -> bool:
+    return found.__class__ in native_numeric_types or bool(getattr(found, "is_numeric_type", bool)())
+
+
+def value_at(block: Any, nodes: Nodes, index: float, *, after: bool) -> Any:
+    """The polynomial's value at a time index: a variable, where one is there, or a linear expression."""
+    if isinstance(nodes, StateNodes):
+        times = nodes.times
+        if (position := bisect_left(times, index)) < len(times) and times[position] == index:
+            return nodes.variable(block, position)  # at an element end it is no node of the polynomial
+    weights = nodes.weights_at(index, after=after)
+    weights = [(position, weight) for position, weight in weights if abs(weight) > _ROUNDING] or weights[:1]
+    variables = [nodes.variable(block, position) for position, _ in weights]
+    if len(weights) == 1 and abs(weights[0][1] - 1.0) < _ROUNDING:
+        return variables[0]
+    return LinearExpression(linear_vars=variables, linear_coefs=[weight for _, weight in weights])
+
+
+def _asks_the_element_that_starts(nodes: Nodes) -> bool:
+    """At an element boundary: the stages of a scheme such as explicit Euler belong to the element that starts."""
+    return nodes.grid.scheme.starts_on_a_stage and not nodes.grid.elements_share_points
+
+
+def _snapped(times: tuple[float, ...], index: float, slack: float) -> float:
+    i = bisect_left(times, index)
+    near = [time for time in times[max(i - 1, 0) : i + 1] if abs(time - index) <= slack]
+    return near[0] if near else index
+
+
+# -------------------------------------------------------------------- values at fixed times
+
+
+def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
+    """See `SignalVar.at`: a variable, or a member of the named expression that follows the mesh."""
+    what = f"phase '{block.name}': '{name}'"
+    boundaries = record.grid.mesh.boundaries
+    start, end = boundaries[0], boundaries[-1]
+    number = float(value(time))
+    if not start - SAME_TIME * (end - start) <= number <= end + SAME_TIME * (end - start):
+        raise TranscriptionError(f"{what} is asked for at {number:g}; its time indices run from {start:g} to {end:g}.")
+    found = _value_at_time(block, record, name, number)
+    if record.asking or record.restating is not None or (number in (start, end) and found.is_variable_type()):
+        return found
+    named = block.component(VALUES_AT_TIMES)
+    if named is None:
+        if hasattr(block, VALUES_AT_TIMES):
+            raise DeclarationError(f"phase '{block.name}': the name '{VALUES_AT_TIMES}' is needed, but it is taken.")
+        named = Expression(AnyIndex, doc="values at fixed times")
+        block.add_component(VALUES_AT_TIMES, named)
+    record.values_at_times.append((name, number))
+    position = len(record.values_at_times)
+    named[position] = found
+    return named[position]
+
+
+def restate_values_at_times(block: Any, record: PhaseRecord) -> None:
+    """Give every value that was handed out its expression on the grid that the phase has now."""
+    for position, (name, time) in enumerate(record.values_at_times, start=1):
+        block.component(VALUES_AT_TIMES)[position].set_value(_value_at_time(block, record, name, time))
+
+
+def _value_at_time(block: Any, record: PhaseRecord, name: str, number: float) -> Any:
+    boundaries = record.grid.mesh.boundaries
+    index = _snapped(record.grid.times, number, SAME_TIME * (boundaries[-1] - boundaries[0]))
+    return value_at(block, record.nodes(name), index, after=index == boundaries[0])
+
+
+# -------------------------------------------------------------------- the past, as numbers
+
+
+class AheadOfMotion(Exception):
+    """A delayed value is asked for at a time that an integration has not come to."""
+
+
+class MotionSoFar:
+    """States at earlier times, as far as an integration has come; other names by a function.
+
+    Parameters
+    ----------
+    names : list of str
+        The states, in their order.
+    others : callable
+        ``others(name, time)``, for algebraics and controls.
+    """
+
+    def __init__(self, names: list[str], others: Callable[[str, float], float]) -> None:
+        self._position = {name: i for i, name in enumerate(names)}
+        self._others = others
+        self._ends: list[float] = []
+        self._states: list[Callable[[float], Array]] = []
+
+    def append(self, end: float, states: Callable[[float], Array]) -> None:
+        """Go on to a time, with states at the times until then."""
+        self._ends.append(end)
+        self._states.append(states)
+
+    def state(self, time: float) -> Array:
+        """All states at a time that the motion has come to."""
+        return self._states[min(bisect_left(self._ends, time), len(self._ends) - 1)](time)
+
+    def __call__(self, name: str, time: float) -> float:
+        """One value at a time that the motion has come to; AheadOfMotion is raised at others."""
+        if name not in self._position:
+            return self._others(name, time)
+        slack = 1e-9 * abs(self._ends[-1] - time) + 1e-12 if self._ends else 0.0
+        if not self._ends or time > self._ends[-1] + slack:
+            raise AheadOfMotion
+        return float(self.state(time)[self._position[name]])
+
+
+def past_of(trajectory: Trajectory) -> Callable[[str, float], float]:
+    """Values of a trajectory at earlier times."""
+    first, last = trajectory.grid.mesh.boundaries[0], trajectory.grid.mesh.boundaries[-1]
+
+    def past(name: str, time: float) -> float:
+        return float(trajectory(min(max(time, first), last))[name])
+
+    return past
+
+
+def past_on_model(block: Any, record: PhaseRecord, indices: Array, times: Array) -> Callable[[str, float], float]:
+    """Values of the variables on the model at earlier times.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    record : PhaseRecord
+    indices, times : array
+        Element boundaries in time indices and in real time.
+
+    Raises
+    ------
+    AheadOfMotion
+        When a variable has no value yet.
+    """
+
+    def past(name: str, time: float) -> float:
+        nodes = record.nodes(name)
+        index = min(max(float(np.interp(time, times, indices)), float(indices[0])), float(indices[-1]))
+        total = 0.0
+        for position, weight in nodes.weights_at(index):
+            number = nodes.variable(block, position).value
+            if number is None:
+                raise AheadOfMotion
+            total += weight * number
+        return total
+
+    return past
+
+
+def inside_of_its_element(boundaries: tuple[float, ...], time: float, element: int | None) -> float:
+    """A hair from a time to the middle of its element, so that what jumps at a boundary is read on the right side."""
+    last = len(boundaries) - 2
+    if element is None or element > last or not boundaries[element] <= time <= boundaries[element + 1]:
+        element = min(max(bisect_right(boundaries, time) - 1, 0), last)
+    middle = (boundaries[element] + boundaries[element + 1]) / 2
+    return SAME_TIME * (middle - time)

@@ -1,0 +1,359 @@
+"""Vectors and matrices of a phase: one declaration that stands for several, and what is given for all of them.
+
+Each component is a declaration of its own under a name of its own, ``x_0``, ``x_1``; rules, guesses and results speak
+of ``x``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.set import SetData
+
+from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
+
+from .declarations import Control, Declaration, Parameter, State
+from .record import PhaseRecord
+
+
+class _Component:
+    """One component of a function of time that returns an array. A class, because it must survive pickling."""
+
+    def __init__(self, function: Callable[[float], Any], names: FamilyNames, position: tuple[int, ...], what: str):
+        self._function, self._names, self._position, self._what = function, names, position, what
+
+    def __call__(self, time: float) -> Any:
+        found = self._function(time)
+        if np.ndim(found) == 0:
+            return found
+        entries = self._names.split(found)
+        if entries is None:
+            raise _wrong_length(DeclarationError, self._what, found, self._names)
+        return entries[self._position]
+
+
+class _BoundsComponent(_Component):
+    """One component of bounds over time."""
+
+    def __call__(self, time: float) -> Any:
+        return _split_bounds(self._names, self._function(time), self._what)[self._position]
+
+
+def family_names(name: str, declaration: Declaration, what: str) -> FamilyNames:
+    """What the components of a declaration with an index are called.
+
+    Raises
+    ------
+    DeclarationError
+        When the index is none, empty, or has a label twice.
+    """
+    index = declaration.index
+    where = f"{what} (declared at {declaration.declared_at})"
+    try:
+        axes = _axes(index)
+    except TypeError:
+        raise DeclarationError(
+            f"{where}: index = {index!r}; expected a number of components, labels, a Set, or a list of several of "
+            "these."
+        ) from None
+    for axis in axes:
+        if not axis or len(set(axis)) != len(axis):
+            raise DeclarationError(f"{where}: the labels {list(axis)} of its index are none, or not all different.")
+    names = FamilyNames(name, axes, in_time=not isinstance(declaration, Parameter))
+    if len(set(names.members)) != len(names.members):
+        raise DeclarationError(
+            f"{where}: two of its components would have the same name, as '_' joins labels. Choose other labels."
+        )
+    return names
+
+
+def _axes(index: Any) -> tuple[tuple[Any, ...], ...]:
+    if isinstance(index, (int, np.integer)) and not isinstance(index, bool):
+        return (tuple(range(int(index))),)
+    if isinstance(index, str):
+        raise TypeError
+    if isinstance(index, SetData):
+        return _axes_of_labels([tuple(label) if isinstance(label, tuple) else label for label in index])
+    entries = list(index)
+    if entries and all(isinstance(entry, (range, list, SetData, np.ndarray)) for entry in entries):
+        return tuple(tuple(_plain(label) for label in entry) for entry in entries)
+    return _axes_of_labels([_plain(entry) for entry in entries])
+
+
+def _axes_of_labels(labels: list[Any]) -> tuple[tuple[Any, ...], ...]:
+    """Labels of several dimensions are a matrix where they are all of a product, row by row."""
+    if labels and all(isinstance(label, tuple) for label in labels) and len({len(label) for label in labels}) == 1:
+        axes = tuple(tuple(dict.fromkeys(label[k] for label in labels)) for k in range(len(labels[0])))
+        if FamilyNames("", axes).labels == labels:
+            return axes
+    return (tuple(labels),)
+
+
+def _plain(label: Any) -> Any:
+    return label.item() if isinstance(label, np.generic) else label
+
+
+# -------------------------------------------------------------------- declarations
+
+
+def component_declarations(names: FamilyNames, declaration: Declaration, what: str) -> list[tuple[str, Declaration]]:
+    """Names and declarations of the components.
+
+    Raises
+    ------
+    DeclarationError, InitialGuessError
+        When what is given has another length than the index.
+    """
+    where = f"{what} (declared at {declaration.declared_at})"
+    each: dict[str, Any] = {
+        "bounds": _split_bounds(names, declaration.bounds, f"{where}: its bounds"),
+        "initial_guess": _split_guess(names, declaration.initial_guess, f"{where}: its initial guess"),
+        "units": _split(names, declaration.units, f"{where}: its units"),
+    }
+    if not isinstance(declaration, Parameter):
+        each["history"] = _split(names, getattr(declaration, "history", None), f"{where}: its history")
+    if isinstance(declaration, State):
+        for end in ("initial", "final"):
+            each[end] = _split_ends(names, getattr(declaration, end), f"{where}: its {end} value")
+        each["derivative_bounds"] = _split_bounds(names, declaration.derivative_bounds, f"{where}: derivative_bounds")
+    if isinstance(declaration, Control):
+        each["rate_bounds"] = _split_bounds(names, declaration.rate_bounds, f"{where}: its rate_bounds")
+    return [
+        (
+            names.member(label),
+            replace(declaration, index=None, **{name: entries[position] for name, entries in each.items()}),
+        )
+        for label, position in zip(names.labels, np.ndindex(names.shape), strict=True)
+    ]
+
+
+def _every(names: FamilyNames, entry: Any) -> Any:
+    found = np.empty(names.shape, dtype=object)
+    for position in np.ndindex(names.shape):
+        found[position] = entry
+    return found
+
+
+def _split(names: FamilyNames, given: Any, what: str, error: type[PyRobocopError] = DeclarationError) -> Any:
+    """One for each: as given in an array, a list or a mapping; the same for all otherwise."""
+    if not _is_listed(given):
+        found = _every(names, given)
+        if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
+            for position in np.ndindex(names.shape):
+                found[position] = _Component(given, names, position, what)
+        return found
+    entries = names.split(given)
+    if entries is None:
+        raise _wrong_length(error, what, given, names)
+    for position in np.ndindex(names.shape):
+        entries[position] = _plain(entries[position])
+    return entries
+
+
+def _is_listed(given: Any) -> bool:
+    return isinstance(given, (list, tuple, Mapping)) or (isinstance(given, np.ndarray) and given.ndim > 0)
+
+
+def _split_ends(names: FamilyNames, given: Any, what: str) -> Any:
+    if isinstance(given, tuple) and len(given) == 2 and not any(isinstance(end, (tuple, list)) for end in given):
+        if len(names.labels) == 2:
+            raise DeclarationError(
+                f"{what} is {given}: an interval for both components, or one number for each? Write a list for one "
+                "number each, or a list of two tuples for intervals."
+            )
+        return _every(names, given)
+    found = _split(names, given, what)
+    for position in np.ndindex(names.shape):
+        if isinstance(found[position], list):
+            found[position] = tuple(found[position])
+    return found
+
+
+def _split_bounds(names: FamilyNames, given: Any, what: str) -> Any:
+    """A pair for all, a pair of arrays, or an array or a mapping of pairs."""
+    if given is None:
+        return _every(names, None)
+    if callable(given):
+        found = _every(names, None)
+        for position in np.ndindex(names.shape):
+            found[position] = _BoundsComponent(given, names, position, what)
+        return found
+    if (
+        isinstance(given, tuple)
+        and len(given) == 2
+        and not all(_is_pair(entry) and isinstance(entry, tuple) for entry in given)
+    ):
+        lower, upper = (_split(names, side, what) for side in given)
+        found = _every(names, None)
+        for position in np.ndindex(names.shape):
+            found[position] = (lower[position], upper[position])
+        return found
+    found = names.split(_pairs(given, names)) if isinstance(given, (Mapping, list, tuple, np.ndarray)) else None
+    if found is None or not all(_is_pair(entry) for entry in found.ravel()):
+        raise _wrong_length(DeclarationError, what, given, names, "pairs (lower, upper)")
+    for position in np.ndindex(names.shape):
+        found[position] = tuple(found[position])
+    return found
+
+
+def _pairs(given: Any, names: FamilyNames) -> Any:
+    """An array or a list of pairs as a flat list of them."""
+    if isinstance(given, Mapping):
+        return given
+    if isinstance(given, np.ndarray):
+        return dict(zip(names.labels, given.reshape(-1, 2).tolist(), strict=False)) if given.ndim else {}
+    entries = list(given)
+    while entries and all(isinstance(entry, list) and entry and not _is_pair(entry) for entry in entries):
+        entries = [inner for entry in entries for inner in entry]
+    return dict(zip(names.labels, entries, strict=False)) if len(entries) == len(names.labels) else {}
+
+
+def _is_pair(entry: Any) -> bool:
+    return (
+        isinstance(entry, (tuple, list, np.ndarray))
+        and len(entry) == 2
+        and not any(isinstance(side, (tuple, list, np.ndarray)) for side in entry)
+    )
+
+
+def _split_guess(names: FamilyNames, given: Any, what: str) -> Any:
+    """One number each, an array over time each (components first or last), or a function of time."""
+    if isinstance(given, Mapping):
+        return _split(names, given, what, InitialGuessError)
+    if isinstance(given, (list, tuple, np.ndarray)):
+        try:
+            numbers = np.array(given, dtype=float)
+        except (TypeError, ValueError):
+            return _split(names, list(given), what, InitialGuessError)  # functions, or arrays of different lengths
+        dimensions = len(names.shape)
+        if numbers.shape[:dimensions] == names.shape:
+            pass
+        elif numbers.ndim == dimensions + 1 and numbers.shape[1:] == names.shape:
+            numbers = np.moveaxis(numbers, 0, -1)
+        else:
+            raise _wrong_length(InitialGuessError, what, given, names)
+        found = _every(names, None)
+        for position in np.ndindex(names.shape):
+            held = numbers[position]
+            found[position] = float(held) if held.ndim == 0 else held
+        return found
+    return _split(names, given, what, InitialGuessError)
+
+
+def _wrong_length(
+    error: type[PyRobocopError], what: str, given: Any, names: FamilyNames, expected: str = "entries"
+) -> PyRobocopError:
+    if isinstance(given, Mapping):
+        has = f"the labels {', '.join(map(str, given))}"
+    else:
+        try:
+            has = f"shape {np.shape(given)}"
+        except ValueError:
+            has = f"{len(given)} entries of different lengths"
+    return error(
+        f"{what}: has {has}, but '{names.name}' has the labels {', '.join(map(str, names.labels))} (shape "
+        f"{names.shape}). Give {len(names.labels)} {expected}, or one for all."
+    )
+
+
+# -------------------------------------------------------------------- what rules and users give
+
+
+def family_in(record: PhaseRecord, key: Any) -> FamilyNames | None:
+    """The family that a key means, by its name or itself."""
+    if isinstance(key, VariableFamily):
+        return key.names
+    return record.families.get(key) if isinstance(key, str) else None
+
+
+def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what: str) -> dict[Any, Any]:
+    """What a rule gives for states, with an entry for each component where it gives an array for a family.
+
+    Raises
+    ------
+    TranscriptionError
+        When the array has another length.
+    """
+    found: dict[Any, Any] = {}
+    for key, given in result.items():
+        names = family_in(record, key)
+        if names is None:
+            found[key] = given
+            continue
+        entries = names.split(given) if _is_listed(given) else None
+        if entries is None:
+            listed = given if _is_listed(given) else 0.0
+            raise _wrong_length(TranscriptionError, f"{what} gives for '{names.name}' what", listed, names)
+        found.update((names.member(label), entry) for label, entry in zip(names.labels, entries.ravel(), strict=True))
+    return found
+
+
+def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: str) -> dict[Any, Any]:
+    """Guesses by name, with one for each component where one is given for a family.
+
+    Raises
+    ------
+    InitialGuessError
+        When it has another length.
+    """
+    found: dict[Any, Any] = {}
+    for key, given in guesses.items():
+        names = family_in(record, key)
+        if names is None:
+            found[key] = given
+        else:
+            entries = _split_guess(names, given, f"{what}: what is given for '{names.name}'")
+            found.update(
+                (names.member(label), entry) for label, entry in zip(names.labels, entries.ravel(), strict=True)
+            )
+    return found
+
+
+def references_by_component(names: FamilyNames, reference: Any, what: str) -> list[Any]:
+    """What each component of a vector is to follow.
+
+    Raises
+    ------
+    DeclarationError
+        When an array has another length.
+    """
+    what = f"{what}: the reference of '{names.name}'"
+    if isinstance(reference, tuple) and len(reference) == 2 and np.ndim(reference[0]) == 1 < np.ndim(reference[1]):
+        return [(reference[0], values) for values in _split_guess(names, reference[1], what).ravel()]
+    if callable(reference) and hasattr(reference, "families"):
+        return [reference] * len(names.members)  # a trajectory, which knows the components
+    return list(_split(names, reference, what).ravel())
+
+
+def names_by_component(record: PhaseRecord, given: Iterable[Any]) -> list[Any]:
+    """Names and variables, with those of all components in the place of a family."""
+    found: list[Any] = []
+    for key in given:
+        names = family_in(record, key)
+        found.extend([key] if names is None else names.members)
+    return found
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Rule of a path constraint: the components of a vector of controls sum to 1, once in each element.
+
+    Attributes
+    ----------
+    name : str
+        Of the vector. A class, because it must survive pickling.
+    """
+
+    name: str
+
+    def __call__(self, b: Any, t: float) -> Any:
+        """The row at a time index."""
+        record = getattr(b, "record", None)
+        if record is not None and all(times[0] != t for times in record.grid.stage_times):
+            return Constraint.Skip  # the same values again
+        return sum(entry.expression for entry in getattr(b, self.name)[t].ravel()) == 1

@@ -1,0 +1,88 @@
+"""Variables over the time of a phase, which can be asked for their values at other times than those of the grid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pyomo.core.base.expression import IndexedExpression
+from pyomo.core.base.reference import Reference
+from pyomo.core.base.var import IndexedVar
+
+from .delays import delayed_value, value_at_time
+
+
+class _OverTime:
+    """What states, algebraics and controls have beside what Pyomo gives them."""
+
+    def delayed(self: Any, t: float, delay: Any) -> Any:
+        """Its value a while ago: that of the collocation polynomial at ``t - delay``.
+
+        Parameters
+        ----------
+        t : float
+            The time index that a rule is asked for.
+        delay : number or Param
+            In real time, 0 or more; a Param counts with the value that it has when the rule is asked.
+
+        Returns
+        -------
+        variable, expression or number
+            Before the phase starts, what the declaration gives as ``history``.
+
+        Raises
+        ------
+        TranscriptionError
+            When it reaches before the start and there is no history; when the duration or the element boundaries are to
+            be found, so that the element of ``t - delay`` is not known.
+
+        References
+        ----------
+        Bellen & Zennaro, Numerical Methods for Delay Differential Equations (2003), ch. 5,
+        doi:10.1093/acprof:oso/9780198506546.001.0001
+        """
+        block = self.parent_block()
+        return delayed_value(block, block.record, self.local_name, t, delay)
+
+    def at(self: Any, time: float) -> Any:
+        """Its value at a fixed time index: that of the collocation polynomial, for constraints and objectives.
+
+        It follows the phase onto another mesh.
+
+        Parameters
+        ----------
+        time : float
+            A time index; at an element boundary the element that ends there answers, at the start the first.
+
+        Raises
+        ------
+        TranscriptionError
+            When the phase does not reach so far.
+        """
+        block = self.parent_block()
+        return value_at_time(block, block.record, self.local_name, time)
+
+    @property
+    def at_start(self: Any) -> Any:
+        """Its value at the start of the phase; extrapolated, where the scheme has no point there."""
+        return self.at(self.parent_block().initial_time)
+
+    @property
+    def at_end(self: Any) -> Any:
+        """Its value at the end of the phase; extrapolated, where the scheme has no point there."""
+        return self.at(self.parent_block().final_time)
+
+
+class SignalVar(_OverTime, IndexedVar):
+    """A state, algebraic or control over time."""
+
+
+class SignalExpression(_OverTime, IndexedExpression):
+    """A control that is linear between knots, as seen at the collocation points."""
+
+
+def signal_reference(variables: dict[float, Any]) -> Any:
+    """A control that has fewer values than there are collocation points, as seen at these."""
+    plain = Reference(variables)
+    found = SignalVar(plain.index_set())
+    found._constructed, found._data, found.referent = True, plain._data, plain.referent
+    return found
