@@ -21,7 +21,6 @@ from pyrobocop_pyomo import (
     results,
     schedules,
     schemes,
-    studies,
 )
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements, either_zero
@@ -32,6 +31,7 @@ from pyrobocop_pyomo.links import Link
 from pyrobocop_pyomo.modeling.expression_arrays import array
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.motion import Body, TablePath
+from pyrobocop_pyomo.numerics.tables import Table
 from pyrobocop_pyomo.obstacles import Containment, FreeClearance, ObstacleAvoidanceBlock, verify_motion
 from pyrobocop_pyomo.phases import (
     Algebraic,
@@ -47,18 +47,18 @@ from pyrobocop_pyomo.phases import (
 )
 from pyrobocop_pyomo.planning import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
-from pyrobocop_pyomo.studies.sweep import sweep
 from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
 
 if TYPE_CHECKING:
-    from pyrobocop_pyomo import engines, estimation, learning, mechanics, robots, teams
+    from pyrobocop_pyomo import engines, estimation, learning, mechanics, robots, studies, teams
     from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
     from pyrobocop_pyomo.distributed.team import Team
     from pyrobocop_pyomo.estimation.estimate import estimate
     from pyrobocop_pyomo.problem_classes import from_pyrobocop, solution_arrays
+    from pyrobocop_pyomo.studies.sweep import sweep
 
 # What many scripts do without is loaded when it is first asked for: together it takes as long as a quarter of the rest.
-_NAMESPACES_ON_DEMAND = {"engines", "estimation", "learning", "mechanics", "robots", "teams"}
+_NAMESPACES_ON_DEMAND = {"engines", "estimation", "learning", "mechanics", "robots", "studies", "teams"}
 _HOMES_ON_DEMAND = {
     "Agent": "distributed.agents",
     "KeepApart": "distributed.agents",
@@ -67,6 +67,7 @@ _HOMES_ON_DEMAND = {
     "estimate": "estimation.estimate",
     "from_pyrobocop": "problem_classes",
     "solution_arrays": "problem_classes",
+    "sweep": "studies.sweep",
 }
 
 __all__ = [
@@ -92,6 +93,7 @@ __all__ = [
     "State",
     "StopReason",
     "Strategy",
+    "Table",
     "TablePath",
     "Team",
     "Trajectory",

@@ -10,9 +10,9 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, maximum_matching
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases import phases_of
@@ -48,7 +48,7 @@ def _seen(model: Any) -> dict[int, set[str]]:
     seen: dict[int, set[str]] = {}
 
     def note(expression: Any, name: str) -> None:
-        for variable in identify_variables(expression, include_fixed=True):
+        for variable in variables_in(expression, include_fixed=True):
             seen.setdefault(id(variable), set()).add(name)
 
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
@@ -75,7 +75,7 @@ def _states_adrift(phase: Any, seen: dict[int, set[str]]) -> Iterator[str]:
             id(variable) in ids
             for rate in rates
             if hasattr(rate, "is_expression_type")
-            for variable in identify_variables(rate)
+            for variable in variables_in(rate)
         )
         if not in_own_rate and not set().union(*(seen.get(number, set()) for number in ids)) - own:
             yield name

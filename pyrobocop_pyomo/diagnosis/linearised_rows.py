@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.var import Var
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException, reverse_ad
 from pyomo.core.expr.numvalue import native_numeric_types
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.optional_imports import scipy
 
 NAN = float("nan")
@@ -62,7 +61,7 @@ class LinearisedRows:
         data = block.component_data_objects(Constraint, active=True, descend_into=Block)
         constraints = list(data)
         variables: dict[int, Any] = {}
-        variables_of = [list(identify_variables(row.body, include_fixed=False)) for row in constraints]
+        variables_of = [list(variables_in(row.body, include_fixed=False)) for row in constraints]
         for some in variables_of:
             variables.update((id(variable), variable) for variable in some)
         self.variables = list(variables.values())
@@ -107,13 +106,6 @@ def gradient(body: Any, variables: Iterable[Any]) -> Iterator[tuple[Any, float]]
         derivative = derivatives.get(variable, NAN)
         real = derivative.__class__ in native_numeric_types and not isinstance(derivative, complex)
         yield variable, float(derivative) if real else NAN
-
-
-def free_variables(block: Any) -> Iterator[Any]:
-    """Every variable of a block and below that may move; a reference is not looked through."""
-    for component in block.component_objects(Var, descend_into=Block, active=True):
-        if not component.is_reference():
-            yield from (data for data in component.values() if not data.fixed)
 
 
 def equilibrate(matrix: Any, rounds: int = 10) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -41,7 +41,8 @@ def scaling_advice(linearised: LinearisedRows, phases: list[Any]) -> tuple[list[
         f"the largest derivative in a row ranges from {largest.min():.1e} in '{least.data.name}' to "
         f"{largest.max():.1e} in '{worst.data.name}'. Multiply {shown}.",
         tuple(named),
-        "Choose units in which values are of size one, or call write_scaling(model) and set Ipopt's "
+        "rcp.solve scales a model without pairs and obstacles by itself, unless scaling=False: print(result) says by "
+        "what. For others choose units in which values are of size one, or call write_scaling(model) and set Ipopt's "
         "nlp_scaling_method to 'user-scaling'.",
     )
     return [finding], factors

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import values_restored, within_bounds
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
@@ -103,7 +103,7 @@ def _jacobian(structure: PointStructure) -> np.ndarray:
     column = {id(variable): j for j, variable in enumerate(structure.unknowns.values())}
     matrix = np.zeros((len(structure.rows), len(column)))
     for i, row in enumerate(structure.rows.values()):
-        own = [v for v in identify_variables(row.body, include_fixed=True) if id(v) in column]
+        own = [v for v in variables_in(row.body, include_fixed=True) if id(v) in column]
         for variable, entry in gradient(row.body, own):
             matrix[i, column[id(variable)]] = entry
     return matrix
@@ -126,7 +126,7 @@ def dependent_rows(matrix: np.ndarray) -> list[int]:
 
 def _singular_around(structure: PointStructure) -> bool:
     """Is the Jacobian singular at other values, too? The model keeps its own."""
-    variables = {id(v): v for row in structure.rows.values() for v in identify_variables(row.body, include_fixed=True)}
+    variables = {id(v): v for row in structure.rows.values() for v in variables_in(row.body, include_fixed=True)}
     random = np.random.default_rng(0)
     with values_restored(variables.values()) as values:
         for _ in range(3):

@@ -11,10 +11,10 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.point_model import PointModel
@@ -73,7 +73,7 @@ def row_findings(linearised: LinearisedRows, reported: set[str]) -> Iterator[Fin
 def data_findings(block: Any) -> Iterator[Finding]:
     """Objectives, parameters, bounds and initial guesses."""
     for objective in block.component_data_objects(Objective, active=True, descend_into=Block):
-        entries = gradient(objective.expr, identify_variables(objective.expr, include_fixed=False))
+        entries = gradient(objective.expr, variables_in(objective.expr, include_fixed=False))
         number = number_or_nan(objective.expr)
         if not _waits_for_a_value(objective.expr):
             bad = next((v.name for v, entry in entries if not math.isfinite(entry)), None)
@@ -108,7 +108,7 @@ def _waits_for_a_value(expression: Any) -> bool:
     """True when the expression has no value just because a variable in it has none yet."""
     if not hasattr(expression, "is_expression_type"):
         return False
-    return any(variable.value is None for variable in identify_variables(expression, include_fixed=True))
+    return any(variable.value is None for variable in variables_in(expression, include_fixed=True))
 
 
 def _and_more(count: int, noun: str) -> str:
@@ -170,7 +170,7 @@ def _violated(phase: Any, point: PointModel, time: float, remarks: list[str]) ->
 def decided_findings(block: Any) -> Iterator[Finding]:
     """Rows without a variable that may move, which do not hold; fixed values outside their bounds."""
     for row in block.component_data_objects(Constraint, active=True, descend_into=Block):
-        if next(identify_variables(row.body, include_fixed=False), None) is None and abs(residual_of(row)) > TOLERANCE:
+        if next(variables_in(row.body, include_fixed=False), None) is None and abs(residual_of(row)) > TOLERANCE:
             yield Finding(
                 Severity.ERROR,
                 Subject.CONTRADICTION,

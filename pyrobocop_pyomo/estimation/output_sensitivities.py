@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.constraint import Constraint, ConstraintList
 from pyomo.core.base.PyomoModel import ConcreteModel
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.complementarity import SidePart, active_sources, canonical_form, pair_residuals
 from pyrobocop_pyomo.errors import SensitivityError
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.mpcc.linearisation import Linearisation
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
@@ -79,7 +79,7 @@ class OutputSensitivities:
         self._compiled: CompiledModel | None = None
 
     def _added(self, relation: Any) -> Any:
-        if not any(True for _ in identify_variables(relation, include_fixed=True)):
+        if not any(True for _ in variables_in(relation, include_fixed=True)):
             return None
         return self._scratch.rows.add(relation)
 

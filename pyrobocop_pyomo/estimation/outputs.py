@@ -7,10 +7,10 @@ from typing import Any
 
 from pyomo.core.base.expression import Expression
 from pyomo.core.expr import LinearExpression
-from pyomo.core.expr.visitor import identify_variables
 
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.modeling.rule_proxies import Signal, Signals
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.nodes import Nodes, StageNodes, StateNodes
 
@@ -134,7 +134,7 @@ class PhaseOutputs:
                 "variables of the phase."
             )
         model = self._phase.model()
-        strangers = [variable.name for variable in identify_variables(found) if variable.model() is not model]
+        strangers = [variable.name for variable in variables_in(found) if variable.model() is not model]
         if strangers:
             raise EstimationError(
                 f"{self._what}: the rule of the output '{name}' reads '{strangers[0]}' of another model. Let it read "

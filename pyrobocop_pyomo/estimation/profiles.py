@@ -10,7 +10,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import matplotlib
+from pyrobocop_pyomo.plotting.figures import figure_or_new
 from pyrobocop_pyomo.studies.sweep import SweepResult, sweep
 
 from .fit_statistics import FitStatistics
@@ -72,8 +72,7 @@ class Profile:
         figure : Figure or SubFigure, optional
             A new one by default.
         """
-        if figure is None:
-            figure = matplotlib.figure.Figure(figsize=(5.0, 3.4), layout="constrained")
+        figure = figure_or_new(figure, 5.0, 3.4)
         axis = figure.subplots()
         axis.plot(self.values, self.increases, ".-", linewidth=1.4)
         axis.axhline(self.threshold, color="0.4", linestyle="--", linewidth=1.0)

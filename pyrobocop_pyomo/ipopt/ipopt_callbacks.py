@@ -79,6 +79,8 @@ class IpoptCallbacks:
         What was raised in a callback: no exception may leave it, since it would be lost inside C code.
     seconds : float
         Time inside the evaluations so far.
+    undefined_at : float array or None
+        The last point at which a value or a derivative did not exist.
     after_record : callable or None
         Called after each iteration, before the user's callback.
     evaluators, intermediate : ctypes callbacks
@@ -97,6 +99,7 @@ class IpoptCallbacks:
         self.records: list[IterationRecord] = []
         self.failure: BaseException | None = None
         self.seconds = 0.0
+        self.undefined_at: FloatArray | None = None
         self.after_record: Callable[[], None] | None = None
         # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
         self.evaluators: tuple[Any, ...] = (
@@ -117,10 +120,12 @@ class IpoptCallbacks:
         try:
             values = np.asarray(evaluate(*arguments), dtype=np.float64)
             if not np.isfinite(values).all():
+                self.undefined_at = arguments[0].copy()
                 return 0
             _view(address, values.size)[...] = values.ravel()
             return 1
         except EvaluationError:
+            self.undefined_at = arguments[0].copy()  # Ipopt's own memory
             return 0
         except BaseException as error:  # a KeyboardInterrupt as well: it is raised again after Ipopt
             self.failure = error

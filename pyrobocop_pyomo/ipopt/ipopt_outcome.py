@@ -101,6 +101,8 @@ class IpoptOutcome:
         Processor time in total, over all threads of this process.
     log : str
         What Ipopt printed, when it was asked to print.
+    undefined_at : float array or None
+        The last point at which a function or a derivative had no finite value; None where all had.
     """
 
     status: IpoptStatus
@@ -116,6 +118,7 @@ class IpoptOutcome:
     cpu_seconds: float
     evaluation_seconds: float
     log: str = ""
+    undefined_at: FloatArray | None = None
 
     @property
     def point(self) -> PrimalDualPoint:

@@ -124,6 +124,7 @@ def run_ipopt(
         cpu_seconds=time.process_time() - cpu_started,
         evaluation_seconds=callbacks.seconds,
         log=log.getvalue(),
+        undefined_at=callbacks.undefined_at,
     )
 
 

@@ -23,6 +23,7 @@ from pyomo.core.base.enums import TraversalStrategy
 from pyomo.core.base.suffix import Suffix
 from pyomo.core.base.var import VarData
 
+from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 
@@ -48,14 +49,14 @@ def starting_point(compiled: CompiledModel) -> PrimalDualPoint:
     )
 
 
-def scaling_factors(compiled: CompiledModel) -> ProblemScaling:
-    """Read the export suffix ``scaling_factor`` of variables, constraints and objective; 1 where it has none."""
+def scaling_factors(compiled: CompiledModel, missing: float = 1.0) -> ProblemScaling:
+    """The export suffix ``scaling_factor`` of variables, constraints and objective, `missing` where it has none."""
     name, model = "scaling_factor", compiled.model
-    objective = None if compiled.objective is None else _exported(model, name, [compiled.objective], missing=1.0)
+    objective = None if compiled.objective is None else _exported(model, name, [compiled.objective], missing)
     return ProblemScaling(
-        objective=1.0 if objective is None else float(objective[0]),
-        x=_exported(model, name, compiled.variables, missing=1.0),
-        g=_exported(model, name, compiled.constraints, missing=1.0),
+        objective=missing if objective is None else float(objective[0]),
+        x=_exported(model, name, compiled.variables, missing),
+        g=_exported(model, name, compiled.constraints, missing),
     )
 
 
@@ -120,6 +121,13 @@ class InProcessSolutionLoader(SolutionLoader):
         """Multipliers of bounds: that of the lower or of the upper one, whichever is larger in size."""
         lower, upper = self._bound_multipliers()
         return _selected(self._compiled.variables, np.where(np.abs(upper) > np.abs(lower), upper, lower), vars_to_load)
+
+    def row_multipliers(self) -> RowMultipliers:
+        """Multipliers of rows and bounds, in the signs of Pyomo's suffixes."""
+        variables, lower_upper = [id(variable) for variable in self._compiled.variables], self._bound_multipliers()
+        duals = -self._compiled.sign * self._outcome.g_multipliers
+        lower, upper = (dict(zip(variables, of.tolist(), strict=True)) for of in lower_upper)
+        return RowMultipliers(dict(zip(map(id, self._compiled.constraints), duals.tolist(), strict=True)), lower, upper)
 
     def load_import_suffixes(self) -> None:
         """Fill ``dual``, ``rc``, ``ipopt_zL_out`` and ``ipopt_zU_out`` where they are declared for import."""

@@ -21,7 +21,8 @@ from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
 from .model_checks import active_expressions, refuse_discrete, single_objective
 from .model_terms import collect_terms
-from .nl_files import ProgramBuilder, model_file, program_builder
+from .named_nodes import with_named_nodes
+from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
 from .nonlinear_program import FloatArray, NonlinearProgram
 from .vectorised_program import VectorisedProgram
 
@@ -109,25 +110,30 @@ class CompiledModel:
 
     def _compile_file(self, build: ProgramBuilder) -> None:
         started = time.perf_counter()
+        by_calls = not reads_names(build)
+        named = with_named_nodes(self.model, self.objective, by_calls=by_calls)
+        model, objective = (self.model, self.objective) if named is None else (named.model, named.objective)
         written = None
-        if not self._calls_python:
+        if not (self._calls_python or (named is not None and by_calls)):
             try:
-                written = model_file(self.model, self.model)
+                written = model_file(model, self.model, named=named is not None)
             except FunctionError:
                 # Writing it is the quickest way to learn that a model calls a Python function; it is known from now on.
                 if not any(map(calls_in, active_expressions(self.model))):
                     raise
                 self._calls_python = True
         if written is None:
-            self.nlp, self.variables, self.constraints = composition_of_files(self.model, self.objective, build)
+            self.nlp, self.variables, self.constraints = composition_of_files(model, self.model, objective, build)
             refuse_discrete(self.model, self.variables)
             self.seconds_writing, self.seconds_building = 0.0, time.perf_counter() - started
-            return
-        refuse_discrete(self.model, written.variables)
-        self.seconds_writing = time.perf_counter() - started
-        started = time.perf_counter()
-        self.nlp, self.variables, self.constraints = written.program(build, has_objective=self.objective is not None)
-        self.seconds_building = time.perf_counter() - started
+        else:
+            refuse_discrete(self.model, written.variables)
+            self.seconds_writing = time.perf_counter() - started
+            started = time.perf_counter()
+            self.nlp, self.variables, self.constraints = written.program(build, has_objective=objective is not None)
+            self.seconds_building = time.perf_counter() - started
+        if named is not None:
+            self.constraints = [named.row_of[id(row)] for row in self.constraints]
 
     @cached_property
     def row_of(self) -> ComponentMap:

@@ -15,9 +15,9 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.set import Any as AnySet
 from pyomo.core.base.var import VarData
 from pyomo.core.expr.numvalue import native_numeric_types, value
-from pyomo.core.expr.visitor import identify_variables, replace_expressions
 
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in
 
 from .composed_program import ComposedProgram, Level, Points
 from .function_calls import ConstantCall, FunctionCall, FunctionCalls, calls_in
@@ -80,10 +80,13 @@ def vectorised_composition(terms: ModelTerms) -> Composition:
     return Composition(nlp, places.x, terms.constraints)
 
 
-def composition_of_files(model: BlockData, objective: ObjectiveData | None, build: ProgramBuilder) -> Composition:
+def composition_of_files(
+    model: BlockData, owner: BlockData, objective: ObjectiveData | None, build: ProgramBuilder
+) -> Composition:
     """The program of a model whose expressions are read from ``.nl`` files, one for each level of calls.
 
-    Nothing is put on the model: rows with calls are rewritten on another one.
+    Nothing is put on the model: rows with calls are rewritten on another one. Messages name the rows of the owner, the
+    user's model.
 
     Raises
     ------
@@ -92,16 +95,19 @@ def composition_of_files(model: BlockData, objective: ObjectiveData | None, buil
     InfeasibleConstraintException
         When a row without free variables contradicts itself.
     """
-    refuse_unknown_components(model)
+    refuse_unknown_components(owner)
     calls = FunctionCalls()
     other, row_of = _rewritten(model, objective, calls)
-    main = model_file(other, model).program(build, objective is not None)
+    main = model_file(other, owner).program(build, objective is not None)
     files: list[tuple[list[FunctionCall], FileProgram | None, dict[int, int]]] = []
     for level in calls.levels:
         arguments, row_of_argument = _argument_model(level, calls)
-        file = model_file(arguments, model).program(build, has_objective=False) if row_of_argument else None
+        text = model_file(arguments, owner) if row_of_argument else None
+        file = text.program(build, has_objective=False) if text is not None and text.constraints else None
         position = {} if file is None else {id(row): i for i, row in enumerate(file.constraints)}
-        files.append((level, file, {key: position[id(row)] for key, row in row_of_argument.items()}))
+        # A writer leaves out a row whose variables cancel; such an argument is a number.
+        written = {key: position[id(row)] for key, row in row_of_argument.items() if id(row) in position}
+        files.append((level, file, written))
     places = _Places(calls)
     places.add(main.variables)
     for _, file, _ in files:
@@ -121,7 +127,7 @@ def _rewritten(
     model: BlockData, objective: ObjectiveData | None, calls: FunctionCalls
 ) -> tuple[ConcreteModel, dict[int, ConstraintData]]:
     """Rows and objective with variables in place of calls, and from the ids of these rows to the model's own."""
-    other = ConcreteModel(name=model.name)
+    other, without_calls = ConcreteModel(name=model.name), _WithoutCalls(calls)
     other.rows = Constraint(AnySet)
     row_of = {}
     for i, row in enumerate(model.component_data_objects(Constraint, active=True, descend_into=True)):
@@ -130,39 +136,46 @@ def _rewritten(
             continue
         expression = row.expr
         if calls_in(body):
-            body = _without_calls(body, calls)
-            if next(identify_variables(body, include_fixed=False), None) is None:
+            body = without_calls.of(body)
+            if next(variables_in(body, include_fixed=False), None) is None:
                 check_constant(row)
                 continue
             expression = body == lower if row.equality else (lower, body, upper)
         row_of[id(new_row(other.rows, i, expression))] = row
     if objective is not None:
-        other.objective = Objective(expr=_without_calls(objective.expr, calls), sense=objective.sense)
+        other.objective = Objective(expr=without_calls.of(objective.expr), sense=objective.sense)
     return other, row_of
 
 
 def _argument_model(level: list[FunctionCall], calls: FunctionCalls) -> tuple[ConcreteModel, dict[int, ConstraintData]]:
     """A model whose rows are the arguments that are no numbers, and from the ids of arguments to rows."""
-    other = ConcreteModel(name="arguments")
+    other, without_calls = ConcreteModel(name="arguments"), _WithoutCalls(calls)
     other.rows = Constraint(AnySet)
     row_of: dict[int, ConstraintData] = {}
     for call in level:
         for argument in call.arguments:
             if argument.__class__ in native_numeric_types or id(argument) in row_of:
                 continue
-            expression = _without_calls(argument, calls)
-            if next(identify_variables(expression, include_fixed=False), None) is not None:
+            expression = without_calls.of(argument)
+            if next(variables_in(expression, include_fixed=False), None) is not None:
                 # Some bound is needed: a writer leaves out what has none.
                 row_of[id(argument)] = new_row(other.rows, len(row_of), expression <= 0.0)
     return other, row_of
 
 
-def _without_calls(expression: Any, calls: FunctionCalls) -> Any:
-    replaced = {}
-    for node in calls_in(expression):
-        stands = calls.replacement(node)
-        replaced[id(node)] = stands.value if isinstance(stands, ConstantCall) else stands
-    return replace_expressions(expression, replaced) if replaced else expression
+class _WithoutCalls:
+    """Puts variables in place of the calls in expressions."""
+
+    def __init__(self, calls: FunctionCalls) -> None:
+        self._calls, self._replacement = calls, NodeReplacement({})
+
+    def of(self, expression: Any) -> Any:
+        """The expression itself where it holds no calls."""
+        called = calls_in(expression)
+        for node in called:
+            stands = self._calls.replacement(node)
+            self._replacement.put(node, stands.value if isinstance(stands, ConstantCall) else stands)
+        return self._replacement.of(expression) if called else expression
 
 
 def _points(level: Sequence[FunctionCall], places: _Places, row_of: Callable[[Any], tuple[int, float]]) -> list[Points]:

@@ -12,15 +12,11 @@ from pyomo.core.base.objective import Objective, ObjectiveData
 from pyomo.core.base.var import VarData
 from pyomo.core.expr.numeric_expr import ExternalFunctionExpression
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import (
-    StreamBasedExpressionVisitor,
-    evaluate_expression,
-    identify_mutable_parameters,
-    identify_variables,
-)
+from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
+from pyrobocop_pyomo.modeling.shared_nodes import nodes_of, shared_value, variables_in
 
 
 def single_objective(model: BlockData) -> ObjectiveData | None:
@@ -137,14 +133,7 @@ def _require_compiled(function: AMPLExternalFunction, row_name: str) -> None:
 
 
 def _external_functions(expression: Any) -> list[Any]:
-    found = []
-
-    def enter(node: Any) -> None:
-        if isinstance(node, ExternalFunctionExpression):
-            found.append(node._fcn)
-
-    StreamBasedExpressionVisitor(enterNode=enter).walk_expression(expression)
-    return found
+    return [node._fcn for node in nodes_of(expression) if isinstance(node, ExternalFunctionExpression)]
 
 
 def undefined_row(model: BlockData) -> str | None:
@@ -170,9 +159,9 @@ def number_in(expression: Any, owner: str) -> float:
         When a variable or a Param in it has no value.
     """
     try:
-        number = evaluate_expression(expression)
+        number = shared_value(expression)
     except (ArithmeticError, ValueError, TypeError) as error:  # a complex number that is compared is a TypeError
-        leaves = [*identify_variables(expression), *identify_mutable_parameters(expression)]
+        leaves = [*variables_in(expression), *identify_mutable_parameters(expression)]
         missing = next((leaf.name for leaf in leaves if value(leaf, exception=False) is None), None)
         if missing is not None:
             raise ModelError(f"'{owner}': '{missing}' has no value. Give it one.") from None

@@ -105,13 +105,15 @@ class Terms:
 
     def _has_variable(self, part: _Summand) -> bool:
         pending = [part.node, *part.factors]
+        entered: set[int] = set()
         while pending:
             node = pending.pop()
             kind = self._kinds[node.__class__]
             if kind == LEAF:
                 if self.columns.of([node])[0] >= 0:
                     return True
-            elif kind != CONSTANT:
+            elif kind != CONSTANT and id(node) not in entered:
+                entered.add(id(node))
                 pending += reversed(node._args_[: node._nargs] if kind == SUMMATION else node._args_)
         return False
 

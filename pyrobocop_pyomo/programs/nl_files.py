@@ -29,8 +29,8 @@ from .nonlinear_program import NonlinearProgram
 ProgramBuilder = Callable[[Path, list[str]], NonlinearProgram]
 
 # How a model is written wherever this package writes one. Named expressions are written out: where nested ones are
-# shared by rows and objective, ASL's Jacobian comes out wrong (Ipopt's derivative test finds it too). Presolving and
-# scaling in the writer would alter the multipliers of a warm start.
+# shared, ASL's derivatives come out wrong (Ipopt's derivative test finds it too; `named_nodes`). Presolving and scaling
+# in the writer would alter the multipliers of a warm start.
 WRITER_OPTIONS = {"linear_presolve": False, "scale_model": False, "export_defined_variables": False}
 
 # Suffixes stand between the header and the first expression. CasADi refuses them, and nothing here needs them:
@@ -65,7 +65,7 @@ class ModelFile(NamedTuple):
             return FileProgram(build(path, self.libraries), self.variables, self.constraints)
 
 
-def model_file(model: BlockData, owner: BlockData) -> ModelFile:
+def model_file(model: BlockData, owner: BlockData, *, named: bool = False) -> ModelFile:
     """Write a model.
 
     Parameters
@@ -73,6 +73,8 @@ def model_file(model: BlockData, owner: BlockData) -> ModelFile:
     model : Block
     owner : Block
         The user's model, whose rows messages name: the same, or what the model was made from.
+    named : bool
+        Whether named expressions are written once each, as defined variables; not for ASL.
 
     Raises
     ------
@@ -81,7 +83,7 @@ def model_file(model: BlockData, owner: BlockData) -> ModelFile:
     """
     text = io.StringIO()
     with checked_writing(owner):
-        info = NLWriter().write(model, text, **WRITER_OPTIONS)
+        info = NLWriter().write(model, text, **WRITER_OPTIONS | {"export_defined_variables": named})
     if info.external_function_libraries:
         refuse_external_functions(owner, everywhere=True)
     return ModelFile(text.getvalue(), info.variables, info.constraints, info.external_function_libraries)
@@ -125,6 +127,11 @@ def _build_asl(path: Path, external_libraries: list[str]) -> NonlinearProgram:
 
 def _build_casadi(path: Path, external_libraries: list[str]) -> NonlinearProgram:
     return CasadiProgram(path)
+
+
+def reads_names(build: ProgramBuilder) -> bool:
+    """Whether a source of derivatives reads defined variables rightly."""
+    return build is _build_casadi
 
 
 def program_builder(derivatives: str | None) -> ProgramBuilder:

@@ -73,13 +73,15 @@ def _kinds_of_nodes(expression: Any) -> tuple[list[int], bool]:
     """Kinds in the order of a walk, and whether one of them makes the expression nonlinear."""
     kinds: list[int] = []
     nonlinear = False
+    entered: dict[int, Any] = {}  # what occurs again in a row is evaluated once
     pending = [expression]
     while pending:
         node = pending.pop()
         kind = kind_of_node(node.__class__)
         kinds.append(kind)
-        if kind in (LEAF, CONSTANT):
+        if kind in (LEAF, CONSTANT) or id(node) in entered:
             continue
+        entered[id(node)] = node
         if kind == UNKNOWN or (kind == CALL and not is_function_call(node)):
             return [UNKNOWN], True
         if kind == CALL:

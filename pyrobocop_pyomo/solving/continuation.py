@@ -68,6 +68,7 @@ class Continuation:
         *,
         start: Iterate | None = None,
         purpose: Mapping[str, Any] | None = None,
+        label: str = "solve",
         leads_no_further: Callable[[Iterate], bool] = lambda iterate: False,
     ) -> Iterate:
         """Run the schedule and return the best point, which need not be the one on the model.
@@ -80,11 +81,13 @@ class Continuation:
             To start from, warm in primal and dual values; otherwise from the point on the model.
         purpose : mapping, optional
             Ipopt's options for all runs of a shrinking schedule.
+        label : str
+            Of the one run of a model without pairs.
         leads_no_further : callable
             Whether to end a shrinking schedule at a point, though it is not the last one.
         """
         if schedule is None:
-            self._take(self._session.run(None, self._options.resolve(), self._deadline))
+            self._take(replace(self._session.run(None, self._options.resolve(), self._deadline), label=label))
         elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule)
         else:

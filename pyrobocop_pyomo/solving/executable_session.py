@@ -21,6 +21,7 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
+from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
@@ -31,7 +32,8 @@ from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
 from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
-from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, IpoptOptions, warm_start
+from .automatic_scaling import AutomaticScaling, sizes_to_scale_by
+from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
 
@@ -41,6 +43,15 @@ _SUFFIXES = {
     "ipopt_zU_out": Suffix.IMPORT,
     "ipopt_zL_in": Suffix.EXPORT,
     "ipopt_zU_in": Suffix.EXPORT,
+    "scaling_factor": Suffix.EXPORT,
+}
+# Ipopt would judge a scaled problem by these absolute tolerances in the user's units as well.
+_SCALED = {
+    **SCALED,
+    "nlp_scaling_method": "user-scaling",
+    "dual_inf_tol": 1e10,
+    "constr_viol_tol": 1e10,
+    "compl_inf_tol": 1e10,
 }
 
 _STATUS = {
@@ -75,7 +86,7 @@ class ExecutableSession:
 
     approximate = False
 
-    def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = ()) -> None:
+    def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = (), *, scaling: float | None = None) -> None:
         path = find_ipopt_executable()
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
@@ -84,16 +95,26 @@ class ExecutableSession:
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
+        compiled = None if scaling is None else self.compiled()
+        # What the user says by a suffix of scaling is part of it.
+        self.scaling: AutomaticScaling | None = None if compiled is None else sizes_to_scale_by(compiled, scaling)
+        names = {*_SUFFIXES} if self.scaling is not None else {*_SUFFIXES} - {"scaling_factor"}
         # Where the user has suffixes of the same names, theirs would be filled instead of ours.
         self._deactivated = [
-            suffix for suffix in model.component_objects(Suffix, active=True) if suffix.local_name in _SUFFIXES
+            suffix for suffix in model.component_objects(Suffix, active=True) if suffix.local_name in names
         ]
         for suffix in self._deactivated:
             suffix.deactivate()
         self._own = Block(concrete=True)
         model.add_component(unique_component_name(model, "warm_start"), self._own)
         for name, direction in _SUFFIXES.items():
-            self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
+            if name in names:
+                self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
+        if compiled is not None and self.scaling is not None:
+            factors = self._own.component("scaling_factor")
+            factors.update((component, 1.0 / scale) for component, scale in self.scaling.by_component.items())
+            if compiled.objective is not None:
+                factors[compiled.objective] = 1.0 / self.scaling.scales.objective
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -134,6 +155,7 @@ class ExecutableSession:
             suffix.update(entries)
 
     def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
+        options = {**_SCALED, **options} if self.scaling is not None else options
         limit = {} if deadline.left is None else {"max_wall_time": max(deadline.left, 1e-3)}
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
@@ -161,8 +183,16 @@ class ExecutableSession:
             seconds=time.perf_counter() - started,
             multipliers={name: ComponentMap(self._own.component(name).items()) for name in _ARRIVED},
             load_suffixes=self._suffix_loader(),
+            row_multipliers=self._row_multipliers(),
             **facts,
         )
+
+    def _row_multipliers(self) -> Callable[[], RowMultipliers]:
+        rows, lower, upper = (
+            {id(component): float(number) for component, number in self._own.component(name).items()}
+            for name in _ARRIVED
+        )
+        return lambda: RowMultipliers(rows, lower, upper)
 
     def _suffix_loader(self) -> Callable[[], None]:
         found = [
@@ -187,6 +217,10 @@ class ExecutableSession:
 
     def coarsened(self, elements: int) -> None:
         """See `Session.coarsened`; a file has the whole model."""
+        return
+
+    def with_elastic_rows(self, penalty: float) -> None:
+        """See `Session.with_elastic_rows`; a file has the rows as they are."""
         return
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:

@@ -15,21 +15,25 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
-from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, starting_point
+from pyrobocop_pyomo.ipopt.scaled_run import run_scaled
+from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.problem import violation
 from pyrobocop_pyomo.programs.aggregated_program import AggregatedProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
 from pyrobocop_pyomo.programs.nonlinear_program import (
     NonlinearProgram,
     PrimalDualPoint,
     ShiftedRows,
     lagrangian_residual,
 )
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
 
+from .automatic_scaling import AutomaticScaling, sizes_to_scale_by
 from .coarse_mesh import coarsen
 from .following_barrier import DeltaFollowsBarrier
-from .ipopt_options import IPOPT_MU_INIT, IpoptOptions
+from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
 from .session import OnIteration
@@ -46,6 +50,8 @@ class InProcessSession:
         Where Ipopt's log goes.
     on_iteration : callable, optional
         Told of each iteration.
+    scaling : float or None
+        Whether Ipopt sees the program in variables, rows and an objective of size one.
     """
 
     def __init__(
@@ -54,15 +60,19 @@ class InProcessSession:
         derivatives: str | None,
         output: Sequence[TextIO] = (),
         on_iteration: OnIteration | None = None,
+        *,
+        scaling: float | None = None,
     ) -> None:
         self._relaxed, self._derivatives = relaxed, derivatives
         self._output, self._on_iteration = output, on_iteration
         self._compiled = CompiledModel(relaxed.model, derivatives)
-        self._coarse: AggregatedProgram | None = None
+        self._seen_as: AggregatedProgram | ElasticRows | None = None
         self.approximate = False
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
+        self.scaling: AutomaticScaling | None = sizes_to_scale_by(self._compiled, scaling)
+        self._scales = None if self.scaling is None else self.scaling.scales
 
     def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
         if not self._relaxed.shifted_rows:
@@ -80,9 +90,18 @@ class InProcessSession:
         if aggregated is None:
             return None
         coarse = copy.copy(self)
-        coarse._coarse, coarse._nlp = aggregated, self._shifted(aggregated)
+        coarse._seen_as, coarse._nlp = aggregated, self._shifted(aggregated)
         coarse.approximate = True
         return coarse
+
+    def with_elastic_rows(self, penalty: float) -> InProcessSession:
+        """See `Session.with_elastic_rows`."""
+        elastic = copy.copy(self)
+        prices = None if self._scales is None else 1.0 / self._scales.g
+        rows = elastic._seen_as = elastic._nlp = ElasticRows(self._nlp, penalty, prices)
+        if self._scales is not None:
+            elastic._scales = replace(self._scales, x=rows.completed(self._scales.x, self._scales.g), objective=1.0)
+        return elastic
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -115,23 +134,49 @@ class InProcessSession:
         self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, on_iteration: OnIteration | None
     ) -> IpoptOutcome:
         point = starting_point(self._compiled)
-        if self._coarse is not None:
-            point = PrimalDualPoint(self._coarse.restrict(point.x))
+        seen_as = self._seen_as
+        if seen_as is not None:
+            point = PrimalDualPoint(seen_as.restrict(point.x))
         if start is not None:
             point = replace(start.multipliers, x=point.x)
-        outcome = run_ipopt(
-            self._nlp, options, point, deadline=deadline, on_iteration=on_iteration, output=self._output
-        )
-        self._compiled.load_point(outcome.x if self._coarse is None else self._coarse.at(outcome.x))
+        how: dict[str, Any] = {"deadline": deadline, "on_iteration": on_iteration, "output": self._output}
+        if self._scales is not None and "nlp_scaling_method" not in options:
+            outcome = run_scaled(self._nlp, self._scales, {**SCALED, **options}, point, **how)
+        else:
+            by_user = options.get("nlp_scaling_method") == "user-scaling" and seen_as is None
+            factors = scaling_factors(self._compiled) if by_user else None
+            outcome = run_ipopt(self._nlp, options, point, scaling=factors, **how)
+        self._compiled.load_point(outcome.x if seen_as is None else seen_as.at(outcome.x))
         return outcome
 
     def _iterate(self, label: str, delta: float | None, options: Mapping[str, Any], outcome: IpoptOutcome) -> Iterate:
+        nlp, point, undefined_at = self._nlp, outcome.point, outcome.undefined_at
+        if self._seen_as is not None and undefined_at is not None:
+            undefined_at = self._seen_as.at(undefined_at)
+        if isinstance(self._seen_as, AggregatedProgram):
+            label = "coarse mesh"
+        elif isinstance(self._seen_as, ElasticRows):
+            nlp = self._seen_as.nlp
+            rows, lower, upper = self._seen_as.multipliers(point)
+            outcome = replace(
+                outcome,
+                x=self._seen_as.at(outcome.x),
+                g_multipliers=rows,
+                lower_multipliers=lower,
+                upper_multipliers=upper,
+            )
+            point = outcome.point
         try:
-            stationarity = lagrangian_residual(self._nlp, outcome.point)
+            violated = violation(nlp, point.x)
+        except EvaluationError:
+            violated = float("inf")
+        try:
+            stationarity = self._stationarity(nlp, point)
         except EvaluationError:
             stationarity = float("inf")
+        loader = InProcessSolutionLoader(self._compiled, outcome)
         return Iterate.of_run(
-            label if self._coarse is None else "coarse mesh",
+            label,
             outcome.status,
             delta=delta,
             mu=outcome.mu,
@@ -139,10 +184,18 @@ class InProcessSession:
             seconds=outcome.seconds,
             options=dict(options),
             stationarity=stationarity,
-            constraint_violation=violation(self._nlp, outcome.x),
-            multipliers=outcome.point,
-            load_suffixes=InProcessSolutionLoader(self._compiled, outcome).load_import_suffixes,
+            constraint_violation=violated,
+            multipliers=point,
+            undefined_at=undefined_at,
+            load_suffixes=loader.load_import_suffixes,
+            row_multipliers=loader.row_multipliers,
         )
+
+    def _stationarity(self, nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
+        if self.scaling is None:
+            return lagrangian_residual(nlp, point)
+        scales = self.scaling.scales
+        return lagrangian_residual(ScaledProgram(nlp, scales), scales.scaled(point))
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""

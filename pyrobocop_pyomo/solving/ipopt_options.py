@@ -63,6 +63,15 @@ TIGHTENED = {"tol": 1e-10, "s_max": 1e8}
 SOLVE_AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 # The answer on a coarse mesh is nearly that on a fine one.
 FROM_COARSE_MESH = {"mu_init": 1e-6, "bound_push": 1e-6, "bound_frac": 1e-6}
+# From where elastic rows or fewer elements have led: near a solution, but not at it.
+NEARLY_THERE = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
+# What is solved by Ipopt's scaled tolerances, to be solved by those of the residuals as they are.
+TIGHTER_TOLERANCES = {"tol": 1e-10, "constr_viol_tol": 1e-8, "s_max": 1e8, "bound_relax_factor": 1e-10}
+# A scaled program: typical sizes may be far above those of the solution, and tolerances relative to them be loose.
+# What cannot be solved so well counts as solved where it is solved to Ipopt's usual tolerance.
+SCALED = {"tol": 1e-10, "acceptable_tol": IPOPT_TOLERANCE, "bound_relax_factor": 1e-10}
+# Margins and finer meshes move a plan by little. A larger barrier would outweigh a flat objective, and lead away.
+NEARLY_SAFE = FROM_COARSE_MESH
 # Ipopt refuses more equations than variables that it may move, even where they agree.
 OVERDETERMINED = {"fixed_variable_treatment": "relax_bounds"}
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from pyomo.common.collections import ComponentMap
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
@@ -42,9 +43,12 @@ class ModelCheck:
     ----------
     sign : float
         1 where the objective is minimised, -1 where it is maximised.
+    scales : ComponentMap
+        Of constraints and variables that were scaled.
     """
 
     def __init__(self, model: Any) -> None:
+        self.scales = ComponentMap()
         self._constraints = list(model.component_data_objects(Constraint, active=True))
         self.read_bounds()
         self._bounded = [
@@ -60,8 +64,10 @@ class ModelCheck:
 
     def read_bounds(self) -> None:
         """Read the bounds of the constraints again: mutable Params in them may have changed."""
-        rows = (row.to_bounded_expression(True) for row in self._constraints)
-        self._rows = [(body, lower, upper) for lower, body, upper in rows if lower is not None or upper is not None]
+        rows = ((row, row.to_bounded_expression(True)) for row in self._constraints)
+        self._rows = [
+            (row, (body, lower, upper)) for row, (lower, body, upper) in rows if lower is not None or upper is not None
+        ]
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
@@ -69,15 +75,23 @@ class ModelCheck:
 
     def violation(self) -> float:
         """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
-        worst = 0.0
-        for body, lower, upper in self._rows:
-            worst = max(worst, bound_violation(number_or_nan(body), lower, upper))
+        return self.violations()[0]
+
+    def violations(self) -> tuple[float, float]:
+        """Largest violation, and the largest where each is divided by its scale, if that is above 1."""
+        worst = relative = 0.0
+        scale_of = self.scales.get
+        for constraint, (body, lower, upper) in self._rows:
+            violation = bound_violation(number_or_nan(body), lower, upper)
+            worst, relative = max(worst, violation), max(relative, violation / max(1.0, scale_of(constraint, 1.0)))
         for relation in self._relations:
-            worst = max(worst, relation_violation(relation, unknown=float("inf")))
+            violation = relation_violation(relation, unknown=float("inf"))
+            worst, relative = max(worst, violation), max(relative, violation)
         for variable in self._bounded:
             if variable.value is not None:
-                worst = max(worst, bound_violation(variable.value, variable.lb, variable.ub))
-        return worst
+                violation = bound_violation(variable.value, variable.lb, variable.ub)
+                worst, relative = max(worst, violation), max(relative, violation / max(1.0, scale_of(variable, 1.0)))
+        return worst, relative
 
 
 class IterateLog:
@@ -120,7 +134,8 @@ class IterateLog:
         if at is None:
             iterate = self.checked(iterate, on_the_way=on_the_way)
         else:
-            names = ("objective", "constraint_violation", "largest_product", "largest_natural_residual")
+            names: tuple[str, ...] = ("objective", "constraint_violation", "relative_violation")
+            names += ("largest_product", "largest_natural_residual")
             iterate = replace(iterate, **{name: getattr(at, name) for name in names})
         iterate = replace(iterate, number=len(self.steps))
         self.steps.append(iterate.record())
@@ -132,11 +147,13 @@ class IterateLog:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
         sides = np.array([side_values(pair) for pair in self.pairs]).reshape(-1, 2)
-        violation = iterate.constraint_violation if on_the_way else self._check.violation()
+        violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
+        least_side = float(-sides.min(initial=0.0))
         checked = replace(
             iterate,
             objective=self._check.objective(),
-            constraint_violation=max(violation, float(-sides.min(initial=0.0))),
+            constraint_violation=max(violation, least_side),
+            relative_violation=max(relative, least_side) if self._check.scales else None,
             largest_product=float(np.abs(sides.prod(axis=1)).max(initial=0.0)),
             largest_natural_residual=float(np.abs(sides.min(axis=1)).max(initial=0.0)),
         )

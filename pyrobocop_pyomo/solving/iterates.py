@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
@@ -52,7 +53,7 @@ class Tolerances:
     Attributes
     ----------
     feasibility : float
-        Largest violation of a constraint, a bound or a side.
+        Largest violation of a constraint, a bound or a side; relative to its scale, where that is above 1.
     product : float
         Largest product ``a b`` of a pair.
     natural : float
@@ -147,6 +148,9 @@ class Iterate:
         The user's objective.
     constraint_violation, largest_product, largest_natural_residual : float
         Recomputed from the user's model, whatever Ipopt says.
+    relative_violation : float or None
+        The largest violation where that of a row or a bound whose scale is above 1 is divided by its scale: what is
+        compared with the tolerance; None where nothing was scaled.
     options : mapping
         Ipopt's options of the run, resolved.
     path : sequence of (mu, delta)
@@ -165,8 +169,12 @@ class Iterate:
         Of the model's free variables.
     multipliers : object, optional
         What its session needs to start from here.
+    undefined_at : float array or None
+        Of the program's variables: the last point of the run at which a function or a derivative had no value.
     load_suffixes : callable
         Fills the user's suffixes with its multipliers.
+    row_multipliers : callable
+        Gives those of the user's rows and bounds; None where there are none.
     classify : callable
         Looks for the multipliers of the pairs; None where there are none to be found.
     """
@@ -181,6 +189,7 @@ class Iterate:
     constraint_violation: float = float("inf")
     largest_product: float = float("inf")
     largest_natural_residual: float = float("inf")
+    relative_violation: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Sequence[tuple[float, float]] = field(default=(), repr=False)
     strategy: str = ""
@@ -190,7 +199,9 @@ class Iterate:
     certificate: Certificate = Certificate.UNKNOWN
     values: Any = field(default=None, repr=False)
     multipliers: Any = field(default=None, repr=False)
+    undefined_at: Any = field(default=None, repr=False)
     load_suffixes: Callable[[], None] = field(default=_nothing_to_load, repr=False)
+    row_multipliers: Callable[[], RowMultipliers | None] = field(default=_nothing_to_classify, repr=False)
     classify: Callable[[], Multipliers | None] = field(default=_nothing_to_classify, repr=False)
 
     @classmethod
@@ -207,7 +218,8 @@ class Iterate:
 
     def excess(self, tolerances: Tolerances) -> float:
         """How far the residuals exceed the tolerances; 1 if they do not."""
-        found = max(self.constraint_violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
+        violation = self.constraint_violation if self.relative_violation is None else self.relative_violation
+        found = max(violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
         return found if found == found else float("inf")
 
     def is_exact(self, tolerances: Tolerances) -> bool:
@@ -251,7 +263,13 @@ class Iterate:
     def record(self) -> Iterate:
         """The same without values and multipliers: what a log keeps of it, and a pickle can hold."""
         return replace(
-            self, values=None, multipliers=None, load_suffixes=_nothing_to_load, classify=_nothing_to_classify
+            self,
+            values=None,
+            multipliers=None,
+            undefined_at=None,
+            load_suffixes=_nothing_to_load,
+            row_multipliers=_nothing_to_classify,
+            classify=_nothing_to_classify,
         )
 
     def __str__(self) -> str:

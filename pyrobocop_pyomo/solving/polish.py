@@ -263,14 +263,14 @@ class Polish:
         self._compiled.load_point(found.x)
         every = np.zeros(self._compiled.nlp.m)
         every[self._kept_rows] = outcome.g_multipliers
+        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every))
         return replace(
             iterate,
             strategy=strategy,
             values=self._values.read(),
             stationarity=lagrangian_residual(restricted(self._program, found.branch), found.point),
-            load_suffixes=InProcessSolutionLoader(
-                self._compiled, replace(outcome, g_multipliers=every)
-            ).load_import_suffixes,
+            load_suffixes=loader.load_import_suffixes,
+            row_multipliers=loader.row_multipliers,
         )
 
     def _solve(self, nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:

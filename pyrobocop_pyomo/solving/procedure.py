@@ -5,11 +5,15 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import BarrierSchedule, Geometric
+from pyomo.common.collections import ComponentMap
+
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Geometric, active_sources, pairs_of
+from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
+from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError, FunctionError, ModelError, PyRobocopError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
@@ -19,19 +23,32 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.programs.repetition import repeats_large_rows
 
+from .automatic_scaling import SPREAD_SIZES, ScalingRecord
 from .continuation import Continuation
 from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
-from .ipopt_options import DEFAULT_WITH_PAIRS, FROM_COARSE_MESH, TIGHTENED
+from .ipopt_options import DEFAULT_WITH_PAIRS, FROM_COARSE_MESH, NEARLY_THERE, TIGHTENED, TIGHTER_TOLERANCES
 from .iterate_log import IterateLog, ModelCheck
-from .iterates import STEP_HEADER, Iterate, StopReason
+from .iterates import STEP_HEADER, Iterate, Quality, StopReason
 from .polish import Exploration, Polish
 from .progress import Progress
 from .relaxed_model import RelaxedModel, forget_removed, relaxed_model
+from .second_tries import ITERATIONS_OF_ONE, SecondTries, may_be_scaled, with_pairs, without_pairs
 from .session import OnIteration, Session
 from .settings import Settings
 from .solve_result import SolveResult
-from .strategies import BARRIER, CONTINUATION, DEFAULT_SEQUENCE, PROJECTION, TIGHT, Strategy
+from .starts import coarser_copy, defined_start, put_start, take_values_of_copy
+from .strategies import (
+    ADAPTIVE,
+    BARRIER,
+    CONTINUATION,
+    DEFAULT_SEQUENCE,
+    PROJECTION,
+    SOLVE,
+    TIGHT,
+    StartingPoint,
+    Strategy,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +59,8 @@ CROSS_CHECKED_PAIRS = 100
 SAME_OBJECTIVE = 1e-4
 # From so many pairs on, a problem is solved on a coarse mesh of about so many elements first, where it can be.
 COARSENED_PAIRS, COARSE_ELEMENTS = 1000, 400
+# What a unit of violation costs with elastic rows, in slopes of the objective.
+PENALTY = 1e3
 # Where the polish fails: a smaller delta makes the pairs nearly as exact as a branch would.
 TIGHTENED_SCHEDULE = Geometric(first=1e-10, factor=1e-2, last=1e-12)
 
@@ -75,6 +94,7 @@ class _Procedure:
         self._model, self._settings = model, settings
         self._started = time.perf_counter()
         self._check = ModelCheck(model)
+        self._has_pairs = bool(active_sources(model) or pairs_of(model))
         self._log = IterateLog(self._check, settings.progress)
         self._values = VariableValues.of_free(model)
         self._initial = self._values.read()
@@ -85,15 +105,18 @@ class _Procedure:
         self._found: list[Iterate] = []
         self._best: Iterate | None = None
         self._cut: StopReason | None = None  # by the clock or by Ctrl-C
+        self._start = self._initial  # where strategies start: another point, where that has no value
+        self._remarks: list[str] = []
+        self._undefined_on_the_way = ""
         self._decided = 0
         self._coarse_mesh_led = False
         self._solver = self._derivatives = ""
+        self._scaling: ScalingRecord | None = None
 
     def solve(self) -> SolveResult:
         """Go through the strategies until one gives a point that is certified; the best of all points wins."""
-        sequence = DEFAULT_SEQUENCE if self._settings.strategies is None else self._settings.strategies
         try:
-            self._go_through(sequence)
+            self._go_through()
         except BaseException:
             # Whatever ends it, the model is left with the best point that there is.
             self._values.write(self._initial if self._best is None else self._best.values)
@@ -105,24 +128,61 @@ class _Procedure:
                 f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
                 "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
             )
+        if best.quality(self._settings.tolerances) is not Quality.OPTIMAL:
+            self._name_undefined()
         self._values.write(best.values)
         best.load_suffixes()
         forget_removed(self._model)
         return self._result(best)
 
-    def _go_through(self, sequence: Sequence[Strategy]) -> None:
+    def _go_through(self) -> None:
         with self._stack:
-            for strategy in sequence:
-                if strategy is not TIGHT:
-                    self._explore()
-                if self._best is not None and not self._needs(strategy):
-                    continue
-                self._try(strategy)
-                if self._cut is not None or (self._place is not None and not self._place.relaxed.pairs):
-                    break
+            if self._has_pairs:
+                self._go_through_those_for_pairs()
+            else:
+                self._go_through_those_without_pairs()
             self._explore()
             if self._best is not None and self._cut is not StopReason.INTERRUPTED:
                 self._classify(self._best)
+
+    def _go_through_those_for_pairs(self) -> None:
+        sequence = DEFAULT_SEQUENCE if self._settings.strategies is None else with_pairs(self._settings.strategies)
+        for strategy in sequence:
+            if strategy is not TIGHT:
+                self._explore()
+            if self._best is not None and not self._needs(strategy):
+                continue
+            self._try(strategy)
+            if self._cut is not None or (self._place is not None and not self._place.relaxed.pairs):
+                break
+
+    def _go_through_those_without_pairs(self) -> None:
+        """One run; where it fails, what else may lead to a solution."""
+        chosen = self._settings.strategies
+        for strategy in (SOLVE,) if chosen is None else without_pairs(chosen):
+            self._try(strategy)
+            if self._is_finished():
+                return
+        if self._best is None:
+            self._try(SOLVE)  # what was chosen has no start of its own here
+        if chosen is not None or not self._settings.second_tries or self._best is None:
+            return
+        tries = SecondTries(self._settings, self._best, scaled=self._scaling is not None)
+        for strategy in tries:
+            steps = len(self._log.steps)
+            self._try(strategy)
+            tries.spent += sum(step.iterations for step in self._log.steps[steps:])
+            if self._is_finished():
+                return
+
+    def _is_finished(self) -> bool:
+        """Whether there is a solution, or no time to look for one."""
+        if self._cut is None and self._settings.deadline.has_passed and not self._has_certified():
+            self._cut = StopReason.TIME_LIMIT
+        return self._cut is not None or self._has_certified()
+
+    def _has_certified(self) -> bool:
+        return self._best is not None and self._best.is_certified(self._settings.tolerances, self._settings.polish)
 
     # ---------------------------------------------------------------- one strategy
 
@@ -150,17 +210,69 @@ class _Procedure:
     def _keep(self, iterate: Iterate) -> None:
         """Remember what was found, and whether it is the best."""
         self._found.append(iterate)
+        self._note_undefined(iterate)
         if self._best is None or self._is_better(iterate, self._best):
             logger.info("'%s': strategy '%s' has the best point so far", self._model.name, iterate.strategy)
             self._best = iterate
 
+    def _note_undefined(self, iterate: Iterate) -> None:
+        """Remember where a function had no value on the way to a point that is no solution."""
+        if iterate.converged or iterate.undefined_at is None or self._place is None:
+            return
+        compiled = self._place.session.compiled()
+        if compiled is None or compiled.nlp.n != iterate.undefined_at.size:
+            return
+        before = VariableValues(compiled.variables)
+        try:
+            compiled.load_point(iterate.undefined_at)
+            self._undefined_on_the_way = named_undefined_rows(self._model)
+        finally:
+            before.restore()
+
+    def _name_undefined(self) -> None:
+        """Say what has no value, where the start has none, or a function had none on the way."""
+        self._values.write(self._initial)
+        at_start = "" if self._remarks else named_undefined_rows(self._model)
+        if at_start:
+            self._remarks.append(
+                f"The initial guess could not be evaluated: {at_start}. Give another one, or keep the expression away "
+                "from there by bounds."
+            )
+        elif self._undefined_on_the_way:
+            self._remarks.append(
+                f"On the way an expression had no value: {self._undefined_on_the_way}. Bounds that keep it away from "
+                "there may help."
+            )
+
     def _run(self, strategy: Strategy) -> Iterate | None:
         """Run a strategy on the first backend that can evaluate the model where it leads."""
         iterate = self._run_here(strategy)
-        if iterate is None or iterate.status is not IpoptStatus.INVALID_NUMBER or len(self._backends) == 1:
+        if iterate is None or iterate.converged:
+            return iterate
+        # The executable does not say why it could not begin.
+        if iterate.iterations == 0 and not iterate.stop_reason.is_final and self._move_start():
+            return self._run(strategy)
+        if iterate.status is not IpoptStatus.INVALID_NUMBER or len(self._backends) == 1:
             return iterate
         self._keep(iterate)
         return self._not_evaluated(strategy, iterate.status.value)
+
+    def _move_start(self) -> bool:
+        """Start from a point that has a value, where the initial guess has none and one is found; asked once."""
+        if self._start is not self._initial:
+            return False
+        place = self._place
+        self._values.write(self._initial)
+        remark = defined_start(self._model)
+        if not remark:
+            return False
+        logger.info("'%s': %s", self._model.name, remark)
+        self._remarks.append(remark)
+        self._start = self._values.read()
+        if place is not None:
+            place.relaxed.start_lifted()
+            place.start = place.values.read()
+        return True
 
     def _run_here(self, strategy: Strategy) -> Iterate | None:
         self._move_to(strategy)
@@ -168,7 +280,8 @@ class _Procedure:
         assert place is not None
         self._log.pairs = place.relaxed.pairs
         if not place.relaxed.pairs:
-            return self._polished(place, Strategy("solve", None))
+            # The presolve may have settled all of them: then strategies for pairs are one solve.
+            return self._run_without_pairs(place, SOLVE if self._has_pairs else strategy)
         if strategy is PROJECTION:
             return self._projected(place)
         if isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
@@ -182,6 +295,70 @@ class _Procedure:
         if strategy.from_initial_guess:
             place.values.write(place.start)
         return self._polished(place, strategy)
+
+    def _run_without_pairs(self, place: _Workplace, strategy: Strategy) -> Iterate | None:
+        if strategy is not SOLVE:
+            place.values.write(place.start)
+            if strategy.start is StartingPoint.COARSE_MESH:
+                if not self._start_on_coarser_copy():
+                    return None
+                strategy = replace(strategy, options={**NEARLY_THERE, **strategy.options})
+            elif strategy.start is StartingPoint.BEST:
+                if self._best is None or self._best.values is None:
+                    return None
+                self._values.write(self._best.values)
+                strategy = replace(strategy, options={**NEARLY_THERE, **TIGHTER_TOLERANCES, **strategy.options})
+            elif not put_start(self._model, strategy.start):
+                return None
+        if not strategy.elastic_rows:
+            return self._polished(place, strategy, strategy.name)
+        session = place.session.with_elastic_rows(self._penalty(place))
+        if session is None:
+            return None
+        elastic = self._continuation(place, strategy, session).run(None, label=strategy.name)
+        if not elastic.excess(self._settings.tolerances) <= 1.0 and elastic.converged:
+            elastic = replace(elastic, stop_reason=StopReason.INFEASIBLE)
+        iterate = replace(elastic, strategy=strategy.name, values=self._values.read())
+        if iterate.is_certified(self._settings.tolerances, self._settings.polish) or iterate.stop_reason.is_final:
+            return iterate
+        self._keep(iterate)
+        # The point is nearly feasible: on from there with the rows as they are.
+        on = replace(strategy, options={**NEARLY_THERE, **strategy.options})
+        return self._polished(place, on, "solve from there")
+
+    def _start_on_coarser_copy(self) -> bool:
+        """Solve a copy with fewer elements; its answer is the start. The copy keeps the user's variables out of it."""
+        copy = coarser_copy(self._model)
+        if copy is None:
+            return False
+        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
+        settings = replace(self._settings, options=options, strategies=(SOLVE, ADAPTIVE), progress=Progress(False))
+        try:
+            result = solve_model(copy, settings)
+        except PyRobocopError as error:
+            logger.info("'%s': no answer on fewer elements: %s", self._model.name, error)
+            return False
+        for step in result.steps:
+            self._log.steps.append(replace(step, label="coarse mesh", number=len(self._log.steps)))
+        if result.stop_reason.is_final:
+            self._cut = result.stop_reason
+        if result.quality is Quality.INFEASIBLE or self._cut is not None:
+            return False
+        take_values_of_copy(self._model, copy)
+        return True
+
+    def _penalty(self, place: _Workplace) -> float:
+        """Of a unit of violation, or of a row's scale: above what multipliers may be expected to be."""
+        if place.session.scaling is not None:
+            return PENALTY * place.session.scaling.scales.objective
+        compiled = place.session.compiled()
+        if compiled is None:
+            return PENALTY
+        try:
+            slope = float(abs(compiled.nlp.gradient(compiled.current_point())).max(initial=0.0))
+        except EvaluationError:
+            slope = 0.0
+        return PENALTY * max(1.0, slope)
 
     def _find_start_on_coarse_mesh(self, place: _Workplace) -> bool:
         """Solve a large problem on a coarse mesh, in two ways; put the better answer on the model."""
@@ -224,10 +401,10 @@ class _Procedure:
         iterate = self._log.add(Iterate.of_run(label, status, delta=None, mu=None, iterations=0, seconds=0.0))
         return replace(iterate, strategy=strategy.name, values=self._initial)
 
-    def _polished(self, place: _Workplace, strategy: Strategy) -> Iterate:
+    def _polished(self, place: _Workplace, strategy: Strategy, label: str = "solve") -> Iterate:
         """Run the strategy's schedule and polish the best point of it."""
         continuation = self._continuation(place, strategy)
-        relaxed = continuation.run(strategy.schedule, leads_no_further=self._leads_no_further)
+        relaxed = continuation.run(strategy.schedule, label=label, leads_no_further=self._leads_no_further)
         if self._leads_no_further(continuation.last):
             place.values.write(relaxed.values)
             return replace(relaxed, strategy=strategy.name, values=self._values.read())
@@ -321,7 +498,9 @@ class _Procedure:
     def _move_to(self, strategy: Strategy) -> None:
         """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
         relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
-        if self._place is not None and (strategy is PROJECTION or self._place.relaxation == relaxation):
+        place = self._place
+        same = place is not None and (strategy is PROJECTION or place.relaxation == relaxation)
+        if place is not None and same and not (strategy.typical_sizes and place.session.scaling is None):
             return
         self._leave()
         self._place = self._stack.enter_context(self._workplace(relaxation, strategy))
@@ -329,28 +508,30 @@ class _Procedure:
     def _leave(self) -> None:
         self._place = None
         self._stack.close()
-        self._values.write(self._initial)
+        self._values.write(self._start)
 
     @contextlib.contextmanager
     def _workplace(self, relaxation: Any, strategy: Strategy) -> Iterator[_Workplace]:
         delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
         with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
             self._decided = len(relaxed.decisions)
-            session = self._open_session(relaxed)
+            session = self._open_session(relaxed, strategy)
             self._solver, self._derivatives = session.solver, session.derivatives
+            self._scaling = None if session.scaling is None else session.scaling.record
+            self._check.scales = ComponentMap() if session.scaling is None else session.scaling.by_component
             values = VariableValues.of_free(self._model)
             try:
                 yield _Workplace(relaxation, relaxed, session, values, values.read())
             finally:
                 session.close()
 
-    def _open_session(self, relaxed: RelaxedModel) -> Session:
+    def _open_session(self, relaxed: RelaxedModel, strategy: Strategy) -> Session:
         """A session of the first backend that takes the model."""
         name, progress = self._model.name, self._settings.progress
         self._prefer_vectorised(relaxed)
         while True:
             try:
-                session = _session(self._backends[0], relaxed, self._settings)
+                session = _session(self._backends[0], relaxed, self._settings, strategy)
                 break
             except (ModelError, EvaluationError) as error:
                 if len(self._backends) == 1:
@@ -465,21 +646,35 @@ class _Procedure:
             best=best.record(),
             multipliers=multipliers,
             residuals=self._log.residuals(),
+            remarks=tuple(self._remarks),
             steps=self._log.steps,
             standing=best.standing(self._settings.tolerances, self._check.sign),
             decided_pairs=self._decided,
             solver=self._solver,
             derivatives=self._derivatives,
+            scaling=self._scaling,
             checking_seconds=self._log.seconds,
+            probe=DiscretisationProbe(self._model, best.row_multipliers, best.objective),
             seconds=time.perf_counter() - self._started,
         )
 
 
-def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings) -> Session:
+def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings, strategy: Strategy) -> Session:
+    scaling = _least_spread(relaxed, settings, strategy)
     if backend is Backend.EXECUTABLE:
-        return ExecutableSession(relaxed, settings.output)
+        return ExecutableSession(relaxed, settings.output, scaling=scaling)
     live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
-    return InProcessSession(relaxed, backend.derivatives, settings.output, live)
+    return InProcessSession(relaxed, backend.derivatives, settings.output, live, scaling=scaling)
+
+
+def _least_spread(relaxed: RelaxedModel, settings: Settings, strategy: Strategy) -> float | None:
+    """How far apart typical sizes have to be to scale by them; None not to scale.
+
+    Not with pairs, whose products delta bounds in the user's units, nor where the user scales.
+    """
+    if relaxed.pairs or not may_be_scaled(settings):
+        return None
+    return 1.0 if settings.scaling or strategy.typical_sizes else SPREAD_SIZES
 
 
 def _live_line(progress: Progress, name: str) -> OnIteration:

@@ -9,9 +9,9 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.motion import SafetyReport
-from pyrobocop_pyomo.optional_imports import matplotlib
 from pyrobocop_pyomo.plotting import draw_scene, plot_history, plot_pair_sides
 from pyrobocop_pyomo.plotting import plot_products as plot_product_arrays
+from pyrobocop_pyomo.plotting.figures import figure_or_new
 
 from .iterates import Iterate
 from .pair_report import ZERO_SIDE, PairReport
@@ -28,8 +28,7 @@ def draw_plan(
 ) -> Any:
     """The scene of each avoidance block, the clearances over time, and the runs."""
     columns = len(scenes) + 1
-    if figure is None:
-        figure = matplotlib.figure.Figure(figsize=(5.6 * columns + 1.2, 7.2), layout="constrained")
+    figure = figure_or_new(figure, 5.6 * columns + 1.2, 7.2)
     *places, right = np.ravel(figure.subfigures(1, columns, width_ratios=[5.0] * len(scenes) + [6.0]))
     for place, (time, bodies, obstacles) in zip(places, scenes, strict=True):
         draw_scene(time, bodies, obstacles, figure=place)

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
+from .automatic_scaling import AutomaticScaling
 from .ipopt_options import IpoptOptions
 from .iterates import Iterate
 
@@ -28,11 +29,14 @@ class Session(Protocol):
         Which Ipopt, and which derivatives, for people to read.
     approximate : bool
         Whether it solves a problem that only resembles the model: its points violate the model's constraints.
+    scaling : AutomaticScaling or None
+        What the program is divided by for Ipopt; nothing of it is left in what comes back.
     """
 
     solver: str
     derivatives: str
     approximate: bool
+    scaling: AutomaticScaling | None
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -53,6 +57,10 @@ class Session(Protocol):
 
     def coarsened(self, elements: int) -> Session | None:
         """A session of the same model on about so many elements; None where there is no such program."""
+        ...
+
+    def with_elastic_rows(self, penalty: float) -> Session | None:
+        """A session of the same model whose rows may be violated at a price; None where there is no such program."""
         ...
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:

@@ -29,6 +29,8 @@ class Settings:
         None for the default sequence.
     options : IpoptOptions
     tolerances : Tolerances
+    second_tries : bool
+        Whether further strategies follow where the run of a model without pairs fails.
     polish : bool
     exploration : float or None
         How long to look for better optima beyond the nearest, as a multiple of the time that the solve took so far; by
@@ -37,6 +39,9 @@ class Settings:
     output : sequence of text streams
         Where Ipopt's log goes.
     progress : Progress
+    scaling : bool or None
+        Whether programs without pairs are scaled by their bounds, initial values and derivatives; None where typical
+        sizes are far apart, and as a second try.
     """
 
     relaxation: Any
@@ -46,8 +51,10 @@ class Settings:
     strategies: tuple[Strategy, ...] | None = None
     options: IpoptOptions = field(default_factory=IpoptOptions)
     tolerances: Tolerances = field(default_factory=Tolerances)
+    second_tries: bool = True
     polish: bool = True
     exploration: float | None = None
     deadline: Deadline = field(default_factory=Deadline)
     output: Sequence[TextIO] = ()
     progress: Progress = field(default_factory=Progress)
+    scaling: bool | None = None

@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 
+from .automatic_scaling import ScalingRecord
 from .iterates import STEP_HEADER, Iterate, Quality, Standing, StopReason
 from .pair_report import ActiveSide, PairReport, pair_reports
 from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
@@ -52,6 +54,8 @@ class SolveResult:
         Elapsed in recomputing residuals after each step.
     seconds : float
         Elapsed time in all, writing included.
+    remarks : tuple of str
+        What happened on the way that the user should know, such as an initial guess that could not be evaluated.
     safety : SafetyReport or None
         How clear of obstacles the continuous motion is, and of the sides of regions that it is to stay in; None for
         a model without `ObstacleAvoidanceBlock` and `Containment`.
@@ -59,6 +63,13 @@ class SolveResult:
         What was done until the motion was safe.
     scenes : sequence of (array, list of BodyPath, list of Polytope)
         Of each avoidance block: times, the bodies' poses at these times, and what stands still; for pictures.
+    scaling : ScalingRecord or None
+        By what Ipopt saw variables, rows and the objective divided; None where it saw them as they are. All that is
+        here is in the units of the model.
+    probe : DiscretisationProbe or None
+        From which `discretisation` is estimated.
+    rounding : IntegerRounding or None
+        What became of integer controls: both objectives, and how far their integrals moved.
     """
 
     name: str
@@ -74,14 +85,23 @@ class SolveResult:
     derivatives: str
     checking_seconds: float
     seconds: float
+    remarks: tuple[str, ...] = ()
     safety: SafetyReport | None = None
     rounds: Sequence[Any] = ()
     scenes: Sequence[Any] = field(default=(), repr=False)
+    scaling: ScalingRecord | None = field(default=None, repr=False)
+    probe: DiscretisationProbe | None = field(default=None, repr=False)
+    rounding: Any = None
 
     @property
     def objective(self) -> float:
         """The user's objective, recomputed."""
         return self.best.objective
+
+    @property
+    def discretisation(self) -> DiscretisationEstimate:
+        """Errors that the mesh of the phases makes of the objective and of the motion, estimated when asked for."""
+        return DiscretisationEstimate(self.objective, {}) if self.probe is None else self.probe.error()
 
     @property
     def constraint_violation(self) -> float:
@@ -249,19 +269,27 @@ class SolveResult:
         motion = "" if self.safety is None or self.safe else f" {advice_on_motion(self.safety)}"
         raise SolveFailed(
             f"'{self.name}': {self.stop_reason.value} {self.quality.value} Best point, kept on the model (step "
-            f"{self.best_step + 1} of {len(self.steps)}): constraints {self.constraint_violation:.1e}{pair}.{motion}",
+            f"{self.best_step + 1} of {len(self.steps)}): constraints {self.constraint_violation:.1e}{pair}.{motion}"
+            + "".join(f" {remark}" for remark in self.remarks),
             self,
         )
 
     def __str__(self) -> str:
+        relative = self.best.relative_violation
+        of_scale = "" if relative in (None, self.constraint_violation) else f" ({relative:.1e} of the rows' sizes)"
+        mesh = self.discretisation
         stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
         return "\n".join(
             [
-                f"{'NOT SAFE: ' if self.safe is False else ''}{self.name}: {self.quality.value}",
+                f"{'NOT SAFE: ' if self.safe is False else ''}{'COARSE MESH: ' if mesh.is_large else ''}{self.name}: "
+                f"{self.quality.value}",
+                *(line for line in (mesh.sentence(), mesh.advice()) if line),
                 f"{self.stop_reason.value} {self.solver}, derivatives by {self.derivatives}.",
-                f"objective {self.objective:.8g}, constraints {self.constraint_violation:.1e}, "
+                f"objective {self.objective:.8g}, constraints {self.constraint_violation:.1e}{of_scale}, "
                 f"max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}{stationarity}; "
                 f"{self.iterations} iterations in {self.seconds:.2f} s",
+                *([] if self.scaling is None else [str(self.scaling)]),
+                *self.remarks,
                 *([pair_sentence(self.pairs, self.multipliers, self.certificate)] if self.residuals else []),
                 *([f"{self.safety}\n{self.rounds_table()}"] if self.safety is not None else []),
                 self.steps_table(),

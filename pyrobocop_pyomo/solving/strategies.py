@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,9 +10,20 @@ from typing import Any
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
 
 
+class StartingPoint(enum.Enum):
+    """Where a strategy for models without pairs starts; the value is in words."""
+
+    INITIAL_GUESS = "the user's initial guess"
+    BEST = "the best point so far"
+    STRAIGHT_LINES = "states on straight lines between their ends"
+    SIMULATED = "the motion under the controls of the initial guess"
+    COARSE_MESH = "the answer on fewer elements"
+    INSIDE_BOUNDS = "the middle of the bounds"
+
+
 @dataclass(frozen=True)
 class Strategy:
-    """One way to a nearly complementary point.
+    """One way to a nearly complementary point, or to a solution of a model without pairs.
 
     Attributes
     ----------
@@ -27,6 +39,14 @@ class Strategy:
         Ipopt's iterations, where it is one of the default sequence and the problem is small.
     from_initial_guess : bool
         Whether it starts from the user's initial guess, or from the best point so far.
+    for_pairs : bool
+        Whether it is one for models with pairs, or one for models without any.
+    start : StartingPoint
+        Without pairs: where it starts.
+    elastic_rows : bool
+        Without pairs: whether every row may be violated first, at a price.
+    typical_sizes : bool
+        Without pairs: whether the program is divided by typical sizes, however near to each other they are.
     """
 
     name: str
@@ -35,6 +55,10 @@ class Strategy:
     options: Mapping[str, Any] = field(default_factory=dict)
     small_problem_iterations: int | None = None
     from_initial_guess: bool = True
+    for_pairs: bool = True
+    start: StartingPoint = StartingPoint.INITIAL_GUESS
+    elastic_rows: bool = False
+    typical_sizes: bool = False
 
 
 # With delta = 2 mu the central path of a relaxed pair that nothing else decides has a * b = mu (minimise
@@ -51,8 +75,23 @@ ELASTIC = Strategy(
 )
 PROJECTION = Strategy("projection", None, from_initial_guess=False)
 
-STRATEGIES = {strategy.name: strategy for strategy in (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)}
-DEFAULT_SEQUENCE = tuple(STRATEGIES.values())
+DEFAULT_SEQUENCE = (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)
+
+# Models without pairs: one run, and what follows where it fails. The order was measured on problems of optimal control
+# from naive and from random starts: a simulated start helps most often, then elastic rows, then fewer elements.
+SOLVE = Strategy("solve", None, for_pairs=False)
+TIGHTER = Strategy("tighter", None, for_pairs=False, start=StartingPoint.BEST)
+SIMULATED = Strategy("simulated", None, for_pairs=False, start=StartingPoint.SIMULATED)
+ELASTIC_ROWS = Strategy("elastic rows", None, for_pairs=False, elastic_rows=True)
+TYPICAL_SIZES = Strategy("typical sizes", None, for_pairs=False, typical_sizes=True)
+OWN_UNITS = Strategy("own units", None, for_pairs=False, options={"nlp_scaling_method": "gradient-based"})
+COARSE_MESH = Strategy("coarse mesh", None, for_pairs=False, start=StartingPoint.COARSE_MESH)
+ADAPTIVE = Strategy("adaptive", None, for_pairs=False, options={"mu_strategy": "adaptive"})
+STRAIGHT_LINES = Strategy("straight lines", None, for_pairs=False, start=StartingPoint.STRAIGHT_LINES)
+INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingPoint.INSIDE_BOUNDS)
+SECOND_TRIES = (TYPICAL_SIZES, OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
+
+STRATEGIES = {strategy.name: strategy for strategy in (*DEFAULT_SEQUENCE, SOLVE, TIGHTER, *SECOND_TRIES)}
 
 
 def as_strategies(choices: str | Strategy | Iterable[str | Strategy]) -> tuple[Strategy, ...]:

@@ -10,8 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
+from pyomo.core.base.objective import Objective, maximize
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
@@ -52,18 +54,29 @@ class RefinementStep(Outcome):
     elements : int
         Of all refined phases together.
     element_error : float
-        Largest error of an element; NaN where the solve failed.
+        Largest error of a state at the end of an element, relative to ``max(1, size)`` of the state; NaN where the
+        solve failed.
+    objective_error : float
+        Estimated error of the objective, as a part of its size; NaN where it is not known.
     """
 
     elements: int
     element_error: float
+    objective_error: float = math.nan
+
+    def excess(self, tolerance: float, objective_tolerance: float) -> float:
+        """How many times the larger of the two errors is what is allowed; infinite after a failure."""
+        if not self.feasible or math.isnan(self.element_error):
+            return math.inf
+        of_objective = 0.0 if math.isnan(self.objective_error) else self.objective_error / objective_tolerance
+        return max(self.element_error / tolerance, of_objective)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RefinedResult(StudyResult[RefinementStep]):
     """One outcome per mesh, in order; `best` is the mesh of the model.
 
-    That is the last mesh; where the time limit left no acceptable point there, the one before.
+    That is the finest one, unless the solver failed there, was cut short, or came to a worse local optimum.
 
     Attributes
     ----------
@@ -73,7 +86,7 @@ class RefinedResult(StudyResult[RefinementStep]):
         The answer.
     errors : dict of phase name to array, shape (N,)
         Errors of this mesh's elements; empty after a failure.
-    tolerance : float
+    tolerance, objective_tolerance : float
         What was asked for.
     end : RefinementEnd
         Why it ended.
@@ -83,6 +96,7 @@ class RefinedResult(StudyResult[RefinementStep]):
     trajectories: Mapping[str, Trajectory] = field(repr=False)
     errors: Mapping[str, Array] = field(repr=False)
     tolerance: float
+    objective_tolerance: float
     end: RefinementEnd
     _place: int = field(default=-1, repr=False)
 
@@ -91,6 +105,7 @@ class RefinedResult(StudyResult[RefinementStep]):
     own_columns = (
         Column("elements", 8, lambda step: step.elements, "d"),
         Column("element_error", 9, lambda step: step.element_error, ".1e", heading="error"),
+        Column("objective_error", 9, lambda step: step.objective_error, ".1e", heading="of cost"),
     )
 
     @property
@@ -100,7 +115,7 @@ class RefinedResult(StudyResult[RefinementStep]):
 
     @property
     def reached(self) -> bool:
-        """True when every element's error is within the tolerance, and the last point is optimal."""
+        """True when every element's error and that of the objective are within the tolerances, at an optimal point."""
         return self.end is RefinementEnd.REACHED and self.result.solved
 
     @property
@@ -128,21 +143,25 @@ class RefinedResult(StudyResult[RefinementStep]):
         """
         if self.reached:
             return
-        last = self.outcomes[-1]
+        best, number = self.best, self._place % len(self.outcomes) + 1
         raise SolveFailed(
-            f"'{self.name}': {self.end.value} Mesh {len(self.outcomes)} has {last.elements} elements and the error "
-            f"{last.element_error:.1e}; asked was {self.tolerance:g}. {self.result.quality.value}",
+            f"'{self.name}': {self.end.value} Mesh {number} has {best.elements} elements and the error "
+            f"{best.element_error:.1e}; asked was {self.tolerance:g}. The objective's error is estimated at "
+            f"{best.objective_error:.1e} of its size; asked was {self.objective_tolerance:g}. "
+            f"{self.result.quality.value}",
             self,
         )
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.end.value} Asked was {self.tolerance:g}.\n{self.table()}"
+        asked = f"Asked was {self.tolerance:g}, and {self.objective_tolerance:g} of the objective."
+        return f"{self.name}: {self.end.value} {asked}\n{self.table()}"
 
 
 def solve_refined(
     build: Callable[[Any], Any],
     tolerance: float = 1e-6,
     *,
+    objective_tolerance: float = 1e-4,
     elements: int | Mapping[str, int] | None = None,
     mesh: Any = None,
     phases: Sequence[str] | None = None,
@@ -155,11 +174,13 @@ def solve_refined(
     progress: bool | None = None,
     **options: Any,
 ) -> RefinedResult:
-    """Solve on finer and finer meshes until every element's error is within a tolerance.
+    """Solve on finer and finer meshes until the errors of the motion and of the objective are within tolerances.
 
     The error of an element is how far it ends from where the equations lead from its own start, under the controls
-    found: what `Verification.element_error` is the largest of. Each mesh after the first starts from the answer on the
-    one before.
+    found: `Verification.element_error`, here relative to the size of each state where that is above one. What each
+    element adds to the error of the objective is estimated from multipliers (`SolveResult.discretisation`). Elements
+    with large shares of either are split. Each mesh after the first starts from the answer on the one before; where
+    that fails, from the model's own initial guess. The best mesh is kept, whatever the later ones give.
 
     Parameters
     ----------
@@ -168,7 +189,11 @@ def solve_refined(
         with None, for which a `PhaseBlock` makes its default mesh. With ``phases``, it is called with a mapping of
         their names to meshes.
     tolerance : float
-        Largest error of a state at the end of an element, in the model's own units.
+        Largest error of a state at the end of an element: in the model's own units, or as a part of the state's
+        largest value where that is above one.
+    objective_tolerance : float
+        Largest estimated error of the objective, as a part of its size; ``float("inf")`` not to refine on it. Where the
+        solver gives no multipliers, it is not known and not refined on.
     elements : int or dict of str to int, optional
         Elements of a uniform first mesh.
     mesh : Mesh, sequence of float, or dict of str to such, optional
@@ -209,6 +234,8 @@ def solve_refined(
     """
     if not (isinstance(tolerance, (int, float)) and 0 < tolerance < math.inf):
         raise ModelError(f"tolerance = {tolerance!r}; expected a positive number.")
+    if not (isinstance(objective_tolerance, (int, float)) and objective_tolerance > 0):
+        raise ModelError(f"objective_tolerance = {objective_tolerance!r}; expected a positive number.")
     if most_meshes < 1 or most_parts < 2:
         raise ModelError(f"most_meshes = {most_meshes!r} and most_parts = {most_parts!r}; at least 1 and 2 are needed.")
     deadline = Deadline.after(time_limit)
@@ -218,59 +245,101 @@ def solve_refined(
     columns = (*RefinedResult.own_columns, *COMMON_COLUMNS)
     bar = Progress(progress)
     steps: list[RefinementStep] = []
-    answer: _Answer | None = None
+    best: tuple[int, dict[str, Mesh], _Answer] | None = None
+    halved = False
     while True:
-        step, found = _solve_on(builder, meshes, answer, deadline, time_limit_per_mesh, options)
+        coarser = None if best is None else best[2]
+        step, found = _solve_on(builder, meshes, coarser, deadline, time_limit_per_mesh, options)
         if not steps:
             bar.line(f"{found.model.name}: refining to {tolerance:g}")
             bar.line(table_header(columns, RefinedResult.numbered_by))
         steps.append(step)
         bar.line(table_row(columns, step, len(steps)))
         logger.info("mesh %d: %s", len(steps), step)
+        if best is None or _replaces(step, steps[best[0]], found.sign):
+            best = (len(steps) - 1, meshes, found)
         end = None
         if step.result is not None and step.result.stop_reason is StopReason.INTERRUPTED:
             end = RefinementEnd.INTERRUPTED
         elif not step.feasible and deadline.has_passed:
             end = RefinementEnd.TIME_LIMIT
-        elif not step.feasible:
+        elif not step.feasible and (halved or not steps[best[0]].feasible or len(steps) >= most_meshes):
             end = RefinementEnd.FAILED
-        elif step.element_error <= tolerance:
+        elif step.excess(tolerance, objective_tolerance) <= 1.0:
             end = RefinementEnd.REACHED
         elif len(steps) >= most_meshes:
             end = RefinementEnd.MESH_LIMIT
         elif deadline.has_passed:
             end = RefinementEnd.TIME_LIMIT
+        elif not step.feasible:
+            halved = True  # another mesh, near to the last one that was solved
+            meshes = {
+                name: remesh(mesh, np.full(mesh.elements, np.inf), 1.0, 1, most_parts=2)
+                for name, mesh in best[1].items()
+            }
         else:
             meshes = {
                 name: remesh(
-                    meshes[name], found.errors[name], tolerance, builder.phase(found.model, name).grid.scheme.order,
+                    meshes[name], found.shares(name, tolerance, objective_tolerance), 1.0,
+                    builder.phase(found.model, name).grid.scheme.order,
                     most_parts=most_parts, keep=first_boundaries[name] if join else None,
                 )
                 for name in meshes
             }  # fmt: skip
-            if sum(finer.elements for finer in meshes.values()) > most_elements:
-                end = RefinementEnd.ELEMENT_LIMIT
-        # An answer is not thrown away because a finer mesh was cut short.
-        place = len(steps) - 1
-        cut = end in (RefinementEnd.TIME_LIMIT, RefinementEnd.INTERRUPTED)
-        if answer is not None and cut and not step.feasible:
-            found, place = answer, place - 1
-        answer = found
+        if end is None and sum(finer.elements for finer in meshes.values()) > most_elements:
+            end = RefinementEnd.ELEMENT_LIMIT
         if end is not None:
+            place, _, answer = best
             return RefinedResult(
                 name=answer.model.name, outcomes=tuple(steps), seconds=sum(step.seconds for step in steps),
                 model=answer.model, trajectories=answer.trajectories, errors=answer.errors,
-                tolerance=float(tolerance), end=end, _place=place,
+                tolerance=float(tolerance), objective_tolerance=float(objective_tolerance), end=end, _place=place,
             )  # fmt: skip
+
+
+_RANKS = {Quality.INFEASIBLE: 0, Quality.FEASIBLE: 1, Quality.OPTIMAL: 2}
+# Estimated errors of the objective are right within this factor.
+_TRUST = 10.0
+
+
+def _replaces(step: RefinementStep, before: RefinementStep, sign: float) -> bool:
+    """Whether the answer on a finer mesh is no worse than the best one until then.
+
+    Its objective may be worse where the coarse one flattered itself, by as much as the errors of both explain; by more,
+    it is that of another local optimum.
+    """
+    if step.result is None or before.result is None:
+        return before.result is None
+    ranks = [_RANKS[result.quality] for result in (step.result, before.result)]
+    if ranks[0] != ranks[1] or not step.feasible:
+        return ranks[0] > ranks[1]
+    known = [of.objective_error * abs(of.objective) for of in (step, before)]
+    worse = sign * (step.objective - before.objective)
+    return not worse > _TRUST * sum(known)  # also where the errors are not known
 
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """A solved model, the trajectories of its refined phases, and the errors of their elements."""
+    """A solved model, the trajectories of its refined phases, and the errors of their elements.
+
+    Those in `relative` are relative to the sizes of states, those in `of_objective` to the size of the objective;
+    `sign` is -1 where that is maximised.
+    """
 
     model: Any
     trajectories: Mapping[str, Trajectory]
     errors: Mapping[str, Array]
+    relative: Mapping[str, Array]
+    of_objective: Mapping[str, Array]
+    sign: float
+
+    def shares(self, name: str, tolerance: float, objective_tolerance: float) -> Array:
+        """Of one phase: each element's errors as multiples of what it may have."""
+        shares = self.relative[name] / tolerance
+        if name in self.of_objective:
+            count = sum(len(errors) for errors in self.of_objective.values())
+            shares = np.maximum(shares, self.of_objective[name] * count / objective_tolerance)
+        return shares
 
 
 def _solve_on(
@@ -299,13 +368,30 @@ def _solve_on(
         result = solved(model)
     phases = {name: builder.phase(model, name) for name in builder.names}
     trajectories = {name: phase.trajectory() for name, phase in phases.items()}
-    errors = {}
+    errors: dict[str, Array] = {}
+    relative: dict[str, Array] = {}
+    of_objective: dict[str, Array] = {}
+    objective_error = math.nan
     if result.quality is not Quality.INFEASIBLE:
-        errors = {name: phase.element_errors(trajectories[name]) for name, phase in phases.items()}
-    worst = max((float(of_phase.max()) for of_phase in errors.values()), default=math.nan)
+        for name, phase in phases.items():
+            trajectory = trajectories[name]
+            found = phase.reintegrate(trajectory)
+            sizes = {state: max(1.0, float(np.abs(values).max())) for state, values in trajectory.states.items()}
+            errors[name] = found.end_errors(found.local, trajectory)
+            relative[name] = found.end_errors(found.local, trajectory, sizes)
+        estimate = result.discretisation
+        if estimate.objective_error is not None and result.objective != 0.0:
+            objective_error = estimate.objective_error / abs(result.objective)
+            of_objective = {
+                name: of_phase.objective / abs(result.objective)
+                for name, of_phase in estimate.phases.items()
+                if of_phase.objective is not None
+            }
+    worst = max((float(of_phase.max()) for of_phase in relative.values()), default=math.nan)
     count = sum(mesh.elements for mesh in meshes.values())
-    step = RefinementStep(count, worst, result=result, seconds=time.perf_counter() - started)
-    return step, _Answer(model, trajectories, errors)
+    step = RefinementStep(count, worst, objective_error, result=result, seconds=time.perf_counter() - started)
+    goals = [data.sense for data in model.component_data_objects(Objective, active=True)]
+    return step, _Answer(model, trajectories, errors, relative, of_objective, -1.0 if maximize in goals else 1.0)
 
 
 def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:

@@ -14,7 +14,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types, value
-from pyomo.core.expr.visitor import identify_mutable_parameters, identify_variables, replace_expressions
+from pyomo.core.expr.visitor import identify_mutable_parameters, replace_expressions
 
 from pyrobocop_pyomo.complementarity import (
     CanonicalForm,
@@ -27,6 +27,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import ModelError, SensitivityError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
@@ -366,7 +367,7 @@ class ParametricBuilder:
             return expression
         found = {id(parameter) for parameter in identify_mutable_parameters(expression)}
         if self._has_variables:
-            found |= {id(variable) for variable in identify_variables(expression, include_fixed=True)}
+            found |= {id(variable) for variable in variables_in(expression, include_fixed=True)}
         found &= self._substitution.keys()
         if not found:
             return expression

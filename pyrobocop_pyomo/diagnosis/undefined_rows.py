@@ -1,0 +1,121 @@
+"""Where a model has no value or no derivative at its current values: expression, component, time; and a way out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
+from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
+from pyrobocop_pyomo.phases.structure import sides_of
+
+# So often are all expressions gone through, until each has a value.
+_SWEEPS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class UndefinedRow:
+    """An expression of a model without a value.
+
+    Attributes
+    ----------
+    where : str
+        The component and, in a phase, the time.
+    part : UndefinedPart
+    """
+
+    where: str
+    part: UndefinedPart
+
+    def __str__(self) -> str:
+        return f"{self.part.what}, in {self.where}"
+
+
+def undefined_rows(model: Any) -> Iterator[UndefinedRow]:
+    """Active rows, sides of pairs and objectives that have no finite value or derivative at the current values.
+
+    Parameters
+    ----------
+    model : Block
+    """
+    for where, expression in _expressions(model):
+        part = undefined_part(expression)
+        if part is not None:
+            yield UndefinedRow(where, part)
+
+
+def named_undefined_rows(model: Any) -> str:
+    """The first undefined row, in words, and whether there are more; empty where there is none."""
+    found = list(islice(undefined_rows(model), 2))
+    return f"{found[0]}{'; and elsewhere' if found[1:] else ''}" if found else ""
+
+
+def move_into_domain(model: Any) -> list[UndefinedRow]:
+    """Move variables, as little as it takes, until all rows and objectives have values.
+
+    Parameters
+    ----------
+    model : Block
+        Its free variables get other values.
+
+    Returns
+    -------
+    list of UndefinedRow
+        What could not be given a value.
+    """
+    for _ in range(_SWEEPS):
+        # One after the other: what is moved for one row may have moved the next one too.
+        moved = [moved_into_domain(row.part) for row in undefined_rows(model)]
+        if not moved or not any(moved):
+            break
+    return list(undefined_rows(model)) if moved else []
+
+
+def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
+    """Every expression with the words for its place; those of right-hand sides stand for their generated rows."""
+    generated: set[int] = set()
+    for phase in phases_of(model):
+        for state, rates in phase.record.rates.items():
+            for time, rate in rates.items():
+                yield f"rate of '{state}' of phase '{phase.name}'{_at(phase, time)}", rate
+        rows = (phase.component(name) for name in phase.record.generated_rows)
+        generated.update(id(component) for component in rows if component is not None)
+    for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
+        if id(row.parent_component()) not in generated:
+            yield f"constraint '{_name(row)}'{_place(row)}", row.body
+    for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
+        for side in sides_of(pair):
+            yield f"a side of '{_name(pair)}'{_place(pair)}", side
+    for objective in model.component_data_objects(Objective, active=True, descend_into=Block):
+        yield f"objective '{objective.name}'", objective.expr
+
+
+def _name(data: Any) -> str:
+    return str(data.name if _time_of(data) is None else data.parent_component().name)
+
+
+def _place(data: Any) -> str:
+    time = _time_of(data)
+    return "" if time is None else _at(data.parent_block(), time)
+
+
+def _time_of(data: Any) -> float | None:
+    """The time of a row of a phase."""
+    if not isinstance(data.parent_block(), PhaseBlockData):
+        return None
+    index = data.index()
+    time = index[0] if isinstance(index, tuple) and index else index
+    return time if isinstance(time, float) and math.isfinite(time) else None
+
+
+def _at(phase: Any, time: float) -> str:
+    element = phase.record.grid.element_of.get(time)
+    return f" at t = {time:g}" + ("" if element is None else f", element {element}")

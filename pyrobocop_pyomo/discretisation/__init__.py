@@ -1,0 +1,7 @@
+"""How far an answer on a mesh is from that of the continuous problem: errors of the motion and of the objective."""
+
+from .estimates import DiscretisationEstimate, PhaseEstimate
+from .probe import DiscretisationProbe
+from .row_multipliers import RowMultipliers
+
+__all__ = ["DiscretisationEstimate", "DiscretisationProbe", "PhaseEstimate", "RowMultipliers"]

@@ -1,0 +1,168 @@
+"""`DiscretisationEstimate`: errors that the mesh of an answer makes, and what would make them small."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pyrobocop_pyomo.numerics import Array
+
+# Relative to the objective, and to the size of each state: what is above is said before anything else.
+SMALL_OBJECTIVE_ERROR = 1e-3
+SMALL_MOTION_ERROR = 1e-2
+# What would take more elements than this is not advised.
+_MOST_ADVISED = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseEstimate:
+    """Of one phase, element by element.
+
+    Attributes
+    ----------
+    name : str
+    order : int
+        Of its scheme at element ends.
+    motion : array, shape (N,), or None
+        How far each element ends from where the equations lead under the controls of the plan, as a part of the size
+        of each state; the largest of all states.
+    state : str
+        The state with the largest one.
+    largest : float
+        That error in the units of the state.
+    objective : array, shape (N,), or None
+        What each element adds to the error of the objective, estimated; not negative.
+    remarks : tuple of str
+        What is not known, and why.
+    """
+
+    name: str
+    order: int
+    motion: Array | None
+    state: str
+    largest: float
+    objective: Array | None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def elements(self) -> int | None:
+        """How many there are; None where nothing is known."""
+        known = self.motion if self.objective is None else self.objective
+        return None if known is None else len(known)
+
+    @property
+    def relative(self) -> float | None:
+        """Largest error of the motion, as a part of the size of the state."""
+        return None if self.motion is None else float(self.motion.max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class DiscretisationEstimate:
+    """Estimated errors that the mesh makes: of the motion, and of the objective.
+
+    The error of the objective is that against the optimum of the continuous problem, to leading order; see the page on
+    errors of elements in the documentation. What a model states beside its phases, and what pairs do between the
+    points, is not seen.
+
+    Attributes
+    ----------
+    objective : float
+        Of the answer.
+    phases : dict of phase name to PhaseEstimate
+    """
+
+    objective: float
+    phases: Mapping[str, PhaseEstimate] = field(repr=False)
+
+    @property
+    def objective_error(self) -> float | None:
+        """Estimated error of the objective, in its own units; None where that of some phase is not known."""
+        parts = [phase.objective for phase in self.phases.values()]
+        if not parts or any(part is None for part in parts):
+            return None
+        return float(sum(float(part.sum()) for part in parts if part is not None))
+
+    @property
+    def relative_objective_error(self) -> float | None:
+        """The same as a part of the objective's size."""
+        error = self.objective_error
+        if error is None:
+            return None
+        return 0.0 if error == 0.0 else error / abs(self.objective) if self.objective else math.inf
+
+    @property
+    def motion_error(self) -> float | None:
+        """Largest difference, at the end of any element, from the motion of the equations; as a part of each size."""
+        found = [phase.relative for phase in self.phases.values()]
+        known = [error for error in found if error is not None]
+        return max(known) if known and len(known) == len(found) else None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is not known, and why."""
+        return tuple(remark for phase in self.phases.values() for remark in phase.remarks)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether an error is known to be above a thousandth of the objective, or a hundredth of a state."""
+        objective, motion = self.relative_objective_error, self.motion_error
+        if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
+            return True
+        return motion is not None and not motion <= SMALL_MOTION_ERROR
+
+    def elements_for(self, objective: float = SMALL_OBJECTIVE_ERROR, motion: float = SMALL_MOTION_ERROR) -> int | None:
+        """How many elements of all phases together are expected to meet tolerances, by the orders of the schemes.
+
+        Parameters
+        ----------
+        objective, motion : float
+            As parts of the sizes of the objective and of the states.
+        """
+        total = 0
+        of_objective = self.relative_objective_error
+        for phase in self.phases.values():
+            if phase.elements is None:
+                return None
+            factors = [1.0]
+            if of_objective is not None:
+                factors.append((of_objective / objective) ** (1.0 / phase.order))
+            if phase.relative is not None:
+                factors.append((phase.relative / motion) ** (1.0 / (phase.order + 1)))
+            if not np.isfinite(factors).all():
+                return None
+            total += math.ceil(phase.elements * min(max(factors), _MOST_ADVISED))
+        return total if 0 < total <= _MOST_ADVISED else None
+
+    def sentence(self) -> str:
+        """The errors in one line; empty where nothing is known."""
+        parts = []
+        error, relative = self.objective_error, self.relative_objective_error
+        if error is not None and relative is not None:
+            size = f" ({100 * relative:.1g} %)" if math.isfinite(relative) else ""
+            parts.append(f"objective {error:.1e}{size}")
+        elif self.phases:
+            parts.append("objective not known")
+        worst = max((p for p in self.phases.values() if p.relative is not None), key=_relative, default=None)
+        if worst is not None:
+            parts.append(f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({100 * _relative(worst):.1g} %)")
+        elif self.phases:
+            parts.append("motion not known")
+        return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
+
+    def advice(self) -> str:
+        """What to do about large errors; empty where they are small."""
+        if not self.is_large:
+            return ""
+        count, now = self.elements_for(), sum(phase.elements or 0 for phase in self.phases.values())
+        more = "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
+        return f"The mesh is coarse: take {more}, or rcp.studies.solve_refined."
+
+    def __str__(self) -> str:
+        return "\n".join(line for line in (self.sentence(), self.advice(), *self.remarks) if line)
+
+
+def _relative(phase: PhaseEstimate) -> float:
+    return phase.relative or 0.0

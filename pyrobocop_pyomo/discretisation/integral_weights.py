@@ -1,0 +1,115 @@
+"""How the objective and the rows of a model depend on the integrals that its phases have handed out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+from pyomo.core.expr.numvalue import native_numeric_types, value
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.phases.integrals import INTEGRALS
+from pyrobocop_pyomo.phases.rate_arrays import ARRAY_FUNCTIONS
+
+from .row_multipliers import RowMultipliers
+
+# Of differences, relative to an integral: where something holds them that is not affine in them.
+_STEP = 1e-5
+_AFFINE = 1e-10
+# Rows of the user's own beside the phases that are looked through.
+_MOST_ROWS = 5000
+
+
+def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -> dict[int, list[float]]:
+    """Change of the Lagrangian per unit of each integral, by the identity of the phase.
+
+    Parameters
+    ----------
+    model : Block
+    phases : sequence of PhaseBlock
+    found : RowMultipliers
+
+    Raises
+    ------
+    TrajectoryError
+        When the objective or a row has no value, or there are too many rows to look through.
+    """
+    members = {
+        id(phase): [phase.component(INTEGRALS)[k] for k in range(1, len(phase.record.integrals) + 1)]
+        for phase in phases
+    }
+    wanted = {id(member) for of_phase in members.values() for member in of_phase}
+    if not wanted:
+        return {id(phase): [] for phase in phases}
+    terms = [(1.0, data.expr) for data in model.component_data_objects(Objective, active=True)]
+    terms += [(-found.of_row(row), row.body) for row in _own_rows(model, phases, found)]
+    reading = [(weight, expression) for weight, expression in terms if _reads(expression, wanted)]
+    slopes = [(weight, _slopes(expression, members)) for weight, expression in reading]
+    return {
+        key: [sum(weight * of[id(member)] for weight, of in slopes) for member in of_phase]
+        for key, of_phase in members.items()
+    }
+
+
+def _slopes(expression: Any, members: Mapping[int, Sequence[Any]]) -> dict[int, float]:
+    """Change of an expression per unit of each member, by the identity of the member."""
+    every = [member for of_phase in members.values() for member in of_phase]
+    count = len(every)
+    # Columns: all zero, each one alone, and two mixtures. What is affine, as nearly all is, needs no values of the
+    # members, which are long sums.
+    mixtures = [np.sin(1.0 + np.arange(count)), 3.0 * np.cos(2.0 + np.arange(count))]
+    samples = np.column_stack([np.zeros(count), np.eye(count), *mixtures])
+    with np.errstate(all="ignore"):
+        leaves = {id(member): row for member, row in zip(every, samples, strict=True)}
+        try:
+            found = np.broadcast_to(ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of(expression), samples.shape[1])
+        except (ArithmeticError, ValueError, TypeError):
+            found = np.full(samples.shape[1], np.nan)
+        slopes = found[1 : count + 1] - found[0]
+        left = found[count + 1 :] - found[0] - slopes @ samples[:, count + 1 :]
+        size = _AFFINE * (np.abs(found).max() + 1e-300)
+    if np.isfinite(found).all() and np.abs(left).max() <= size:
+        return {id(member): float(slope) for member, slope in zip(every, slopes, strict=True)}
+    return {id(member): _slope(expression, member) for member in every}
+
+
+def _own_rows(model: Any, phases: Sequence[Any], found: RowMultipliers) -> Iterator[Any]:
+    """Rows that no phase has stated, and that restrain something."""
+    stated = {
+        id(phase.component(name))
+        for phase in phases
+        for name in (*phase.record.generated_rows, *(statement.name for statement in phase.record.statements))
+    }
+    count = 0
+    for component in model.component_objects(Constraint, active=True):
+        if id(component) in stated:
+            continue
+        for row in component.values():
+            if row.active and found.of_row(row) != 0.0:
+                count += 1
+                if count > _MOST_ROWS:
+                    raise TrajectoryError("too many rows beside the phases to look for integrals in.")
+                yield row
+
+
+def _reads(expression: Any, wanted: set[int]) -> bool:
+    """Whether an expression holds one of the members; what is in other integrals is not looked through."""
+    stack = [expression]
+    while stack:
+        node = stack.pop()
+        if id(node) in wanted:
+            return True
+        if node.__class__ not in native_numeric_types and node.is_expression_type():
+            stack.extend(node.args)
+    return False
+
+
+def _slope(expression: Any, member: Any) -> float:
+    here = float(value(member))
+    step = _STEP * max(1.0, abs(here))
+    above, below = (float(ExpressionEvaluator({id(member): here + change}).of(expression)) for change in (step, -step))
+    return (above - below) / (2.0 * step)

@@ -1,0 +1,159 @@
+"""Multipliers of a phase's rows at its stages: costates, and densities of what else restrains the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.phases import Algebraic, Control, State
+from pyrobocop_pyomo.phases.declarations import UNBOUNDED
+from pyrobocop_pyomo.phases.nodes import StageNodes
+from pyrobocop_pyomo.phases.record import Statement
+
+from .row_multipliers import RowMultipliers
+
+# Multipliers of a solved program that restrain nothing are of the size of the barrier parameter.
+_NONE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseMultipliers:
+    """Arrays of shape ``(N, s)`` over elements and stages, in the sign of Pyomo's ``dual``, per unit of time.
+
+    Attributes
+    ----------
+    costates : dict of state name to array
+        Change of the objective per unit of a state, there and then.
+    starts : dict of state name to array, shape (N,)
+        The same at element starts, where the scheme determines it apart from the stages.
+    rows : list of (Statement, label, array)
+        Of the rows of each constraint and residual equation.
+    bounds : list of (name, side, array)
+        Of the bounds of states and algebraics; side 0 is the lower one.
+    room : dict of control name to (array, array)
+        The bounds of controls at the stages; a fixed one has no room.
+    """
+
+    costates: Mapping[str, Array]
+    starts: Mapping[str, Array]
+    rows: list[tuple[Statement, Any, Array]]
+    bounds: list[tuple[str, int, Array]]
+    room: Mapping[str, tuple[Array, Array]]
+
+
+def phase_multipliers(phase: Any, found: RowMultipliers, widths: Array) -> PhaseMultipliers:
+    """Read the multipliers of a phase.
+
+    Parameters
+    ----------
+    phase : PhaseBlock
+    found : RowMultipliers
+    widths : array, shape (N,)
+        Of the elements, in real time.
+
+    Raises
+    ------
+    TrajectoryError
+        When some row has no multiplier, or the scheme has stages without weight.
+    """
+    record = phase.record
+    grid: Grid = record.grid
+    scheme = grid.scheme
+    if not (scheme.b > 0.0).all():
+        raise TrajectoryError(f"phase '{phase.name}': {scheme.name} has stages without weight, and no costates there.")
+    if record.discrete_states:
+        raise TrajectoryError(f"phase '{phase.name}': states that a step map leads have no costates.")
+    weights = _weights(grid, widths)
+    costates, starts = {}, {}
+    for name in record.names_of_states:
+        if name not in record.equation_of:
+            continue
+        if name in record.kept_derivatives:
+            rows = phase.component(f"{name}_equation")
+            costates[name] = _at_points(grid, {t: _of(found, rows[t]) for t in grid.points}) / weights
+            continue
+        rows = phase.component(f"{name}_collocation")
+        at_rows = np.array([[_of(found, rows[times[r]]) for r in scheme.row_stages] for times in grid.stage_times])
+        costates[name] = at_rows @ scheme.F / scheme.b
+        if not scheme.end_is_a_node:
+            ends = phase.component(f"{name}_continuity")
+            at_ends = np.array([_of(found, ends[end]) for end in grid.mesh.boundaries[1:]])
+            starts[name] = -(at_rows @ scheme.D[:, 0]) - at_ends * scheme.end_weights[0]
+    rows_of = [entry for kind in ("constraint", "residual") for entry in _rows(phase, found, kind, grid, weights)]
+    room = {name: _room(phase, name, grid) for name in record.names(Control)}
+    return PhaseMultipliers(costates, starts, rows_of, _bounds(phase, found, grid, weights), room)
+
+
+def _of(found: RowMultipliers, row: Any) -> float:
+    if id(row) not in found.rows:
+        raise TrajectoryError(f"'{row.name}' has no multiplier.")
+    return found.rows[id(row)]
+
+
+def _weights(grid: Grid, widths: Array) -> Array:
+    """Weight of each stage in an integral over time; a point that two elements share has that of both."""
+    parts = widths[:, None] * grid.scheme.b
+    total: dict[float, float] = {}
+    for times, of_element in zip(grid.stage_times, parts.tolist(), strict=True):
+        for time, weight in zip(times, of_element, strict=True):
+            total[time] = total.get(time, 0.0) + weight
+    return _at_points(grid, total)
+
+
+def _at_points(grid: Grid, by_time: Mapping[float, float]) -> Array:
+    return np.array([[by_time[time] for time in times] for times in grid.stage_times])
+
+
+def _rows(
+    phase: Any, found: RowMultipliers, kind: str, grid: Grid, weights: Array
+) -> list[tuple[Statement, Any, Array]]:
+    entries = []
+    for statement in phase.record.statements_of(kind):
+        by_label: dict[Any, dict[float, float]] = {}
+        for index, row in phase.component(statement.name).items():
+            time, label = index if isinstance(index, tuple) else (index, None)
+            number = found.of_row(row)
+            if abs(number) > _NONE:
+                by_label.setdefault(label, dict.fromkeys(grid.points, 0.0))[time] = number
+        entries += [(statement, label, _at_points(grid, by_time) / weights) for label, by_time in by_label.items()]
+    return entries
+
+
+def _bounds(phase: Any, found: RowMultipliers, grid: Grid, weights: Array) -> list[tuple[str, int, Array]]:
+    entries = []
+    for kind in (State, Algebraic):
+        for name in phase.record.names(kind):
+            variables = phase.component(name)
+            declaration = phase.record.declarations[name]
+            ends = getattr(declaration, "final", None) is not None
+            sample = variables[grid.points[0]]
+            for side, known in enumerate((found.lower, found.upper)):
+                if declaration.bounds == UNBOUNDED and (sample.lb, sample.ub)[side] is None:
+                    continue
+                by_time = {time: known.get(id(variables[time]), 0.0) for time in grid.points}
+                if ends:
+                    by_time[grid.points[-1]] = 0.0  # what is asked for at the end restrains nothing before
+                if any(abs(number) > _NONE for number in by_time.values()):
+                    entries.append((name, side, _at_points(grid, by_time) / weights))
+    return entries
+
+
+def _room(phase: Any, name: str, grid: Grid) -> tuple[Array, Array]:
+    """Between which values a control may be at the stages."""
+    if isinstance(phase.record.nodes(name), StageNodes):
+        variables = phase.component(name)
+        pairs = {
+            time: (variable.value, variable.value) if variable.fixed else (variable.lb, variable.ub)
+            for time, variable in ((time, variables[time]) for time in grid.points)
+        }
+    else:
+        declaration = phase.record.declarations[name]
+        pairs = {time: declaration.bounds_at(time, name) for time in grid.points}
+    lower = {time: -np.inf if pair[0] is None else float(pair[0]) for time, pair in pairs.items()}
+    upper = {time: np.inf if pair[1] is None else float(pair[1]) for time, pair in pairs.items()}
+    return _at_points(grid, lower), _at_points(grid, upper)

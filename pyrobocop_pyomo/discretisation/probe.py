@@ -1,0 +1,155 @@
+"""`DiscretisationProbe`: the values and multipliers of an answer, from which its errors are estimated on demand."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base.objective import Objective, maximize
+
+from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.flows import integrate_elements
+from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases.companions import companions_of, indices_of
+from pyrobocop_pyomo.phases.phase_values import PhaseValues
+from pyrobocop_pyomo.phases.point_model import PointModel
+from pyrobocop_pyomo.phases.rate_arrays import RateArrays
+from pyrobocop_pyomo.trajectories import Trajectory
+
+from .estimates import DiscretisationEstimate, PhaseEstimate
+from .integral_weights import integral_weights
+from .lagrangian import PhaseLagrangian
+from .phase_multipliers import PhaseMultipliers, phase_multipliers
+from .row_multipliers import RowMultipliers
+
+logger = logging.getLogger(__name__)
+
+# Of the integration of each element, relative to the size of each state; a state that stays at zero has a size too.
+_TOLERANCE, _SMALLEST_SCALE = 1e-8, 1e-6
+_SAMPLES = 2
+
+
+class DiscretisationProbe:
+    """What an answer says of its own mesh.
+
+    Parameters
+    ----------
+    model : Block
+        Holding the answer. What is read of it is read now; the rules of its phases are asked when errors are.
+    multipliers : callable
+        Gives `RowMultipliers`, or None.
+    objective : float
+        Of the answer.
+    """
+
+    def __init__(self, model: Any, multipliers: Callable[[], RowMultipliers | None], objective: float) -> None:
+        self._objective = objective
+        self._found: DiscretisationEstimate | None = None
+        self._phases: list[_Captured] = []
+        phases = phases_of(model)
+        if phases:
+            with PauseGC():  # many small objects, all of which live on
+                self._capture(model, phases, multipliers)
+
+    def _capture(self, model: Any, phases: list[Any], multipliers: Callable[[], RowMultipliers | None]) -> None:
+        sign, weights, known, why = 1.0, {}, multipliers(), "the solver gave no multipliers."
+        if known is not None:
+            try:
+                weights = integral_weights(model, phases, known)
+                goals = [data.sense for data in model.component_data_objects(Objective, active=True)]
+                sign = -1.0 if maximize in goals else 1.0
+            except (PyRobocopError, ArithmeticError, ValueError, TypeError) as error:
+                known, why = None, str(error)
+        for phase in phases:
+            try:
+                self._phases.append(_Captured(phase, known, weights.get(id(phase), []), sign, why))
+            # TypeError: rows of steps, and components that were renamed, are not where a phase has them.
+            except (PyRobocopError, ArithmeticError, ValueError, LookupError, TypeError) as error:
+                logger.info("phase '%s': nothing is known of the errors of its mesh: %s", phase.name, error)
+
+    def error(self) -> DiscretisationEstimate:
+        """The errors, estimated when they are asked for first."""
+        if self._found is None:
+            self._found = DiscretisationEstimate(
+                self._objective, {captured.phase.name: captured.error() for captured in self._phases}
+            )
+            self._phases = []  # what was captured, the model among it, is not needed any more
+        return self._found
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A pickle holds no model.
+        return {"_objective": self._objective, "_found": self.error(), "_phases": []}
+
+
+class _Captured:
+    """One phase: its values, and its multipliers where they are known."""
+
+    def __init__(self, phase: Any, known: RowMultipliers | None, weights: list[float], sign: float, why: str) -> None:
+        self.phase, self._weights, self._sign, self._why = phase, weights, sign, why
+        self._trajectory: Trajectory = PhaseValues(phase).trajectory(evaluate=False)
+        self._multipliers: PhaseMultipliers | None = None
+        if known is not None:
+            try:
+                self._multipliers = phase_multipliers(phase, known, self._trajectory.grid.mesh.widths)
+            except TrajectoryError as error:
+                self._why = str(error)
+
+    def error(self) -> PhaseEstimate:
+        """The errors of the phase, as far as they can be estimated."""
+        remarks = []
+        motion, state, largest, objective = None, "", 0.0, None
+        name = self.phase.name
+        try:
+            self._refuse_other_rules()
+            motion, state, largest = self._motion()
+        except Exception as error:  # rules that were written for single instants may raise anything
+            remarks.append(f"phase '{name}': error of the motion not estimated. {_said(error)}")
+        try:
+            self._refuse_other_rules()
+            if self._multipliers is None:
+                raise TrajectoryError(self._why)
+            objective = PhaseLagrangian(
+                self.phase, self._trajectory, self._multipliers, self._weights, self._sign
+            ).errors()
+        except Exception as error:  # as above
+            remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
+        order = self._trajectory.grid.scheme.order
+        return PhaseEstimate(name, order, motion, state, largest, objective, tuple(remarks))
+
+    def _refuse_other_rules(self) -> None:
+        if self.phase.record.discrete_states:
+            raise TrajectoryError("Step maps lead its states; on another mesh it would be another motion.")
+
+    def _motion(self) -> tuple[Array, str, float]:
+        """Errors of the elements relative to each state, and where the largest one is, in its own units."""
+        record, trajectory = self.phase.record, self._trajectory
+        names = record.names_of_states
+        implicit = sorted(set(names) - set(record.equation_of))
+        if implicit or not names:
+            raise TrajectoryError(f"Without explicit equation: {', '.join(implicit)}." if implicit else "No states.")
+        indices = indices_of(record, trajectory.grid)
+        companions = companions_of(self.phase, indices.mesh.boundaries)
+        point = PointModel(self.phase, record, indices, trajectory.grid, companions)
+        point.set_values(trajectory.parameters)
+        try:
+            rates = RateArrays(self.phase, record, trajectory, indices, point)
+        finally:
+            point.leave_nodes()
+        starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
+        sizes = _SMALLEST_SCALE + np.array([np.abs(trajectory.states[name]).max() for name in names])
+        found = integrate_elements(rates, starts, sizes, _SAMPLES, _TOLERANCE)
+        if found is None:
+            raise TrajectoryError("The equations are too stiff for an integration of all elements at once.")
+        ends = np.array([[*starts[1:, j], trajectory.states[name][-1]] for j, name in enumerate(names)]).T
+        errors = np.abs(found[0][:, -1, :] - ends)
+        relative = errors / sizes
+        worst = int(relative.max(axis=0).argmax())
+        return relative.max(axis=1), names[worst], float(errors[:, worst].max())
+
+
+def _said(error: Exception) -> str:
+    return str(error) if isinstance(error, PyRobocopError) else f"{type(error).__name__}: {error}"

@@ -1,0 +1,102 @@
+"""Which strategies follow where the one run of a model without pairs failed, and for how many iterations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+
+from .iterates import Iterate
+from .settings import Settings
+from .strategies import (
+    DEFAULT_SEQUENCE,
+    ELASTIC_ROWS,
+    OWN_UNITS,
+    SECOND_TRIES,
+    SIMULATED,
+    SOLVE,
+    STRAIGHT_LINES,
+    TIGHTER,
+    TYPICAL_SIZES,
+    Strategy,
+)
+
+# All that follows may take twice the iterations of the run that failed, but these in any case; one strategy, so many.
+LATER_ITERATIONS, LEAST_LATER_ITERATIONS, ITERATIONS_OF_ONE = 2.0, 1500, 500
+# Where the run ended locally infeasible, there may be no solution: only these follow.
+TRIES_IF_INFEASIBLE = (TYPICAL_SIZES, OWN_UNITS, SIMULATED, ELASTIC_ROWS, STRAIGHT_LINES)
+# What another way to go cannot change.
+_HOPELESS = (
+    IpoptStatus.INVALID_PROBLEM,
+    IpoptStatus.INVALID_OPTION,
+    IpoptStatus.OUT_OF_MEMORY,
+    IpoptStatus.INTERNAL_ERROR,
+)
+
+
+class SecondTries:
+    """Strategies for a model without pairs, as long as they are worth trying.
+
+    Limits are numbers of iterations: what comes out does not depend on how fast the machine is.
+
+    Parameters
+    ----------
+    settings : Settings
+    first : Iterate
+        Where the first run ended.
+    scaled : bool
+        Whether that run was of a program divided by typical sizes.
+
+    Attributes
+    ----------
+    spent : int
+        Iterations of what followed; the caller adds to it.
+    """
+
+    def __init__(self, settings: Settings, first: Iterate, *, scaled: bool) -> None:
+        self._settings, self._first, self._scaled = settings, first, scaled
+        self.spent = 0
+
+    def __iter__(self) -> Iterator[Strategy]:
+        """The strategies that are left, each with its limit of iterations."""
+        for strategy in self._chosen():
+            left = max(LEAST_LATER_ITERATIONS, int(LATER_ITERATIONS * self._first.iterations)) - self.spent
+            if left <= 0:
+                return
+            limit = min(ITERATIONS_OF_ONE, left)
+            yield replace(strategy, options={"max_iter": limit, **strategy.options})
+
+    def _chosen(self) -> tuple[Strategy, ...]:
+        user, status = self._settings.options.user, self._first.status
+        if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
+            return ()
+        if status is IpoptStatus.TOO_FEW_FREEDOMS:
+            return (ELASTIC_ROWS,)
+        following = TRIES_IF_INFEASIBLE if status is IpoptStatus.INFEASIBLE else SECOND_TRIES
+        if self._first.converged:
+            # Ipopt's tolerances are relative to its scaling; the residuals are not.
+            following = (TIGHTER, *following)
+        # The caller's options win: a strategy that only sets them would be the first run again.
+        return tuple(
+            strategy
+            for strategy in following
+            if (not strategy.options or any(name not in user for name in strategy.options))
+            and not (strategy is OWN_UNITS and not self._scaled)  # how the first run went
+            and not (strategy is TYPICAL_SIZES and (self._scaled or not may_be_scaled(self._settings)))
+        )
+
+
+def may_be_scaled(settings: Settings) -> bool:
+    """Whether typical sizes are not ruled out, by the caller or by a scaling of the caller's own."""
+    return settings.scaling is not False and "nlp_scaling_method" not in settings.options.user
+
+
+def without_pairs(strategies: tuple[Strategy, ...]) -> tuple[Strategy, ...]:
+    """Those of the caller's strategies that are for models without pairs; one plain run where there are none."""
+    return tuple(strategy for strategy in strategies if not strategy.for_pairs) or (SOLVE,)
+
+
+def with_pairs(strategies: tuple[Strategy, ...]) -> tuple[Strategy, ...]:
+    """Those of the caller's strategies that are for models with pairs; all of these where there are none."""
+    return tuple(strategy for strategy in strategies if strategy.for_pairs) or DEFAULT_SEQUENCE

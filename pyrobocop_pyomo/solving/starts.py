@@ -1,0 +1,157 @@
+"""Other starts for a model: inside the domain of its functions, by its phases, or by its bounds."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.diagnosis.undefined_rows import move_into_domain, named_undefined_rows
+from pyrobocop_pyomo.errors import PyRobocopError
+from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
+from pyrobocop_pyomo.phases import State, phases_of
+from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
+from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
+
+from .strategies import StartingPoint
+
+logger = logging.getLogger(__name__)
+
+# A start need not be exact, and a stiff motion must not take long (LSODA would not stop where an exception is raised).
+SIMULATED_BY = SimulationOptions(method="RK45", rtol=1e-5, atol=1e-7, most_evaluations=5000)
+# A copy has so many times fewer elements, and no fewer than this.
+COARSER, LEAST_COARSE_ELEMENTS = 4, 4
+
+
+def defined_start(model: Any) -> str:
+    """Where an expression has no value at the values on the model, put others there at which all have one.
+
+    States for which no initial guess was given go on straight lines between their ends; then variables move as little
+    as it takes.
+
+    Parameters
+    ----------
+    model : Block
+
+    Returns
+    -------
+    str
+        What was done and why; empty where nothing was, or nothing helped. Values are as before then.
+    """
+    undefined = named_undefined_rows(model)
+    if not undefined:
+        return ""
+    before = VariableValues.of_free(model)
+    for variable in before.variables:
+        if variable.value is None:
+            variable.set_value(within_bounds(0.0, variable), skip_validation=True)
+    how = []
+    if _put_on_straight_lines(model, keep_guesses=True):
+        how.append("states without an initial guess on straight lines between their ends")
+    if named_undefined_rows(model):
+        how.append("variables moved to where all expressions have values")
+        if move_into_domain(model):
+            before.restore()
+            return ""
+    return f"The initial guess could not be evaluated: {undefined}. Started instead with {' and '.join(how)}."
+
+
+def put_start(model: Any, start: StartingPoint) -> bool:
+    """Put a start on the model, which holds the user's initial guess.
+
+    Returns
+    -------
+    bool
+        False where there is no such start, or it is the initial guess.
+    """
+    if start is StartingPoint.STRAIGHT_LINES:
+        return _put_on_straight_lines(model, keep_guesses=False)
+    if start is StartingPoint.SIMULATED:
+        return _simulate(model)
+    if start is StartingPoint.INSIDE_BOUNDS:
+        return _put_inside_bounds(model)
+    return start is StartingPoint.INITIAL_GUESS
+
+
+def coarser_copy(model: Any) -> Any | None:
+    """A copy with a quarter of the elements in each long phase; None where there is none or it cannot be made."""
+    long = [phase for phase in phases_of(model) if phase.grid.mesh.elements >= COARSER * LEAST_COARSE_ELEMENTS]
+    if not long or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in long):
+        return None
+    try:
+        copy = model.clone()
+        remesh_phases({copy.find_component(phase): phase.grid.mesh.elements // COARSER for phase in long})
+    except PyRobocopError as error:
+        logger.info("'%s': no copy with fewer elements: %s", model.name, error)
+        return None
+    return copy
+
+
+def take_values_of_copy(model: Any, copy: Any) -> None:
+    """Values of a copy: those of phases with another mesh by their trajectories, all others one by one."""
+    for variable in model.component_data_objects(Var, active=True):
+        twin = copy.find_component(variable)
+        if twin is not None and twin.value is not None and not variable.fixed:
+            variable.set_value(twin.value, skip_validation=True)
+    for phase in phases_of(model):
+        twin = copy.find_component(phase)
+        if twin.grid.mesh != phase.grid.mesh:
+            phase.initialize(twin.trajectory())
+
+
+def _put_on_straight_lines(model: Any, *, keep_guesses: bool) -> bool:
+    """Lead states from one end to the other, or only those without an initial guess; whether any value changed."""
+    before = VariableValues.of_free(model)
+    for phase in phases_of(model):
+        kept = VariableValues(
+            variable
+            for name in phase.record.names(State)
+            if keep_guesses and _has_guess(phase, name)
+            for variable in phase.component(name).values()
+        )
+        phase.initialize_straight_lines()
+        kept.restore()
+    return before.read() != before.taken
+
+
+def _has_guess(phase: Any, name: str) -> bool:
+    """Whether the values of a state are any but those that it gets by default."""
+    return phase.record.declarations[name].initial_guess is not None or any(
+        not variable.fixed and variable.value is not None and variable.value != within_bounds(0.0, variable)
+        for variable in phase.component(name).values()
+    )
+
+
+def _simulate(model: Any) -> bool:
+    """Let each phase move under its controls; returns whether any phase could."""
+    before, simulated = VariableValues.of_free(model), False
+    _put_on_straight_lines(model, keep_guesses=True)
+    for phase in phases_of(model):
+        try:
+            trajectory = simulate(phase, phase.record, {}, {}, SIMULATED_BY)
+            if all(map(_is_moderate, trajectory.states.values())):
+                phase.initialize(trajectory)
+                simulated = True
+        except PyRobocopError as error:
+            logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
+    if not simulated:
+        before.restore()
+    return simulated
+
+
+def _is_moderate(numbers: Any) -> bool:
+    return bool(abs(numbers).max(initial=0.0) < 1e6)
+
+
+def _put_inside_bounds(model: Any) -> bool:
+    """Each variable to the middle of its bounds, or inside the one that it has; returns whether any value changed."""
+    before = VariableValues.of_free(model)
+    for variable in before.variables:
+        lower, upper = variable.bounds
+        if lower is not None and upper is not None:
+            variable.set_value(0.5 * (lower + upper), skip_validation=True)
+        elif variable.value in (None, within_bounds(0.0, variable)) and (lower, upper) != (None, None):
+            inside = lower + max(1.0, abs(lower)) if upper is None else upper - max(1.0, abs(upper))
+            variable.set_value(inside, skip_validation=True)
+    return before.read() != before.taken
