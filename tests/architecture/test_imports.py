@@ -11,8 +11,8 @@ from .sources import folder_trees, imported_files, nodes, trees
 ORDER = [
     "errors", "optional_imports", "modeling", "numerics", "geometry", "plotting", "complementarity", "catalogue",
     "trajectories", "transcription", "continuous", "phases", "links", "motion", "car_paths", "obstacles", "robots",
-    "mechanics", "problem_classes", "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies",
-    "estimation", "distributed",
+    "mechanics", "problem_classes", "discretisation", "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning",
+    "studies", "estimation", "distributed",
 ]  # fmt: skip
 IMPORTS = (ast.Import, ast.ImportFrom)
 

@@ -28,7 +28,7 @@ PUBLIC = {
     "": """
         Agent Algebraic Body Complementarity Containment Control Duration FreeClearance Function KeepApart Link
         ObstacleAvoidanceBlock Parameter PhaseBlock Polytope Quality Shared SolveResult Start State StopReason Strategy
-        TablePath Team Trajectory __version__ active_pairs array complements dae_trajectory diagnose either_zero
+        Table TablePath Team Trajectory __version__ active_pairs array complements dae_trajectory diagnose either_zero
         estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose remesh_phases solution_arrays
         solve spatial_pose sweep verify_motion
     """,
@@ -61,8 +61,8 @@ PUBLIC = {
         KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
     """,
     "results": """
-        ActiveSide BodyPairSafety Certificate Diagnosis Iterate JoinedTrajectory Multipliers PairReport SafetyReport
-        Standing Stationarity Verification
+        ActiveSide BodyPairSafety Certificate Diagnosis DiscretisationEstimate Iterate JoinedTrajectory Multipliers
+        PairReport PhaseEstimate SafetyReport ScalingRecord Standing Stationarity Verification
     """,
     "teams": """
         BalancedPenalties BarrierPath BarrierRounds ConstantBarrier ConstantPenalties Coordination GrowingPenalties Hub

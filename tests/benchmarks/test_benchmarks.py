@@ -212,3 +212,9 @@ def test_no_plan_that_is_called_safe_comes_closer_when_it_is_integrated_again() 
     assert [row[0] for row in rows] == ["unicycle", "car", "arm", "quadrotor", "cart", "slider"]
     assert sum(int(row[2]) for row in rows) >= 2  # called safe
     assert all(int(row[4]) == 0 for row in rows)  # though they are not
+
+
+def test_textbook_problems_give_their_published_values_and_say_so() -> None:
+    table = run_quick("textbook")
+    assert "3 of 3 within 0.001 of the published value" in table
+    assert "WRONG" not in table

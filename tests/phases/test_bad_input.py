@@ -184,6 +184,7 @@ STATEMENTS = {
     "ode gives None": ("ode", lambda b, t: {b.x: None}, "gives 'None' as the derivative of 'x'"),
     "ode forgets the index": ("ode", lambda b, t: {b.x: b.u}, r"gives 'p.u' as .* Is an index \[t\] missing"),
     "ode gives a relation": ("ode", lambda b, t: {b.x: b.u[t] == 1}, "expected a number or an expression"),
+    "ode at an earlier time": ("ode", lambda b, t: {b.x: b.x[t - 0.1]}, r"reads 'p.x' at .*x.delayed\(t, delay\)"),
     "residual returns None": ("residual", returns_none, "residual 'returns_none' returned None at t = "),
     "residual is an inequality": ("residual", inequality, "states the inequality .* Write ==, or use 'constraint'"),
     "residual is a number": ("residual", number, "returned 3.0 at t = .* expected an equality in variables"),
@@ -191,7 +192,6 @@ STATEMENTS = {
     "constraint returns None": ("constraint", returns_none, "constraint 'returns_none' returned None"),
     "constraint is bare": ("constraint", bare, "expected a relation such as 'expression <= 1'"),
     "pair returns None": ("complementarity", returns_none, "complementarity 'returns_none' returned None"),
-    "rows without a name": ("residual", lambda b, t: b.x[t] == 1, "a lambda has no name. Use def"),
 }
 
 
@@ -260,6 +260,43 @@ def test_a_rule_named_like_a_component_is_refused() -> None:
     with pytest.raises(DeclarationError, match=r"the name 'u' is taken or no identifier. Rename the function"):
         b.constraint(u)
     assert contents(m) == before
+
+
+def test_rows_of_lambdas_are_numbered_and_follow_another_mesh() -> None:
+    _, b = started()
+    b.constraint(lambda b, t: b.x[t] <= 5)
+    b.constraint(lambda b, t: [b.x[t] >= -5, b.u[t] <= 7])
+    b.constraint(lambda b, t: b.x[t] <= 6, name="high")
+    b.remesh(3)
+    points = len(b.points)
+    assert [len(b.component(name)) for name in ("constraint_1", "constraint_2", "high")] == [points, 2 * points, points]
+
+
+def test_rules_may_be_named_like_methods() -> None:
+    _, b = started()
+
+    def clear(b, t):
+        return b.x[t] <= 5
+
+    b.constraint(clear)
+    assert len(b.clear_rows) == len(b.points)
+    assert callable(b.clear)
+
+
+@pytest.mark.parametrize("name", ["two words", 3, "u", "time"])
+def test_a_name_for_rows_that_is_none_is_refused(name: Any) -> None:
+    m, b = started()
+    before = contents(m)
+    with pytest.raises(DeclarationError, match=f"{name}.*no identifier"):
+        b.constraint(lambda b, t: b.x[t] <= 1, name=name)
+    assert contents(m) == before
+
+
+def test_a_function_assigned_states_nothing_and_is_refused() -> None:
+    m, b = started()
+    with pytest.raises(DeclarationError, match=r"'path', which states nothing.*constraint\(rule, name='path'\)"):
+        b.path = lambda b, t: b.x[t] <= 1
+    complete(m)
 
 
 def test_a_partial_can_be_an_ode() -> None:

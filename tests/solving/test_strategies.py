@@ -17,7 +17,9 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.solving import procedure
 from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
-from pyrobocop_pyomo.solving.strategies import STRATEGIES
+from pyrobocop_pyomo.solving.strategies import DEFAULT_SEQUENCE
+
+STRATEGIES = [strategy.name for strategy in DEFAULT_SEQUENCE]
 
 pytestmark = pytest.mark.casadi
 

@@ -8,16 +8,16 @@ import itertools
 import re
 from dataclasses import replace
 
-import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.safety_reports import report_of_a_collision
 from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
+from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.studies.multistart import RandomStarts
 
@@ -144,28 +144,12 @@ def test_errors_and_infeasible_starts_are_ranked_last(monkeypatch):
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch):
     solved = solving_module.solve
-    pair = BodyPairSafety(
-        "cart",
-        "wall",
-        0.1,
-        0.001,
-        -1.0,
-        -1.0,
-        0.0,
-        0,
-        np.array([-1.0]),
-        np.array([-1.0]),
-        (),
-        1,
-        np.array([0.1]),
-        np.zeros(1),
-    )
 
     def judged(model, **options):
         result = solved(model, **options)
         if model.x.value >= 2:
             return replace(result, safety=SafetyReport(()))
-        return replace(result, safety=SafetyReport((pair,)), standing=replace(result.standing, shortfall=1.0))
+        return replace(result, safety=report_of_a_collision(), standing=replace(result.standing, shortfall=1.0))
 
     monkeypatch.setattr(solving_module, "solve", judged)
     m = two_valleys()

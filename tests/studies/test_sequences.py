@@ -14,13 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.safety_reports import report_of_a_collision
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
-from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
+from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.studies import sequences
 
 GAINS = {"slow": 1.0, "fast": 2.0, "back": -1.0}
@@ -327,28 +327,12 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
 @pytest.mark.casadi
 def test_a_safe_plan_comes_before_a_cheaper_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     solved = sequences.solve
-    pair = BodyPairSafety(
-        "cart",
-        "wall",
-        0.1,
-        0.001,
-        -1.0,
-        -1.0,
-        0.0,
-        0,
-        np.array([-1.0]),
-        np.array([-1.0]),
-        (),
-        1,
-        np.array([0.1]),
-        np.zeros(1),
-    )
 
     def judged(model: Any, **options: Any) -> Any:
         result = solved(model, **options)
         if model.name != "fast":
             return replace(result, safety=SafetyReport(()))
-        return replace(result, safety=SafetyReport((pair,)), standing=replace(result.standing, shortfall=1.0))
+        return replace(result, safety=report_of_a_collision(), standing=replace(result.standing, shortfall=1.0))
 
     monkeypatch.setattr(sequences, "solve", judged)
     ranking = rcp.studies.solve_sequences(build, [("fast",), ("slow",)], workers=1)

@@ -1,0 +1,255 @@
+"""The estimated error of the objective is that against the continuous optimum, on coarse meshes and by every scheme."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from math import cosh, exp, pi, sqrt, tanh
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+pytestmark = pytest.mark.casadi
+
+Builder = Callable[..., Any]
+
+
+def integrator(elements: int, sense: Any = pyo.minimize, **scheme: Any) -> Any:
+    """A state that the control moves, both squared for three seconds: tanh(3)."""
+    m = pyo.ConcreteModel("integrator")
+    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements, **scheme)
+    b.x, b.u = rcp.State(initial=1), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    sign = 1 if sense == pyo.minimize else -1
+    m.cost = pyo.Objective(expr=sign * b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2), sense=sense)
+    return m
+
+
+def regulator(elements: int, **scheme: Any) -> Any:
+    """The same with a pole: the solution of a Riccati equation."""
+    m = pyo.ConcreteModel("regulator")
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=elements, **scheme)
+    b.x, b.u, b.spent = rcp.State(initial=1), rcp.Control(), rcp.State(initial=0)
+    b.ode(lambda b, t: {b.x: b.u[t] + b.x[t], b.spent: b.x[t] ** 2 + b.u[t] ** 2})
+    m.cost = pyo.Objective(expr=b.spent[b.final_time])
+    return m
+
+
+def riccati() -> float:
+    root = sqrt(2.0)
+    return 1.0 / (root / tanh(root * 2.0) - 1.0)
+
+
+def rest_to_rest(elements: int, **scheme: Any) -> Any:
+    """A spring that is moved by one, with least effort under a weight on its position."""
+    m = pyo.ConcreteModel("decay")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements, **scheme)
+    b.x = rcp.State(initial=0, final=1)
+    b.u = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t] - b.x[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    return m
+
+
+def drop(elements: int, **scheme: Any) -> Any:
+    """From rest down the fastest curve: the first quarter of a cycloid, in the time pi / 2."""
+    m = pyo.ConcreteModel("curve of fastest descent")
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=1), elements=elements, **scheme)
+    b.x = rcp.State(initial=0, final=pi / 2 - 1, initial_guess=lambda t: 0.5 * t)
+    b.y, b.v = rcp.State(initial=0, final=1, initial_guess=lambda t: t), rcp.State(initial=0, initial_guess=lambda t: t)
+    b.angle = rcp.Control(bounds=(0, 3), initial_guess=0.7)
+    b.ode(
+        lambda b, t: {
+            b.x: b.v[t] * pyo.sin(b.angle[t]),
+            b.y: b.v[t] * pyo.cos(b.angle[t]),
+            b.v: pyo.cos(b.angle[t]),
+        }
+    )
+    m.cost = pyo.Objective(expr=b.duration)
+    return m
+
+
+def constrained(elements: int, **scheme: Any) -> Any:
+    """A double integrator below a ceiling (Bryson, Denham & Dreyfus): 4 / (9 * height)."""
+    m = pyo.ConcreteModel("below a ceiling")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements, **scheme)
+    b.x, b.v = rcp.State(initial=0, final=0, bounds=(None, 1 / 9)), rcp.State(initial=1, final=-1)
+    b.u = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: 0.5 * b.u[t] ** 2))
+    return m
+
+
+def by_parts(elements: int, **scheme: Any) -> Any:
+    """The integrator in two phases, the objective the square root of both costs, one of them below a bound."""
+    m = pyo.ConcreteModel("by parts")
+    m.first, m.second = (rcp.PhaseBlock(duration=1.5, elements=elements, **scheme) for _ in range(2))
+    for b in (m.first, m.second):
+        b.x, b.u = rcp.State(), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+    m.first.x[0].fix(1.0)
+    m.meet = pyo.Constraint(expr=m.first.x[1.5] == m.second.x[0])
+    m.bound = pyo.Var(initialize=1.0)
+    m.costs = [b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2) for b in (m.first, m.second)]
+    m.spent = pyo.Constraint(expr=m.costs[1] <= m.bound)
+    m.cost = pyo.Objective(expr=pyo.sqrt(m.costs[0] + m.bound))
+    return m
+
+
+def ratio(model: Any, exact: float) -> float:
+    result = rcp.solve(model)
+    result.raise_for_status()
+    estimated = result.discretisation.objective_error
+    assert estimated is not None, result.discretisation
+    return float(estimated / abs(result.objective - exact))
+
+
+RADAU_3, RADAU_2, GAUSS_2 = ({"scheme": s, "stages": k} for s, k in (("radau", 3), ("radau", 2), ("gauss", 2)))
+LOBATTO_3, EULER = {"scheme": "lobatto", "stages": 3}, {"scheme": "implicit_euler"}
+
+
+@pytest.mark.parametrize("scheme", [RADAU_3, RADAU_2, GAUSS_2, LOBATTO_3, EULER], ids=lambda s: s["scheme"])
+@pytest.mark.parametrize(
+    ("build", "exact", "meshes"),
+    [
+        (integrator, tanh(3.0), (1, 3, 6)),
+        (regulator, riccati(), (1, 3, 6)),
+        (rest_to_rest, 2.0 / (1.0 - exp(-2.0)), (1, 2, 4)),
+        (drop, pi / 2, (2, 3, 4)),
+        (by_parts, sqrt(tanh(3.0)), (1, 3, 5)),
+    ],
+    ids=lambda part: getattr(part, "__name__", ""),
+)
+def test_the_estimate_is_within_a_factor_of_ten_on_three_meshes(
+    build: Builder, exact: float, meshes: tuple[int, ...], scheme: dict[str, Any]
+) -> None:
+    for elements in meshes:
+        assert 0.1 < ratio(build(elements, **scheme), exact) < 10.0
+
+
+@pytest.mark.parametrize("elements", [5, 10, 20])
+def test_a_bound_of_a_state_between_the_points_counts(elements: int) -> None:
+    assert 0.1 < ratio(constrained(elements), 4.0) < 10.0
+
+
+def test_the_estimate_becomes_exact_on_finer_meshes() -> None:
+    assert ratio(integrator(8), tanh(3.0)) == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.parametrize("elements", [1, 3])
+def test_to_maximise_the_negative_is_the_same_problem(elements: int) -> None:
+    lower, upper = (rcp.solve(integrator(elements, sense)).discretisation for sense in (pyo.minimize, pyo.maximize))
+    assert lower.objective_error == pytest.approx(upper.objective_error, rel=1e-6)
+
+
+def test_units_of_the_objective_and_the_time_change_nothing() -> None:
+    def stretched(factor: float) -> Any:
+        m = pyo.ConcreteModel()
+        m.p = b = rcp.PhaseBlock(duration=3.0 * factor, elements=3)
+        b.x, b.u = rcp.State(initial=1), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t] / factor})
+        m.cost = pyo.Objective(expr=1000 * b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2) / factor)
+        return m
+
+    found = [rcp.solve(stretched(factor)).discretisation.relative_objective_error for factor in (1.0, 60.0)]
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
+
+
+def hanging_chain(elements: int) -> Any:
+    m = pyo.ConcreteModel("hanging chain")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements)
+    b.x, b.u = rcp.State(initial=1, final=3, initial_guess=lambda t: 1 + 2 * t), rcp.Control(initial_guess=2.0)
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.length = pyo.Constraint(expr=b.integral(lambda b, t: (1 + b.u[t] ** 2) ** 0.5) == 4)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] * (1 + b.u[t] ** 2) ** 0.5))
+    return m
+
+
+def test_a_cost_that_the_quadrature_misses_is_said_in_the_first_line() -> None:
+    # Ten elements: 4.829 in place of 5.068, from a control that swings between the points of one element. Its motion
+    # is exact.
+    m = hanging_chain(10)
+    result = rcp.solve(m)
+    verdict = m.p.trajectory().verify()
+    assert verdict.element_error < 1e-12
+    assert verdict.integral_error is not None
+    assert verdict.integral_error > 0.1
+    assert result.discretisation.is_large
+    assert str(result).startswith("COARSE MESH: hanging chain")
+    assert "solve_refined" in str(result).splitlines()[2]
+
+
+def test_a_good_mesh_has_one_line_and_no_warning() -> None:
+    result = rcp.solve(integrator(8))
+    first, second, *_ = str(result).splitlines()
+    assert first.startswith("integrator: Feasible")
+    assert second.startswith("error of the mesh, estimated: objective ")
+    assert not result.discretisation.is_large
+
+
+def test_the_advised_number_of_elements_suffices() -> None:
+    coarse = rcp.solve(integrator(1, scheme="radau", stages=2)).discretisation
+    assert coarse.is_large
+    advised = coarse.elements_for(objective=1e-4)
+    assert advised is not None
+    fine = rcp.solve(integrator(advised, scheme="radau", stages=2)).discretisation
+    assert fine.relative_objective_error is not None
+    assert fine.relative_objective_error < 3e-4
+
+
+def test_an_estimate_is_of_the_answer_whatever_becomes_of_the_model() -> None:
+    models = [integrator(3) for _ in range(2)]
+    untouched, moved = (rcp.solve(model) for model in models)
+    models[1].p.remesh(7)
+    models[1].p.x[0.0].fix(5.0)
+    assert moved.discretisation.objective_error == pytest.approx(untouched.discretisation.objective_error, rel=1e-9)
+
+
+def test_a_pickle_keeps_the_estimate() -> None:
+    result = rcp.solve(integrator(3))
+    again = pickle.loads(pickle.dumps(result))
+    assert again.discretisation.objective_error == result.discretisation.objective_error
+
+
+def test_what_cannot_be_estimated_is_said_with_its_reason() -> None:
+    m = pyo.ConcreteModel("tracking data")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    b.x, b.u = rcp.State(initial=0), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.cost = pyo.Objective(expr=b.tracking("x", ([0.0, 0.4, 1.0], [0.0, 1.0, 0.0])))
+    found = rcp.solve(m).discretisation
+    assert found.objective_error is None
+    assert any("tracking" in remark or "formula" in remark for remark in found.remarks)
+    assert "objective not known" in found.sentence()
+    assert found.motion_error is not None
+
+
+def test_a_model_without_phases_has_nothing_to_say() -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=1.0)
+    m.cost = pyo.Objective(expr=(m.x - 2) ** 2)
+    result = rcp.solve(m)
+    assert result.discretisation.sentence() == ""
+    assert not result.discretisation.is_large
+    assert "error of the mesh" not in str(result)
+
+
+@pytest.mark.parametrize("elements", [2, 4, 8])
+def test_integrals_along_the_motion_are_integrated_to_ten_digits(elements: int) -> None:
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements, scheme="radau", stages=2)
+    b.x, b.u = rcp.State(initial=1), rcp.Control(bounds=(0, 0))
+    b.ode(lambda b, t: {b.x: b.x[t] + b.u[t]})
+    m.area = pyo.Objective(expr=b.integral(lambda b, t: pyo.cosh(b.x[t])))
+    rcp.solve(m)
+    found = m.p.reintegrate()
+    ((planned, moved),) = found.integrals.values()
+    assert planned.sum() == pytest.approx(pyo.value(m.area), rel=1e-12)
+    starts, times = m.p.trajectory().element_states("x")[:, 0], np.linspace(0, 1 / elements, 4001)
+    exact = [np.trapezoid(np.cosh(start * np.exp(times)), times) for start in starts]
+    np.testing.assert_allclose(moved, exact, rtol=1e-7)
+    assert cosh(1.0) < moved.sum() < cosh(exp(1.0))

@@ -1,0 +1,134 @@
+"""Laws of tables: points, polynomials, derivatives, edges, and what is refused."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import EvaluationError, FunctionError
+
+GRID = np.array([0.0, 0.3, 0.5, 1.1, 1.7, 2.0, 2.6, 3.0])
+OTHER = np.array([-1.0, -0.4, 0.1, 0.8, 1.2, 1.9, 2.0, 2.5])  # as many: a transposed product would not be noticed
+
+
+@pytest.mark.parametrize(("kind", "degree"), [("cubic", 3), ("quintic", 5)])
+@given(coefficients=st.lists(st.floats(-2, 2), min_size=6, max_size=6), seed=st.integers(0, 100))
+@settings(max_examples=15, deadline=None)
+def test_polynomials_come_out_exactly(kind, degree, coefficients, seed):
+    first = np.polynomial.Polynomial(coefficients[: degree + 1])
+    second = np.polynomial.Polynomial(coefficients[::-1][: degree + 1])
+    numbers = np.random.default_rng(seed)
+    x, y = numbers.uniform(0, 3, 20), numbers.uniform(-1, 2.5, 20)
+    scale = 1 + np.abs(np.outer(first(GRID), second(OTHER))).max()
+    assert np.allclose(rcp.Table(GRID, first(GRID), kind=kind)(x), first(x), atol=1e-9 * scale)
+    product = rcp.Table(GRID, OTHER, np.outer(first(GRID), second(OTHER)), kind=kind)
+    assert np.allclose(product(x, y), first(x) * second(y), atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("outside", ["error", "linear", "constant"])
+@pytest.mark.parametrize("kind", ["cubic", "natural", "quintic", "monotone"])
+def test_points_and_derivatives(kind, outside):
+    numbers = np.random.default_rng(3)
+    values = np.sin(GRID) + 0.1 * GRID**2
+    reach = 0.0 if outside == "error" else 1.0
+    table = rcp.Table(GRID, values, kind=kind, outside=outside)
+    assert np.allclose(table(GRID), values, atol=1e-12)
+    table.check_derivatives(numbers.uniform(-reach, 3 + reach, (25, 1)))
+    if kind != "monotone":
+        products = np.outer(values, np.cos(OTHER)) + GRID[:, None]
+        table = rcp.Table(GRID, OTHER, products, kind=kind, outside=outside)
+        assert np.allclose(table(GRID[:, None], OTHER), products, atol=1e-12)
+        points = numbers.uniform([-reach, -1 - reach], [3 + reach, 2.5 + reach], (25, 2))
+        table.check_derivatives(points)
+
+
+@given(st.lists(st.floats(0, 5), min_size=len(GRID), max_size=len(GRID)))
+@settings(max_examples=25, deadline=None)
+def test_monotone_data_make_a_monotone_curve(steps):
+    values = np.cumsum(steps)
+    curve = rcp.Table(GRID, values, kind="monotone")(np.linspace(0, 3, 301))
+    assert (np.diff(curve) >= -1e-12 * (1 + values[-1])).all()
+
+
+def test_constants_and_sums_are_kept():
+    """Splines depend linearly on the values, and B-splines add up to one."""
+    x = np.linspace(0, 3, 50)
+    one, two = np.sin(GRID), GRID**2
+    assert np.allclose(rcp.Table(GRID, np.ones_like(GRID))(x), 1.0)
+    both = rcp.Table(GRID, 2 * one - two)(x)
+    assert np.allclose(both, 2 * rcp.Table(GRID, one)(x) - rcp.Table(GRID, two)(x))
+
+
+def test_beyond_the_edges():
+    table = rcp.Table(GRID, GRID**3, inputs=["mach"], name="thrust")
+    with pytest.raises(EvaluationError, match=r"'thrust': mach = 3.5 is outside of the table, from 0 to 3"):
+        table(3.5)
+    assert table(3.0 + 1e-8) == pytest.approx(27.0, rel=1e-7)  # a solver's tolerance
+    assert rcp.Table(GRID, GRID**3, outside="linear")(4.0) == pytest.approx(27.0 + 27.0)
+    assert rcp.Table(GRID, GRID**3, outside="constant")(4.0) == pytest.approx(27.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "message"),
+    [
+        (([0, 2, 1, 3], [0, 1, 2, 3]), {}, "2 at 1 is followed by 1"),
+        (([0, 1, 1, 3], [0, 1, 2, 3]), {}, "1 at 1 appears twice"),
+        (([0, 1, np.nan, 3], [0, 1, 2, 3]), {}, "points of input 0 have nan"),
+        (([0, 1, 2, 3], [0, 1, np.inf, 3]), {}, "values have inf at"),
+        (([0, 1, 2, 3], [0, 1, 2]), {}, "the grids ask for"),
+        ((GRID, OTHER[:5], np.ones((5, 8))), {}, "Transpose"),
+        (([0, 1], [0, 1]), {}, "at least 4"),
+        ((GRID, OTHER, np.ones((8, 8))), {"kind": "monotone"}, "one input"),
+        (([0, 1, 2, 3], [0, 1, 2, 3]), {"kind": "spline"}, "choose one of"),
+        (([0, 1, 2, 3], [0, 1, 2, 3]), {"inputs": ["a", "b"]}, "2 names for 1"),
+        ((["a", 1, 2, 3], [0, 1, 2, 3]), {}, "no numbers"),
+        (([0, 1, 2, 3],), {}, "only one array"),
+    ],
+)
+def test_what_is_no_table_is_refused(given, options, message):
+    with pytest.raises(FunctionError, match=message):
+        rcp.Table(*given, **options)
+
+
+def test_from_pandas_and_files(tmp_path):
+    frame = pd.DataFrame(np.outer(GRID, OTHER), index=GRID, columns=OTHER)
+    assert rcp.Table(frame)(1.3, 0.5) == pytest.approx(0.65)
+    assert rcp.Table(frame[OTHER[1]])(1.3) == pytest.approx(1.3 * OTHER[1])
+    frame.to_csv(tmp_path / "wide.csv")
+    assert rcp.Table.from_csv(tmp_path / "wide.csv")(1.3, 0.5) == pytest.approx(0.65)
+    (tmp_path / "price.csv").write_text("hour,price\n0,1\n1,2\n2,3\n3,5\n")
+    assert rcp.Table.from_csv(tmp_path / "price.csv", kind="monotone")(2.0) == 3.0
+    (tmp_path / "price.csv").write_text("hour,price\n0,1\n1,much\n")
+    with pytest.raises(FunctionError, match="line 3: 'much' is no number"):
+        rcp.Table.from_csv(tmp_path / "price.csv")
+
+
+def test_expressions_copies_and_pickles():
+    table = rcp.Table(GRID, GRID**3, name="cube")
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=1.5)
+    m.row = pyo.Constraint(expr=table(m.x) == 8)
+    assert pyo.value(m.row.body) == pytest.approx(1.5**3)
+    assert pyo.value(m.clone().row.body) == pytest.approx(1.5**3)
+    assert pickle.loads(pickle.dumps(table))(2.0) == pytest.approx(8.0)
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize(
+    "backend", [pytest.param(None, id="default"), pytest.param("asl", marks=pytest.mark.asl),
+                pytest.param("casadi", marks=pytest.mark.casadi)],
+)  # fmt: skip
+def test_a_table_in_a_solve(backend):
+    table = rcp.Table(GRID, OTHER, np.outer((GRID - 1.2) ** 2 + 1, (OTHER - 0.7) ** 2 + 1))
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, 3), initialize=2.5)
+    m.y = pyo.Var(bounds=(-1, 2.5), initialize=2.0)
+    m.cost = pyo.Objective(expr=table(m.x, m.y))
+    m.row = pyo.Constraint(expr=m.x + m.y >= -5)
+    rcp.solve(m, **({} if backend is None else {"backend": backend}))
+    assert (m.x.value, m.y.value) == pytest.approx((1.2, 0.7), abs=1e-6)

@@ -1,0 +1,236 @@
+"""Ipopt sees programs without pairs in variables, rows and an objective of size one, and nobody else does."""
+
+from __future__ import annotations
+
+from math import radians
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from harness.scenes import avoiding, turning_move
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.solving.automatic_scaling import automatic_scaling
+
+SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")
+BACKENDS = [
+    pytest.param("asl", marks=pytest.mark.asl),
+    pytest.param("vectorised", marks=pytest.mark.casadi),
+    pytest.param("executable", marks=pytest.mark.executable),
+]
+
+
+def braking(metre: float = 1.0, second: float = 1.0) -> pyo.ConcreteModel:
+    """A car with drag from 30 m/s to rest after 200 m: least effort, speed and force bounded, free duration."""
+    m = pyo.ConcreteModel(name="braking")
+    duration = rcp.Duration(bounds=(5 * second, 14 * second), initial_guess=12 * second)
+    m.car = b = rcp.PhaseBlock(duration=duration, elements=8, stages=2)
+    speed, rate = metre / second, metre / second**2
+    b.x = rcp.State(initial=0, final=200 * metre, initial_guess=lambda s: 200 * s * metre)
+    b.v = rcp.State(initial=30 * speed, final=0, bounds=(0, 40 * speed), initial_guess=lambda s: 30 * (1 - s) * speed)
+    b.a = rcp.Control(bounds=(-1.92 * rate, 2 * rate))
+
+    @b.ode
+    def motion(b, t):
+        return {b.x: b.v[t], b.v: b.a[t] - 1e-3 * b.v[t] ** 2 / metre}
+
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.a[t] ** 2) + 0.1 * rate**2 * b.duration)
+    for name in SUFFIXES:
+        m.add_component(name, pyo.Suffix(direction=pyo.Suffix.IMPORT))
+    return m
+
+
+def reentry(foot: float = 1.0, second: float = 1.0) -> pyo.ConcreteModel:
+    """The largest cross-range of a space shuttle: Betts (2010), sec. 6.1, doi:10.1137/1.9780898718577."""
+    m = pyo.ConcreteModel(name="re-entry")
+    duration = rcp.Duration(bounds=(100 * second, 4000 * second), initial_guess=2000 * second)
+    m.entry = b = rcp.PhaseBlock(duration=duration, elements=12, stages=3)
+    speed, right, end = foot / second, radians(90), 1.0
+    b.h = rcp.State(initial=260000 * foot, final=80000 * foot, bounds=(0, 300000 * foot))
+    b.latitude = rcp.State(initial=0, bounds=(-radians(89), radians(89)))
+    b.v = rcp.State(initial=25600 * speed, final=2500 * speed, bounds=(speed, 45000 * speed))
+    b.path = rcp.State(initial=-radians(1), final=-radians(5), bounds=(-radians(89), radians(89)))
+    b.azimuth = rcp.State(initial=right)
+    b.attack = rcp.Control(bounds=(-right, right), initial_guess=radians(17))
+    b.bank = rcp.Control(bounds=(-radians(89), radians(1)), initial_guess=-radians(45))
+    b.initialize_straight_lines()
+    b.initialize(azimuth=right)
+
+    @b.ode
+    def shuttle(b, t):
+        v, r, attack = b.v[t] / speed, 20902900 + b.h[t] / foot, 180 / np.pi * b.attack[t]
+        pressure = 0.5 * 0.002378 * pyo.exp(-b.h[t] / foot / 23800) * v**2 * 2690 / (203000 / 32.174)
+        lift = pressure * (-0.20704 + 0.029244 * attack)
+        drag = pressure * (0.07854 - 0.61592e-2 * attack + 0.621408e-3 * attack**2)
+        gravity = 0.14076539e17 / r**2
+        path, azimuth, bank = b.path[t], b.azimuth[t], b.bank[t]
+        turn = v / r * pyo.cos(path) * pyo.sin(azimuth) * pyo.tan(b.latitude[t])
+        return {
+            b.h: v * pyo.sin(path) * speed,
+            b.latitude: v / r * pyo.cos(path) * pyo.cos(azimuth) / second,
+            b.v: (-drag - gravity * pyo.sin(path)) * speed / second,
+            b.path: (lift / v * pyo.cos(bank) + pyo.cos(path) * (v / r - gravity / v)) / second,
+            b.azimuth: (lift * pyo.sin(bank) / (v * pyo.cos(path)) + turn) / second,
+        }
+
+    m.cross_range = pyo.Objective(expr=b.latitude[end], sense=pyo.maximize)
+    return m
+
+
+@pytest.mark.ipopt
+def test_reentry_in_feet_and_seconds_is_solved_like_in_other_units() -> None:
+    in_feet = rcp.solve(reentry())  # sizes are far apart: scaled at once
+    scaled = rcp.solve(reentry(foot=1e-5, second=1e-3), scaling=True)
+    for result in (in_feet, scaled):
+        result.raise_for_status()
+        assert result.strategy == "solve"
+        assert result.objective == pytest.approx(radians(34.1412), rel=1e-3)
+    assert in_feet.iterations <= 1.5 * scaled.iterations
+    assert in_feet.objective == pytest.approx(scaled.objective, rel=1e-6)
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize("metre", [1.0, 3.28084, 1e3, 1e-3])
+@pytest.mark.parametrize("second", [1.0, 1 / 3600, 1e3])
+def test_units_change_neither_the_answer_nor_the_way_there(metre: float, second: float) -> None:
+    reference, other = braking(), braking(metre, second)
+    expected, found = rcp.solve(reference, scaling=True), rcp.solve(other, scaling=True)
+    found.raise_for_status()
+    assert abs(found.iterations - expected.iterations) <= 0.3 * expected.iterations
+    unit = metre**2 / second**3
+    assert found.objective == pytest.approx(unit * expected.objective, rel=1e-6)
+    # A row of x in metres: its multiplier is of the objective's unit per metre.
+    for point, row in reference.car.x_collocation.items():
+        assert other.dual[other.car.x_collocation[point]] == pytest.approx(
+            unit / metre * reference.dual[row], rel=1e-4, abs=1e-6 * unit / metre
+        )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_comes_back_is_in_the_units_of_the_model(backend: str) -> None:
+    with_scaling, without = braking(), braking()
+    first = rcp.solve(with_scaling, backend=backend, scaling=True, options={"tol": 1e-10})
+    second = rcp.solve(without, backend=backend, scaling=False, options={"tol": 1e-10})
+    first.raise_for_status()
+    assert second.scaling is None
+    assert first.scaling is not None
+    assert str(first.scaling) in str(first)
+    assert first.scaling.variables["car.v"] == pytest.approx((30 * 40) ** 0.5)
+    assert first.objective == pytest.approx(second.objective, rel=1e-7)
+    assert pyo.value(with_scaling.effort) == first.objective
+    for name in SUFFIXES:
+        expected = {key.name: value for key, value in without.component(name).items()}
+        found = {key.name: value for key, value in with_scaling.component(name).items()}
+        largest = max(map(abs, expected.values()))
+        assert largest > 1e-3, f"{name}: nothing is compared"
+        for key in expected.keys() | found.keys():
+            assert found.get(key, 0.0) == pytest.approx(expected.get(key, 0.0), rel=1e-4, abs=1e-5 * largest), key
+    assert not [part for part in with_scaling.component_objects(pyo.Suffix) if part.local_name == "scaling_factor"]
+
+
+@pytest.mark.casadi
+def test_the_scaled_program_has_the_same_derivatives_and_points() -> None:
+    compiled = CompiledModel(braking(), "vectorised")
+    nlp, scales = compiled.nlp, automatic_scaling(compiled).scales
+    scaled, x = ScaledProgram(nlp, scales), compiled.current_point()
+    rng = np.random.default_rng(1)
+    x = np.clip(x + 0.01 * scales.x * rng.standard_normal(nlp.n), nlp.x_lower, nlp.x_upper)
+    point = PrimalDualPoint(x, rng.standard_normal(nlp.m), rng.random(nlp.n), rng.random(nlp.n))
+    there = scales.scaled(point)
+    back = scales.unscaled(there, nlp)
+    for name in ("x", "g_multipliers", "lower_multipliers", "upper_multipliers"):
+        assert getattr(back, name) == pytest.approx(getattr(point, name), rel=1e-14)
+    step, h = rng.standard_normal(nlp.n), 1e-6
+    rows, columns = scaled.jacobian_structure
+    slope = np.zeros(nlp.m)
+    np.add.at(slope, rows, scaled.jacobian(there.x) * step[columns])
+    above, below = scaled.constraints(there.x + h * step), scaled.constraints(there.x - h * step)
+    assert slope == pytest.approx((above - below) / (2 * h), rel=1e-5, abs=1e-7)
+    rise = scaled.objective(there.x + h * step) - scaled.objective(there.x - h * step)
+    assert scaled.gradient(there.x) @ step == pytest.approx(rise / (2 * h), rel=1e-5, abs=1e-8)
+    assert there.g_multipliers is not None
+    whole = scaled.hessian(there.x, 1.0, there.g_multipliers)
+    plain = nlp.hessian(x, 1.0, np.asarray(point.g_multipliers)) / scales.objective
+    i, j = scaled.hessian_structure
+    assert whole == pytest.approx(plain * scales.x[i] * scales.x[j], rel=1e-12)
+
+
+@pytest.mark.ipopt
+def test_a_suffix_of_the_user_wins() -> None:
+    m = braking()
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[m.car.v] = 0.01
+    m.scaling_factor[m.effort] = 0.5
+    result = rcp.solve(m)
+    result.raise_for_status()
+    assert result.scaling is not None
+    assert result.scaling.variables["car.v"] == pytest.approx(100.0)
+    assert result.scaling.rows["car.v_collocation"] == pytest.approx(100.0)
+    assert result.scaling.objective == pytest.approx(2.0)
+
+
+@pytest.mark.ipopt
+def test_ipopts_own_option_is_taken_as_it_is() -> None:
+    m = braking()
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[m.car.v] = 0.1
+    result = rcp.solve(m, options={"nlp_scaling_method": "user-scaling"})
+    result.raise_for_status()
+    assert result.scaling is None
+
+
+@pytest.mark.ipopt
+def test_pairs_stay_in_the_units_of_the_model() -> None:
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(0, None), initialize=1000.0), pyo.Var(bounds=(0, None), initialize=1.0)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 1000) ** 2 + m.y**2)
+    assert rcp.solve(m).scaling is None
+
+
+def test_values_over_time_are_one_group() -> None:
+    m = pyo.ConcreteModel()
+    m.t = pyo.Set(initialize=[0, 0.5, 1.0])
+    m.x, m.p = pyo.Var([1, 2], m.t), pyo.Var(["mass", "length"])
+    m.s = pyo.Var()
+    groups = ComponentGroups([*m.x.values(), *m.p.values(), m.s])
+    assert groups.names == ["x[1]", "x[2]", "p[mass]", "p[length]", "s"]
+    assert groups.numbers.tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 4]
+    assert groups.group_of(m.x[2, 0.5]) == 1
+    assert groups.group_of(m.t) is None
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize("wanted", [None, True])
+def test_models_with_obstacles_are_scaled_where_it_is_asked_for(wanted: bool | None) -> None:
+    m = turning_move()
+    avoiding(m)
+    result = rcp.solve(m, scaling=wanted)
+    result.raise_for_status()
+    assert (result.scaling is not None) is bool(wanted)
+
+
+@pytest.mark.ipopt
+def test_sizes_near_to_each_other_are_left_alone_until_a_run_fails() -> None:
+    plain, scaled = rcp.solve(braking()), rcp.solve(braking(), strategies=["typical sizes"])
+    assert plain.scaling is None
+    assert scaled.scaling is not None
+    assert scaled.objective == pytest.approx(plain.objective, rel=1e-6)
+    assert scaled.strategy == "typical sizes"
+
+
+@pytest.mark.ipopt
+def test_an_objective_that_is_constant_but_for_rounding_is_not_divided_by_it() -> None:
+    m = pyo.ConcreteModel()
+    m.angle = pyo.Var(initialize=1.0)
+    m.bound = pyo.Constraint(expr=pyo.sin(m.angle) == 0.5)
+    m.cost = pyo.Objective(expr=2.5 * pyo.cos(m.angle) ** 2 + 2.5 * pyo.sin(m.angle) ** 2)
+    result = rcp.solve(m, scaling=True)
+    assert result.solved
+    assert result.strategy == "solve"
+    assert result.scaling is not None
+    assert result.scaling.objective > 1e-9

@@ -1,0 +1,147 @@
+"""Integer controls come out of `solve` with values that they may take, near what the relaxed problem says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import DeclarationError
+
+
+def fishing(elements: int, **options: Any) -> Any:
+    """Lotka-Volterra fishing: Sager (2005); the relaxed optimum is 1.34408."""
+    m = pyo.ConcreteModel("fishing")
+    m.go = b = rcp.PhaseBlock(duration=12.0, elements=elements)
+    b.x = rcp.State(initial=0.5, initial_guess=1.0, bounds=(0, 5))
+    b.y = rcp.State(initial=0.7, initial_guess=1.0, bounds=(0, 5))
+    b.w = rcp.Control(initial_guess=0.5, **{"integer": (0, 1), **options})
+
+    def hunt(b: Any, t: float) -> Any:
+        x, y, w = b.x[t], b.y[t], b.w[t]
+        return {b.x: x - x * y - 0.4 * x * w, b.y: -y + x * y - 0.2 * y * w}
+
+    b.ode(hunt)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2 + (b.y[t] - 1) ** 2))
+    return m
+
+
+@pytest.mark.ipopt
+def test_fishing_is_rounded_within_the_bound_and_comes_near_its_relaxation() -> None:
+    objectives = []
+    for elements in (20, 60):
+        m = fishing(elements)
+        result = rcp.solve(m)
+        assert result.solved
+        values = m.go.trajectory().w
+        assert set(np.unique(values)) <= {0.0, 1.0}
+        assert not any(variable.fixed for variable in m.component_data_objects(pyo.Var) if "w" in variable.name)
+        rounding = result.rounding
+        (control,) = rounding.controls
+        assert control.gap <= control.bound == pytest.approx(6.0 / elements)
+        assert rounding.objective == pytest.approx(pyo.value(m.cost))
+        assert rounding.relaxed_objective <= rounding.objective
+        assert "integral gap" in str(result)
+        assert m.go.trajectory().verify().largest_violation < 1e-6
+        objectives.append(rounding)
+    assert objectives[1].relaxed_objective == pytest.approx(1.34408, rel=1e-3)
+    assert objectives[1].objective < objectives[0].objective
+
+
+@pytest.mark.ipopt
+def test_switches_and_dwelling_are_limited() -> None:
+    m = fishing(24, max_switches=2, min_dwell=1.2)
+    result = rcp.solve(m)
+    assert result.solved
+    values = m.go.trajectory().w[::3]
+    ends = np.flatnonzero(np.diff(values)) + 1
+    assert len(ends) == result.rounding.controls[0].switches <= 2
+    assert (np.diff(ends) * 0.5 >= 1.2 - 1e-9).all()
+
+
+@pytest.mark.ipopt
+def test_one_mode_of_several_is_chosen_at_a_time() -> None:
+    # x' = one of -1, 0.3, 2 (chosen by a vector): follow a straight line of slope 0.3, then one of slope 1.
+    slopes = np.array([-1.0, 0.3, 2.0])
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=2.0, elements=20)
+    b.x = rcp.State(initial=0.0)
+    b.mode = rcp.Control(index=3, integer=(0, 1), one_of=True, initial_guess=0.3)
+    b.ode(lambda b, t: {b.x: slopes @ b.mode[t]})
+
+    def wanted(t: float) -> float:
+        return 0.3 * t if t < 1 else 0.3 + (t - 1)
+
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - wanted(t)) ** 2))
+    b.remesh(16)
+    result = rcp.solve(m)
+    assert result.solved
+    modes = m.go.trajectory().mode
+    assert modes.sum(axis=0) == pytest.approx(np.ones(48))
+    assert set(np.unique(modes)) <= {0.0, 1.0}
+    (control,) = result.rounding.controls
+    assert control.name == "go.mode"
+    assert control.gap <= control.bound
+    found = m.go.trajectory()
+    assert max(abs(found.x - [wanted(t) for t in found.time])) < 0.4
+
+
+@pytest.mark.ipopt
+def test_fixed_integers_stay_and_a_free_duration_is_rounded_on_its_own_intervals() -> None:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.5, 9), initial_guess=3), elements=9)
+    b.x = rcp.State(initial=0.0, final=(2.9, 3.1))
+    b.gear = rcp.Control(integer=True, bounds=(0, 2))
+    b.ode(lambda b, t: {b.x: b.gear[t]})
+    b.gear_per_element[0].fix(1.0)
+    m.cost = pyo.Objective(expr=b.duration)
+    result = rcp.solve(m)
+    assert result.solved
+    assert b.gear_per_element[0].fixed
+    values = m.go.trajectory().gear[::3]
+    assert values[0] == 1.0
+    assert set(values) <= {0.0, 1.0, 2.0}
+    assert result.rounding.objective == pytest.approx(b.duration.value)
+
+
+def declare(**options: Any) -> Callable[[Any], None]:
+    def act(b: Any) -> None:
+        b.w = rcp.Control(**options)
+
+    return act
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (declare(integer=True), r"it has no range. Say integer=\(0, 1, 2\)"),
+        (declare(integer=True, bounds=(0, None)), "it has no range"),
+        (declare(integer=True, bounds=(0.2, 0.8)), "hold 0 whole numbers"),
+        (declare(integer=()), r"integer = \(\)"),
+        (declare(integer=(0, float("nan"))), "expected the values"),
+        (declare(integer="01x"), "expected the values"),
+        (declare(integer=(0, 1), parametrization="piecewise_linear"), "constant over intervals"),
+        (declare(integer=(0, 1), max_switches=-1), "max_switches = -1"),
+        (declare(integer=(0, 1), min_dwell=-1.0), "min_dwell = -1"),
+        (declare(max_switches=3), "belong to an integer control"),
+        (declare(integer=(0, 1), one_of=True), "is one_of, but no vector"),
+        (declare(index=2, integer=(0, 2), one_of=True), r"integer=\(0, 1\)"),
+    ],
+)
+def test_integer_controls_without_sense_are_refused_and_leave_nothing(act: Callable[[Any], None], message: str) -> None:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    before = list(b.component_map())
+    with pytest.raises(DeclarationError, match=message):
+        act(b)
+    assert list(b.component_map()) == before
+
+
+def test_relaxed_values_of_integer_controls_are_a_violation() -> None:
+    m = fishing(4)
+    found = m.go.simulate(controls={"w": [0.0, 1.0, 0.25, 0.0]})
+    assert found.verify().bounds == pytest.approx(0.25)
