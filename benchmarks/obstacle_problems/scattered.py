@@ -10,7 +10,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
-from pyrobocop_pyomo.obstacles.rerouting import distance_lower_bounds
+from pyrobocop_pyomo.obstacles.rerouting import grid_lower_bounds
 
 CLEARANCE = 0.05
 CELL = 0.1
@@ -70,8 +70,7 @@ def random_scene(count: int, seed: int, reach: float) -> tuple[dict[str, rcp.Pol
 
 def _is_passable(shapes: list[rcp.Polytope], side: float, reach: float) -> bool:
     axis = np.linspace(-1.0, side + 1.0, int((side + 2.0) / CELL) + 1)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    room = distance_lower_bounds(points, shapes).reshape(len(axis), len(axis))
+    room = grid_lower_bounds([axis, axis], shapes, reach + CLEARANCE + CELL)
     cost = np.where(room > reach + CLEARANCE, 1.0, np.inf)
     start, goal = (tuple([int(np.abs(axis - end).argmin())] * 2) for end in (0.0, side))
     return bool(np.isfinite(grid_distances(cost, np.diff(axis)[:1].repeat(2), start)[goal]))

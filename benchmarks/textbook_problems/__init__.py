@@ -1,0 +1,65 @@
+"""Forty published problems of optimal control: the twenty of ``examples/textbook`` and twenty more."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+from . import chemistry, flight, small
+from .problem import TextbookProblem
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "textbook"
+if str(EXAMPLES) not in sys.path:
+    sys.path.append(str(EXAMPLES))  # the examples are scripts that import one another by name
+
+
+def example(name: str, source: str, elements: int | None = None, *phases: str, **more: Any) -> TextbookProblem:
+    """The problem that an example states."""
+    module = importlib.import_module(name)
+    return TextbookProblem(name, source, module.PUBLISHED, module.build, elements, phases, **more)
+
+
+PROBLEMS = (
+    example("alp_rider", "Betts", 100),
+    example("ascent", "Benson; GPOPS", 10, "six", "three", "main", "last"),
+    example("brachistochrone", "Bryson & Ho; dymos"),
+    example("bryson_denham", "Bryson & Ho"),
+    example("catalyst_mixing", "COPS 3", 20),
+    example("container_crane", "Sakawa & Shindo", 20, computed=True),
+    example("free_flying_robot", "Sakawa; Betts", 60),
+    example("goddard_rocket", "COPS 3", 20),
+    example("hang_glider", "COPS 3", 50),
+    example("hanging_chain", "COPS 3", 20),
+    example("isomerisation", "COPS 3"),
+    example("linear_tangent_steering", "COPS 3"),
+    example("low_thrust_transfer", "Betts", 60),
+    example("moon_landing", "Meditch; GPOPS-II", 20),
+    example("orbit_raising", "Bryson & Ho", 20),
+    example("reentry", "Betts", 50),
+    example("robot_arm", "COPS 3", 20),
+    example("tuberculosis", "Betts", 20),
+    example("two_burn_transfer", "Betts", 10, "coast", "burn", "rise", "arrive"),
+    example("zermelo", "Bryson & Ho"),
+    TextbookProblem("batch_reactor", "Ray; Biegler", 0.573545, chemistry.batch_reactor, 20),
+    TextbookProblem("cart_pole", "Kelly", 58.8, small.cart_pole, 20, computed=True),
+    TextbookProblem("consecutive_reactions", "Ray", 0.610775, chemistry.consecutive_reactions),
+    TextbookProblem("drug_displacement", "Maurer & Wiegand", 221.333, small.drug_displacement, 40),
+    TextbookProblem("fastest_stop", "Bryson & Ho", 2.0, small.fastest_stop),
+    TextbookProblem("fishing", "Sager; mintOC", 1.34408, small.fishing, 40),
+    TextbookProblem("gas_oil", "COPS 3", 5.23659e-3, chemistry.gas_oil),
+    TextbookProblem("hypersensitive", "Rao & Mease", 6.7241, small.hypersensitive, 100),
+    TextbookProblem("jacobson_lele", "Jacobson & Lele; PSOPT", 0.16982, small.jacobson_lele, 20),
+    TextbookProblem("largest_range", "Bryson & Ho; PROPT", 1.7127, flight.largest_range),
+    TextbookProblem("missile", "Subchan & Zbikowski", 40.9121, flight.missile, 40),
+    TextbookProblem("obstacle_avoidance", "PSOPT", 4.57104, flight.obstacle_avoidance, 40),
+    TextbookProblem("oil_shale", "Luus", 0.35375, chemistry.oil_shale),
+    TextbookProblem("protein_secretion", "Park & Ramirez; Luus", 32.4712, chemistry.protein_secretion, 60),
+    TextbookProblem("rayleigh", "Tun & Dillon; PROPT", 29.376, small.rayleigh),
+    TextbookProblem("rigid_body", "Betts; PSOPT", 28.6304, flight.rigid_body, 40),
+    TextbookProblem("singular_arc", "Aly & Chan", 0.75398386057, small.singular_arc, 20),
+    TextbookProblem("stirred_tank", "Luus", 0.13309, chemistry.stirred_tank),
+    TextbookProblem("tumour", "Ledzewicz & Schaettler; Betts", 7571.6712, small.tumour, 20),
+    TextbookProblem("two_link_robot", "Luus; PSOPT", 2.98364, flight.two_link_robot, 20),
+)
