@@ -231,6 +231,8 @@ class _Procedure:
 
     def _name_undefined(self) -> None:
         """Say what has no value, where the start has none, or a function had none on the way."""
+        if self._cut is not None:
+            return  # there is no time left, and the limit is the reason
         self._values.write(self._initial)
         at_start = "" if self._remarks else named_undefined_rows(self._model)
         if at_start:
