@@ -76,11 +76,14 @@ class AutomaticScaling:
     record : ScalingRecord
     by_component : ComponentMap
         From each variable and each constraint of the program to its scale.
+    stated : bool
+        Whether the user says any of them.
     """
 
     scales: Scales
     record: ScalingRecord
     by_component: ComponentMap
+    stated: bool
 
 
 def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
@@ -128,7 +131,9 @@ def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
     by_component = ComponentMap(zip(compiled.variables, x_scales.tolist(), strict=True))
     by_component.update(zip(compiled.constraints, g_scales.tolist(), strict=True))
     record = ScalingRecord(_by_name(variables, x_scales), _by_name(constraints, g_scales), objective)
-    return AutomaticScaling(Scales(x_scales, g_scales, objective), record, by_component)
+    says = [values for values in (stated.x, stated.g, stated.objective) if values is not None]
+    any_stated = any(bool(np.isfinite(values).any()) for values in says)
+    return AutomaticScaling(Scales(x_scales, g_scales, objective), record, by_component, any_stated)
 
 
 def sizes_to_scale_by(compiled: CompiledModel, least_spread: float | None) -> AutomaticScaling | None:
@@ -137,11 +142,8 @@ def sizes_to_scale_by(compiled: CompiledModel, least_spread: float | None) -> Au
         return None
     found = automatic_scaling(compiled)
     sizes = found.scales.x
-    stated = scaling_factors(compiled, missing=np.nan)
-    says = [values for values in (stated.x, stated.g) if values is not None and np.isfinite(values).any()]
-    if says or np.isfinite(stated.objective) or sizes.max(initial=1.0) >= least_spread * sizes.min(initial=np.inf):
-        return found
-    return None
+    far_apart = sizes.max(initial=1.0) >= least_spread * sizes.min(initial=np.inf)
+    return found if found.stated or far_apart else None
 
 
 def _size_of_objective(nlp: NonlinearProgram, x: FloatArray) -> float:

@@ -20,6 +20,11 @@ class Quality(enum.Enum):
     FEASIBLE = "Feasible, and every pair is complementary, but the point is not shown to be stationary."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
 
+    @property
+    def rank(self) -> int:
+        """The larger, the better."""
+        return (Quality.INFEASIBLE, Quality.FEASIBLE, Quality.OPTIMAL).index(self)
+
 
 class StopReason(enum.Enum):
     """Why the procedure ended; the value is a sentence."""

@@ -193,8 +193,7 @@ class Polish:
         Products of a relaxed point flatter its objective, so that does not decide; and where another branch descends
         from the polished point, it does from the point before, too.
         """
-        shown = {Quality.INFEASIBLE: 0, Quality.FEASIBLE: 1, Quality.OPTIMAL: 2}
-        ranks = [shown[iterate.quality(self._settings.tolerances)] for iterate in (before, after)]
+        ranks = [iterate.quality(self._settings.tolerances).rank for iterate in (before, after)]
         return before if ranks[0] > ranks[1] and after.certificate is not Certificate.DESCENT else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
-from pyomo.core.base.objective import Objective, maximize
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
@@ -256,7 +255,7 @@ def solve_refined(
         steps.append(step)
         bar.line(table_row(columns, step, len(steps)))
         logger.info("mesh %d: %s", len(steps), step)
-        if best is None or _replaces(step, steps[best[0]], found.sign):
+        if best is None or _replaces(step, steps[best[0]]):
             best = (len(steps) - 1, meshes, found)
         end = None
         if step.result is not None and step.result.stop_reason is StopReason.INTERRUPTED:
@@ -297,12 +296,11 @@ def solve_refined(
             )  # fmt: skip
 
 
-_RANKS = {Quality.INFEASIBLE: 0, Quality.FEASIBLE: 1, Quality.OPTIMAL: 2}
 # Estimated errors of the objective are right within this factor.
 _TRUST = 10.0
 
 
-def _replaces(step: RefinementStep, before: RefinementStep, sign: float) -> bool:
+def _replaces(step: RefinementStep, before: RefinementStep) -> bool:
     """Whether the answer on a finer mesh is no worse than the best one until then.
 
     Its objective may be worse where the coarse one flattered itself, by as much as the errors of both explain; by more,
@@ -310,11 +308,11 @@ def _replaces(step: RefinementStep, before: RefinementStep, sign: float) -> bool
     """
     if step.result is None or before.result is None:
         return before.result is None
-    ranks = [_RANKS[result.quality] for result in (step.result, before.result)]
+    ranks = [result.quality.rank for result in (step.result, before.result)]
     if ranks[0] != ranks[1] or not step.feasible:
         return ranks[0] > ranks[1]
     known = [of.objective_error * abs(of.objective) for of in (step, before)]
-    worse = sign * (step.objective - before.objective)
+    worse = step.result.standing.cost - before.result.standing.cost
     return not worse > _TRUST * sum(known)  # also where the errors are not known
 
 
@@ -322,8 +320,7 @@ def _replaces(step: RefinementStep, before: RefinementStep, sign: float) -> bool
 class _Answer:
     """A solved model, the trajectories of its refined phases, and the errors of their elements.
 
-    Those in `relative` are relative to the sizes of states, those in `of_objective` to the size of the objective;
-    `sign` is -1 where that is maximised.
+    Those in `relative` are relative to the sizes of states, those in `of_objective` to the size of the objective.
     """
 
     model: Any
@@ -331,7 +328,6 @@ class _Answer:
     errors: Mapping[str, Array]
     relative: Mapping[str, Array]
     of_objective: Mapping[str, Array]
-    sign: float
 
     def shares(self, name: str, tolerance: float, objective_tolerance: float) -> Array:
         """Of one phase: each element's errors as multiples of what it may have."""
@@ -390,8 +386,7 @@ def _solve_on(
     worst = max((float(of_phase.max()) for of_phase in relative.values()), default=math.nan)
     count = sum(mesh.elements for mesh in meshes.values())
     step = RefinementStep(count, worst, objective_error, result=result, seconds=time.perf_counter() - started)
-    goals = [data.sense for data in model.component_data_objects(Objective, active=True)]
-    return step, _Answer(model, trajectories, errors, relative, of_objective, -1.0 if maximize in goals else 1.0)
+    return step, _Answer(model, trajectories, errors, relative, of_objective)
 
 
 def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:
