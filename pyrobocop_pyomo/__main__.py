@@ -1,4 +1,4 @@
-"""Command line: ``python -m pyrobocop_pyomo [doctor | build-asl]``."""
+"""Command line: ``python -m pyrobocop_pyomo [doctor | build-native | build-asl]``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.ipopt.build_asl import build_asl
+from pyrobocop_pyomo.ipopt.build_native import build_native
 from pyrobocop_pyomo.ipopt.doctor import pyomo_warnings_off, report
 
 
@@ -21,7 +22,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     build.add_argument("--prefix", default=sys.prefix, help="install into PREFIX/bin and PREFIX/lib (%(default)s)")
     build.add_argument("--force", action="store_true", help="build also what is there and works")
+    native = commands.add_parser(
+        "build-native", help="compile the C parts of this package now, with any C compiler, not when first used"
+    )
+    native.add_argument("--force", action="store_true", help="compile also what is there")
+    native.add_argument("--beside", action="store_true", help="put them beside their sources, for a wheel")
     options = parser.parse_args(arguments)
+    if options.command == "build-native":
+        try:
+            build_native(force=options.force, beside=options.beside, report=_say)
+        except PyRobocopError as error:
+            sys.stderr.write(f"build-native: {error}\n")
+            return 1
+        return 0
     if options.command == "build-asl":
         try:
             build_asl(options.prefix, force=options.force, report=_say)

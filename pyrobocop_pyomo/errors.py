@@ -20,13 +20,15 @@
     │   ├── EstimationError              data, outputs or parameters that do not fit together
     │   │   └── NotIdentifiable          parameters that the measurements do not see
     │   ├── TeamError                    a team whose agents, shared quantities or graph do not fit together
+    │   ├── ContradictionError           fixed values that violate a constraint, whatever the free ones are
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
     ├── SolverNotFoundError              no Ipopt, or no derivatives for it, on this machine
-    ├── BuildFailed (RuntimeError)       a step of building the ipopt executable or ASL's library failed
+    ├── BuildFailed (RuntimeError)       a step of building the executable, ASL's library or the linear solver failed
     ├── SolverOptionError (ValueError)   an option that Ipopt does not know, or a value that it refuses
     ├── EvaluationError (ArithmeticError) a value or a derivative of a nonlinear program does not exist or is not finite
     ├── SimulationFailed (RuntimeError)  a forward simulation that could not go on
     ├── TimeLimitReached (RuntimeError)  a computation that has no answer to give at its time limit
+    ├── SingularMatrix (ArithmeticError) a matrix without an inverse, or with entries that are not finite
     ├── SensitivityError (ArithmeticError) a solution that has no derivative with respect to its data
     ├── SolveFailed (RuntimeError)       a solve that ended without the point that was asked for
     │   ├── HomotopyStalled              a path of data that could not be followed to its end
@@ -40,6 +42,8 @@ package, Pyomo's own included, treats them as what they are: bad values.
 """
 
 from __future__ import annotations
+
+import pyomo.common.errors
 
 
 class PyRobocopError(Exception):
@@ -76,6 +80,10 @@ class LinkError(ModelError):
 
 class InitialGuessError(ModelError):
     """An initial guess that has the wrong length, the wrong type or values that are not finite."""
+
+
+class ContradictionError(ModelError, pyomo.common.errors.InfeasibleConstraintException):
+    """Fixed values violate a constraint, whatever the free ones are."""
 
 
 class ComplementarityError(ModelError):
@@ -133,7 +141,7 @@ class SolverNotFoundError(PyRobocopError):
 
 
 class BuildFailed(PyRobocopError, RuntimeError):
-    """A step of building the ipopt executable or PyNumero's library failed; the message holds its output."""
+    """A step of building the executable, PyNumero's library or the linear solver failed; the message has its output."""
 
 
 class SolverOptionError(PyRobocopError, ValueError):
@@ -150,6 +158,10 @@ class EvaluationError(PyRobocopError, ArithmeticError):
 
 class TimeLimitReached(PyRobocopError, RuntimeError):
     """The time limit passed in a computation that has no answer before its end."""
+
+
+class SingularMatrix(PyRobocopError, ArithmeticError):
+    """A matrix that has no inverse, to working precision, or entries that are not finite."""
 
 
 class SensitivityError(PyRobocopError, ArithmeticError):

@@ -1,0 +1,52 @@
+"""The compiled linear solver, and where it is looked for."""
+
+from __future__ import annotations
+
+import functools
+import os
+from pathlib import Path
+
+from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.native.shared_library import CACHE_VARIABLE, SWITCH_VARIABLE, shared_library
+
+LINEAR_SOLVER_VARIABLE = "PYROBOCOP_LINEAR_SOLVER"
+LINEAR_SOLVER_NAME = "linear_solver"
+
+_SOURCE = Path(__file__).parent / "source"
+
+
+def linear_solver_sources() -> list[Path]:
+    """The C files that are compiled, and then the headers that they include."""
+    return [*sorted(_SOURCE.glob("*.c")), *sorted(_SOURCE.glob("*.h"))]
+
+
+def find_linear_solver() -> str | None:
+    """Path of the compiled linear solver, or None where there is none and none can be made.
+
+    The environment variable ``PYROBOCOP_LINEAR_SOLVER`` may name a library that speaks MA27's convention, or be
+    ``none``. Otherwise it is the one that a wheel brought, or that is compiled on the first call, within two seconds,
+    and kept for all later ones; with ``PYROBOCOP_NATIVE=off``, or without a C compiler, there is none.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When the variable names a file that does not exist.
+    """
+    chosen = os.environ.get(LINEAR_SOLVER_VARIABLE)
+    if chosen:
+        if chosen.lower() == "none":
+            return None
+        if not Path(chosen).is_file():
+            raise SolverNotFoundError(
+                f"{LINEAR_SOLVER_VARIABLE} is '{chosen}', but there is no such file. Correct the variable, unset it, "
+                "or set it to 'none'."
+            )
+        return str(Path(chosen).resolve())
+    return _compiled(os.environ.get(SWITCH_VARIABLE, ""), os.environ.get(CACHE_VARIABLE, ""), os.environ.get("CC", ""))
+
+
+@functools.cache
+def _compiled(*_settings: str) -> str | None:
+    """Asked once for each setting of the environment: hashing sources and library takes as long as a small solve."""
+    found = shared_library(LINEAR_SOLVER_NAME, linear_solver_sources())
+    return None if found is None else str(found)

@@ -1,0 +1,214 @@
+/* The solver behind the calling convention of MA27, with which Ipopt loads linear solvers (linear_solver=ma27,
+ * hsllib=this library). The convention is public: HSL's specification of MA27, and IpMa27TSolverInterface.cpp of Ipopt,
+ * which is all of it that Ipopt uses. Nothing here comes from HSL.
+ *
+ *   ma27id   defaults
+ *   ma27ad   looks at the indices and proposes lengths of the arrays
+ *   ma27bd   factors. The first call of a structure orders and plans, since only here the values are known. Where an
+ *            array is too short, it says so and keeps the order in IKEEP, which the caller does not throw away.
+ *   ma27cd   solves
+ *
+ * IKEEP: state, times that the order was given up, lengths that the state belongs to, order (~row where the next row is
+ * tied to it).  IW: the plan, then the records of the fronts.  A: the entries, then the factor.
+ */
+#include "exported.h"
+#include "symmetric_solver.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* States of IKEEP(1); numbers that do not stand there by chance. */
+enum { UNKNOWN = 0, ORDERED = 713408911, PLANNED = 713408912 };
+enum { STATE = 0, GIVEN_UP = 1, KEEP_ORDER = 2 };
+
+/* MA27's INFO(1), and places in INFO. */
+enum { FINE = 0, BAD_SIZE = -1, BAD_ENTRIES = -2, SHORT_IW = -3, SHORT_A = -4, SINGULAR_MATRIX = -5, FAILED = -20 };
+enum { FLAG = 0, DETAIL = 1, REALS = 4, INTEGERS = 5, BLOCKS = 13, NEGATIVE = 14 };
+
+/* Delayed pivots that cost this much more than planned make the order be given up, at most so many times. */
+static const double TOO_DEAR = 1.5;
+enum { PATIENCE = 3 };
+
+static int clipped(int64_t length) { return length > INT_MAX ? INT_MAX : (int)length; }
+
+PUBLIC void ma27id_(int *icntl, double *cntl)
+{
+    memset(icntl, 0, 30 * sizeof(int));
+    memset(cntl, 0, 5 * sizeof(double));
+    icntl[0] = icntl[1] = 6;
+    icntl[3] = INT_MAX;
+    cntl[0] = 0.1;
+    cntl[1] = 1.0;
+}
+
+PUBLIC void ma27ad_(const int *n, const int *nz, const int *irn, const int *icn, int *iw, const int *liw, int *ikeep,
+                    int *iw1, int *nsteps, const int *iflag, const int *icntl, const double *cntl, int *info,
+                    double *ops)
+{
+    (void)iw, (void)liw, (void)iw1, (void)iflag, (void)icntl, (void)cntl;
+    memset(info, 0, 20 * sizeof(int));
+    *nsteps = *n > 0 ? *n : 1;
+    *ops = 0.0;
+    if (*n < 1) info[FLAG] = BAD_SIZE;
+    else if (*nz < 0) info[FLAG] = BAD_ENTRIES;
+    if (info[FLAG] != FINE) return;
+    for (int k = 0; k < *nz; k++)
+        if (irn[k] < 1 || irn[k] > *n || icn[k] < 1 || icn[k] > *n) {
+            info[FLAG] = 1; /* ignored, as the convention has it */
+            info[DETAIL]++;
+        }
+    ikeep[STATE] = UNKNOWN;
+    ikeep[GIVEN_UP] = 0;
+    /* Ipopt multiplies both by five. */
+    info[REALS] = clipped((int64_t)*nz + 2 * (int64_t)*n + 16);
+    info[INTEGERS] = clipped((int64_t)*nz + 6 * (int64_t)*n + 64);
+}
+
+/* The plan for this structure at the beginning of IW. */
+static enum outcome plan_into(int n, int nz, const int *irn, const int *icn, const double *a, int *iw, int64_t liw,
+                              int *ikeep, int64_t *wanted)
+{
+    plan made;
+    enum outcome answer = OUT_OF_MEMORY;
+    int *order = malloc(sizeof(int) * (size_t)n);
+    char *tied = malloc((size_t)n);
+    made.first = NULL;
+    if (order == NULL || tied == NULL) goto end;
+    if (ikeep[STATE] == ORDERED) {
+        for (int k = 0; k < n; k++) {
+            const int kept = ikeep[KEEP_ORDER + k];
+            tied[k] = kept < 0;
+            order[k] = kept < 0 ? ~kept : kept;
+        }
+    } else {
+        ikeep[STATE] = UNKNOWN;
+        answer = order_matrix(n, nz, irn, icn, a, ikeep[GIVEN_UP] == 0, order, tied);
+        if (answer != DONE) goto end;
+        if (n > 1) { /* IKEEP has 3 n entries */
+            for (int k = 0; k < n; k++) ikeep[KEEP_ORDER + k] = tied[k] ? ~order[k] : order[k];
+            ikeep[STATE] = ORDERED;
+        }
+    }
+    answer = make_plan(n, nz, irn, icn, order, tied, &made);
+    if (answer != DONE) goto end;
+    const int64_t length = plan_length(&made);
+    *wanted = length + made.integers;
+    if (liw < *wanted) {
+        *wanted += made.integers / 4;
+        answer = SHORT_INTEGERS;
+        goto end;
+    }
+    store_plan(&made, iw);
+    ikeep[STATE] = PLANNED;
+end:
+    free_plan(&made);
+    free(order);
+    free(tied);
+    return answer;
+}
+
+PUBLIC void ma27bd_(const int *n, const int *nz, const int *irn, const int *icn, double *a, const int *la, int *iw,
+                    const int *liw, int *ikeep, const int *nsteps, int *maxfrt, int *iw1, const int *icntl,
+                    const double *cntl, int *info)
+{
+    (void)nsteps, (void)iw1, (void)icntl;
+    plan p;
+    statistics told;
+    int64_t wanted = 0;
+    enum outcome answer = DONE;
+    memset(info, 0, 20 * sizeof(int));
+    *maxfrt = 1;
+    if (ikeep[STATE] != PLANNED) answer = plan_into(*n, *nz, irn, icn, a, iw, *liw, ikeep, &wanted);
+    if (answer == DONE) {
+        view_plan(iw, &p);
+        const int64_t length = plan_length(&p);
+        answer = factor(&p, a, *la, iw + length, *liw - length, cntl[0], &told);
+        wanted = answer == SHORT_INTEGERS ? told.wanted + length : told.wanted;
+    }
+    if (answer == SHORT_INTEGERS || answer == SHORT_REALS) {
+        /* Both arrays will be others then. */
+        if (ikeep[STATE] == PLANNED) ikeep[STATE] = *n > 1 ? ORDERED : UNKNOWN;
+        if ((answer == SHORT_INTEGERS ? *liw : *la) == INT_MAX) answer = TOO_LARGE;
+    }
+    switch (answer) {
+    case DONE:
+        *maxfrt = told.largest;
+        info[BLOCKS] = told.blocks;
+        info[NEGATIVE] = told.negative;
+        info[REALS] = clipped((int64_t)told.entries);
+        if (told.operations > TOO_DEAR * p.expected.operations && told.delayed > 0 && ikeep[GIVEN_UP] < PATIENCE) {
+            ikeep[GIVEN_UP]++; /* the next factorisation orders anew, by the values that it meets */
+            ikeep[STATE] = UNKNOWN;
+        }
+        break;
+    case SHORT_INTEGERS:
+        info[FLAG] = SHORT_IW;
+        info[DETAIL] = clipped(wanted);
+        break;
+    case SHORT_REALS:
+        info[FLAG] = SHORT_A;
+        info[DETAIL] = clipped(wanted);
+        break;
+    case SINGULAR:
+        info[FLAG] = SINGULAR_MATRIX;
+        break;
+    default:
+        info[FLAG] = FAILED;
+        info[DETAIL] = (int)answer;
+    }
+}
+
+PUBLIC void ma27cd_(const int *n, const double *a, const int *la, int *iw, const int *liw, double *w,
+                    const int *maxfrt, double *rhs, int *iw1, const int *nsteps, const int *icntl, const double *cntl)
+{
+    (void)n, (void)la, (void)liw, (void)maxfrt, (void)iw1, (void)nsteps, (void)icntl, (void)cntl;
+    plan p;
+    view_plan(iw, &p);
+    solve(p.fronts, iw + plan_length(&p), a, rhs, w);
+}
+
+/* Entries of the factor, multiplications of a factorisation, and rows of the largest front, in found[0 .. 2], as far as
+ * they are known before pivots are delayed. Returns 0 when they could be found. */
+PUBLIC int pyrobocop_factor_size(int n, int nz, const int *irn, const int *icn, const double *a, double *found)
+{
+    plan made;
+    int *order = malloc(sizeof(int) * ((size_t)n + 1));
+    char *tied = malloc((size_t)n + 1);
+    enum outcome answer = order == NULL || tied == NULL ? OUT_OF_MEMORY : DONE;
+    made.first = NULL;
+    if (answer == DONE) answer = order_matrix(n, nz, irn, icn, a, 1, order, tied);
+    if (answer == DONE) answer = make_plan(n, nz, irn, icn, order, tied, &made);
+    if (answer == DONE) {
+        found[0] = made.expected.entries;
+        found[1] = made.expected.operations;
+        found[2] = made.largest;
+        free_plan(&made);
+    }
+    free(order);
+    free(tied);
+    return (int)answer;
+}
+
+/* Compilers of Fortran differ in the names that they give; Ipopt tries several. */
+PUBLIC void ma27id(int *icntl, double *cntl) { ma27id_(icntl, cntl); }
+
+PUBLIC void ma27ad(const int *n, const int *nz, const int *irn, const int *icn, int *iw, const int *liw, int *ikeep,
+                   int *iw1, int *nsteps, const int *iflag, const int *icntl, const double *cntl, int *info,
+                   double *ops)
+{
+    ma27ad_(n, nz, irn, icn, iw, liw, ikeep, iw1, nsteps, iflag, icntl, cntl, info, ops);
+}
+
+PUBLIC void ma27bd(const int *n, const int *nz, const int *irn, const int *icn, double *a, const int *la, int *iw,
+                   const int *liw, int *ikeep, const int *nsteps, int *maxfrt, int *iw1, const int *icntl,
+                   const double *cntl, int *info)
+{
+    ma27bd_(n, nz, irn, icn, a, la, iw, liw, ikeep, nsteps, maxfrt, iw1, icntl, cntl, info);
+}
+
+PUBLIC void ma27cd(const int *n, const double *a, const int *la, int *iw, const int *liw, double *w,
+                   const int *maxfrt, double *rhs, int *iw1, const int *nsteps, const int *icntl, const double *cntl)
+{
+    ma27cd_(n, a, la, iw, liw, w, maxfrt, rhs, iw1, nsteps, icntl, cntl);
+}

@@ -1,0 +1,111 @@
+/* A direct solver for sparse symmetric indefinite matrices: A = P L D L' P', D with blocks of one and two rows.
+ *
+ * ordering.c        which row is eliminated when (minimum degree on a graph in which rows may be tied in pairs)
+ * analysis.c        the tree of fronts that follows from the order, and where everything lies in them
+ * factor.c          the numbers: one dense front after another, with threshold pivoting
+ * solve.c           forward and backward substitution
+ * scaling.c         factors for badly scaled matrices
+ * ma27_interface.c  the four functions that Ipopt loads, and their arrays
+ *
+ * There are no global variables, and nothing is allocated that outlives a call: all that a factorisation needs later
+ * lies in the caller's two arrays, an integer one that holds the plan and the rows of the fronts, and a real one that
+ * holds the entries and the factor. So any number of factorisations may live in one process, in any thread.
+ */
+#ifndef SYMMETRIC_SOLVER_H
+#define SYMMETRIC_SOLVER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* What a function of the solver may answer. */
+enum outcome {
+    DONE = 0,
+    OUT_OF_MEMORY = 1,   /* malloc gave nothing */
+    TOO_LARGE = 2,       /* more entries than an int can count */
+    SHORT_INTEGERS = 3,  /* the caller's integer array is too short */
+    SHORT_REALS = 4,     /* the caller's real array is too short */
+    SINGULAR = 5         /* a pivot is missing, or a number is not finite */
+};
+
+/* An undirected graph without loops: the neighbours of i are neighbour[start[i]] ... neighbour[start[i + 1] - 1]. */
+typedef struct {
+    int nodes;
+    int *start;
+    int *neighbour;
+} graph;
+
+/* Order of elimination by approximate minimum degree. `weight` tells how many rows a node stands for. */
+enum outcome order_by_degree(const graph *g, const int *weight, int *order);
+
+/* Order of all rows of a matrix. order[k] is the row that comes k-th; tied[k] is 1 where the k-th and the next are to
+ * lie in one front, because the k-th or the next has no diagonal entry to be a pivot. With `may_leave`, an order without
+ * such ties is taken where it is clearly cheaper. */
+enum outcome order_matrix(int n, int nz, const int *row, const int *column, const double *value, int may_leave,
+                          int *order, char *tied);
+
+/* Entries of the factor and multiplications that an order leads to. */
+typedef struct {
+    double entries;
+    double operations;
+} expense;
+
+/* The graph of a matrix in coordinates with indices from 1, in which an entry may stand in either triangle and several
+ * times. With `magnitude`, also the absolute sums of the entries, and those of the diagonal. */
+enum outcome matrix_graph(int n, int nz, const int *row, const int *column, const double *value, graph *g,
+                          double **magnitude, double **diagonal);
+void free_graph(graph *g);
+
+/* Elimination tree of a graph in an order, as positions; -1 at roots. */
+enum outcome elimination_tree(const graph *g, const int *order, const int *position, int *parent, int *count,
+                              expense *sum);
+
+/* The plan: fronts in the order in which they are factored, children before parents, subtree by subtree.
+ *
+ * Front f eliminates the columns first[f] ... first[f + 1] - 1 of the order; below them it has the rows
+ * rows[rows_start[f]] ... (as rows of the matrix, in order of elimination), which have the places place[...] in the
+ * front of its parent. The entries of the matrix that it takes are entry[entry_start[f]] ..., and target[...] are their
+ * places in the square array of the front, of which only the lower triangle, stored by columns, is used. */
+typedef struct {
+    int n, nz, fronts;
+    int below;          /* length of rows and place */
+    int taken;          /* length of entry and target */
+    int largest;        /* rows of the largest front */
+    int reals;          /* entries of the real array that are used when no pivot is delayed, without those of A */
+    int integers;       /* the same for the integer array, without the plan itself */
+    int refused;        /* times that this structure has been ordered anew */
+    int *first, *rows_start, *entry_start, *children;
+    int *order, *rows, *place, *entry, *target;
+    expense expected;
+} plan;
+
+/* Make the plan in memory of its own. */
+enum outcome make_plan(int n, int nz, const int *row, const int *column, const int *order, const char *tied,
+                       plan *made);
+void free_plan(plan *made);
+
+/* The plan in an integer array. */
+int64_t plan_length(const plan *made);
+void store_plan(const plan *made, int *integers);
+void view_plan(int *integers, plan *seen);
+
+/* What a factorisation tells. */
+typedef struct {
+    int negative;         /* negative eigenvalues */
+    int blocks;           /* pivots with two rows */
+    int delayed;          /* columns that a front handed on to its parent */
+    int largest;          /* rows of the largest front */
+    double entries;       /* of the factor */
+    double operations;    /* multiplications */
+    int64_t wanted;       /* length that the array would need, with SHORT_INTEGERS and SHORT_REALS */
+} statistics;
+
+/* Factor the matrix whose entries are reals[0] ... reals[nz - 1], which stay as they are. The rows of the fronts are
+ * written to records, the factor behind the entries. A pivot of one row is taken when it is at least `threshold` times
+ * the largest entry of its column, one of two rows when its inverse keeps the factor as small. */
+enum outcome factor(const plan *p, double *reals, int64_t real_length, int *records, int64_t record_length,
+                    double threshold, statistics *told);
+
+/* Solve with the factor, in place; `work` has room for the largest front. */
+void solve(int fronts, const int *records, const double *reals, double *x, double *work);
+
+#endif

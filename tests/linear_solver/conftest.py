@@ -1,0 +1,16 @@
+"""The compiled solver, once for all tests of this folder."""
+
+from __future__ import annotations
+
+import pytest
+
+from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME, linear_solver_sources
+from pyrobocop_pyomo.native.shared_library import build_shared_library, find_compiler
+
+
+@pytest.fixture(scope="session")
+def library():
+    """Path of the solver, compiled from the sources as they are."""
+    if find_compiler() is None:
+        pytest.skip("no C compiler is found")
+    return str(build_shared_library(LINEAR_SOLVER_NAME, linear_solver_sources()))
