@@ -3,5 +3,6 @@
 from .backends import Backend, available_backends
 from .in_process import InProcessIpopt
 from .ipopt_executable import configure_ipopt_executable
+from .linear_solvers import linear_solver_options
 
-__all__ = ["Backend", "InProcessIpopt", "available_backends", "configure_ipopt_executable"]
+__all__ = ["Backend", "InProcessIpopt", "available_backends", "configure_ipopt_executable", "linear_solver_options"]

@@ -21,13 +21,17 @@ from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactor
 
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.linear_solver.factorisation import SymmetricFactorisation
+from pyrobocop_pyomo.linear_solver.library import find_linear_solver
 from pyrobocop_pyomo.programs.asl_program import ASL_REMEDY, find_asl_library
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
+from pyrobocop_pyomo.programs.compiled_terms import how_terms_are_evaluated
 
 from .backends import NO_IPOPT
 from .in_process import InProcessIpopt
 from .ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from .ipopt_library import load_ipopt_library
+from .linear_solvers import OWN_SOLVER
 
 OPTIMUM = 17.0140172891520542  # of Hock and Schittkowski's problem 71
 
@@ -36,6 +40,7 @@ _EXECUTABLE_REMEDY = (
     "PYROBOCOP_IPOPT_EXECUTABLE"
 )
 _CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
+_COMPILER_REMEDY = "any C compiler, for example: apt-get install gcc (without it Ipopt uses MUMPS, as always)"
 # Importing this package leaves Pyomo as it is: an executable outside of PATH is shown to Pyomo on request only.
 _NOT_ON_PATH = "Pyomo's own SolverFactory finds it after pyrobocop_pyomo.ipopt.configure_ipopt_executable()"
 
@@ -57,7 +62,7 @@ class BackendDiagnosis:
     remedy : str
         How to get it, when it does not work.
     note : str
-        What has to be done before it is used.
+        What has to be done before it is used, or how it evaluates.
     """
 
     name: str
@@ -92,9 +97,24 @@ def report() -> tuple[str, bool]:
         lines += [f"  {label:<12}{text}" for label, text in facts.items() if text]
         if not backend.works:
             lines.append(f"  {'remedy':<12}{backend.remedy}")
+    lines += _linear_solver_lines()
     works = any(backend.works for backend in backends)
     lines += ["", "At least one backend to Ipopt works." if works else NO_IPOPT]
     return "\n".join(lines), works
+
+
+def _linear_solver_lines() -> list[str]:
+    """The linear solver of this package: no backend, and nothing is missing without it."""
+    name = f"linear solver '{OWN_SOLVER}'"
+    try:
+        library = find_linear_solver()
+        if library is None:
+            return ["", f"{name}: not compiled", f"  {'to get it':<12}{_COMPILER_REMEDY}"]
+        diagonal = SymmetricFactorisation(3, [0, 1, 0], [1, 2, 0], library).factor([1.0, 1.0, 1.0]).negative
+    except Exception as error:  # a diagnosis reports whatever goes wrong
+        return ["", f"{name}: fails", f"  {'found':<12}{type(error).__name__}: {error}"]
+    verdict = "works" if diagonal == 1 else "fails"
+    return ["", f"{name}: {verdict}", f"  {'found':<12}{library}"]
 
 
 def _installed(package: str) -> str:
@@ -132,7 +152,8 @@ def _in_process_backend(derivatives: str, found: str, remedy: str) -> BackendDia
     def solve(model: pyo.ConcreteModel) -> int:
         return InProcessIpopt(derivatives=derivatives).solve(model).extra_info.iteration_count
 
-    return _tried(title, where, remedy, solve)
+    found_out = _tried(title, where, remedy, solve)
+    return dataclasses.replace(found_out, note=how_terms_are_evaluated()) if derivatives == "vectorised" else found_out
 
 
 def _tried(title: str, where: str, remedy: str, solve: Callable[[pyo.ConcreteModel], int]) -> BackendDiagnosis:

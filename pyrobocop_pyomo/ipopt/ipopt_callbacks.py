@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.programs.compiled_run import EVALUATIONS, compiled_functions_of
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate
@@ -77,14 +78,13 @@ class IpoptCallbacks:
         What Ipopt reported so far.
     failure : exception or None
         What was raised in a callback: no exception may leave it, since it would be lost inside C code.
-    seconds : float
-        Time inside the evaluations so far.
-    undefined_at : float array or None
-        The last point at which a value or a derivative did not exist.
     after_record : callable or None
         Called after each iteration, before the user's callback.
     evaluators, intermediate : ctypes callbacks
-        As Ipopt's C interface takes them.
+        As Ipopt's C interface takes them. The evaluators are C functions where the program has some,
+        else call Python.
+    data : int or None
+        What Ipopt hands to the evaluators.
     """
 
     def __init__(
@@ -94,23 +94,44 @@ class IpoptCallbacks:
         interruption: Interruption,
     ) -> None:
         self.nlp = nlp
+        self._compiled, compiled = compiled_functions_of(nlp)
+        self.data = None if self._compiled is None else self._compiled.data
+        self.begin(on_iteration, interruption)
+        in_python = self._eval_f, self._eval_g, self._eval_grad_f, self._eval_jac_g, self._eval_h
+        functions: dict[str, Any] = {**dict(zip(EVALUATIONS, in_python, strict=True)), **compiled}
+        kinds = (EvalF, EvalG, EvalGradF, EvalJacG, EvalH)
+        # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
+        self.evaluators: tuple[Any, ...] = tuple(
+            kind(functions[name]) for kind, name in zip(kinds, EVALUATIONS, strict=True)
+        )
+        self.intermediate: Any = Intermediate(self._intermediate)
+
+    def begin(self, on_iteration: Callable[[IterationRecord], bool | None] | None, interruption: Interruption) -> None:
+        """Forget the run before; the next one has its own callback and its own Ctrl-C."""
         self.on_iteration = on_iteration
         self.interruption = interruption
         self.records: list[IterationRecord] = []
         self.failure: BaseException | None = None
-        self.seconds = 0.0
-        self.undefined_at: FloatArray | None = None
+        self._seconds = 0.0
+        self._undefined_at: FloatArray | None = None
+        if self._compiled is not None:
+            self._compiled.begin()
         self.after_record: Callable[[], None] | None = None
-        # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
-        self.evaluators: tuple[Any, ...] = (
-            EvalF(self._eval_f), EvalG(self._eval_g), EvalGradF(self._eval_grad_f),
-            EvalJacG(self._eval_jac_g), EvalH(self._eval_h),
-        )  # fmt: skip
-        self.intermediate: Any = Intermediate(self._intermediate)
 
     def release(self) -> None:
         """Break the cycle of callbacks and their owner, which would keep the program in memory for a while."""
         self.evaluators, self.intermediate = (), None
+
+    @property
+    def seconds(self) -> float:
+        """Time inside the evaluations so far."""
+        return self._seconds + (0.0 if self._compiled is None else self._compiled.seconds)
+
+    @property
+    def undefined_at(self) -> FloatArray | None:
+        """The last point at which a value or a derivative did not exist."""
+        compiled = None if self._compiled is None else self._compiled.undefined_at
+        return self._undefined_at if compiled is None else compiled
 
     def _write(self, address: int, evaluate: Callable[..., Any], *arguments: Any) -> int:
         """Put the value of a function where Ipopt wants it; 0 tells Ipopt that there is none."""
@@ -120,18 +141,18 @@ class IpoptCallbacks:
         try:
             values = np.asarray(evaluate(*arguments), dtype=np.float64)
             if not np.isfinite(values).all():
-                self.undefined_at = arguments[0].copy()
+                self._undefined_at = arguments[0].copy()
                 return 0
             _view(address, values.size)[...] = values.ravel()
             return 1
         except EvaluationError:
-            self.undefined_at = arguments[0].copy()  # Ipopt's own memory
+            self._undefined_at = arguments[0].copy()  # Ipopt's own memory
             return 0
         except BaseException as error:  # a KeyboardInterrupt as well: it is raised again after Ipopt
             self.failure = error
             return 0
         finally:
-            self.seconds += time.perf_counter() - started
+            self._seconds += time.perf_counter() - started
 
     def _eval_f(self, n: int, x: int, new_x: int, value: int, data: Any) -> int:
         return self._write(value, self.nlp.objective, _view(x, n))

@@ -11,6 +11,9 @@ from pyrobocop_pyomo.errors import SolverOptionError
 from .c_output import c_output_captured
 from .ipopt_library import IpoptLibrary
 
+# What a library has accepted once, and as what: it need not be watched again for what it prints.
+_ACCEPTED: dict[tuple[str, str, type, Any], str | int | float] = {}
+
 
 def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any], *, silent: bool) -> None:
     """Hand options to Ipopt's problem.
@@ -35,6 +38,11 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
     settings = dict(options)
     if silent:
         settings |= {"print_level": 0, "sb": "yes"}
+    known = [(library.path, name, value.__class__, value) for name, value in settings.items()]
+    if all(isinstance(one[-1], str | int | float) and one in _ACCEPTED for one in known):
+        for one in known:
+            _add(library, problem, one[1], _ACCEPTED[one])
+        return
     refused = None
     # Ipopt prints an explanation of each refused attempt, also of those that merely guessed the wrong type.
     with c_output_captured() as explanations:
@@ -64,17 +72,21 @@ def _version(library: IpoptLibrary) -> str:
 
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
-    functions, key = library.functions, name.encode()
     for attempt in _readings(value):
-        if isinstance(attempt, str):
-            accepted = functions.AddIpoptStrOption(problem, key, attempt.encode())
-        elif isinstance(attempt, int):
-            accepted = functions.AddIpoptIntOption(problem, key, attempt)
-        else:
-            accepted = functions.AddIpoptNumOption(problem, key, attempt)
-        if accepted:
+        if _add(library, problem, name, attempt):
+            if isinstance(value, str | int | float):
+                _ACCEPTED[library.path, name, value.__class__, value] = attempt
             return True
     return False
+
+
+def _add(library: IpoptLibrary, problem: int, name: str, attempt: str | int | float) -> bool:
+    functions, key = library.functions, name.encode()
+    if isinstance(attempt, str):
+        return bool(functions.AddIpoptStrOption(problem, key, attempt.encode()))
+    if isinstance(attempt, int):
+        return bool(functions.AddIpoptIntOption(problem, key, attempt))
+    return bool(functions.AddIpoptNumOption(problem, key, attempt))
 
 
 def _readings(value: Any) -> list[str | int | float]:

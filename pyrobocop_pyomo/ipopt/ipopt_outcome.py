@@ -103,6 +103,10 @@ class IpoptOutcome:
         What Ipopt printed, when it was asked to print.
     undefined_at : float array or None
         The last point at which a function or a derivative had no finite value; None where all had.
+    linear_solver : str
+        ``"ldl"`` where it was the one of this package; empty where Ipopt's options decided.
+    fell_back : bool
+        The linear solver of this package failed, and MUMPS ran from the same start: all else but times is of that run.
     """
 
     status: IpoptStatus
@@ -119,6 +123,8 @@ class IpoptOutcome:
     evaluation_seconds: float
     log: str = ""
     undefined_at: FloatArray | None = None
+    linear_solver: str = ""
+    fell_back: bool = False
 
     @property
     def point(self) -> PrimalDualPoint:

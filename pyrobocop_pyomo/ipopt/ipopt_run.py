@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import io
+import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
@@ -16,10 +18,14 @@ from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
 from .c_output import c_output_sent_to, flush_c_streams
-from .ipopt_callbacks import Interruption, IpoptCallbacks
+from .ipopt_callbacks import Interruption
 from .ipopt_library import IpoptLibrary, load_ipopt_library
 from .ipopt_options import set_options
 from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord
+from .kept_problem import KeptProblem
+from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, with_linear_solver
+
+logger = logging.getLogger(__name__)
 
 
 class ProblemScaling(NamedTuple):
@@ -39,6 +45,7 @@ def run_ipopt(
     scaling: ProblemScaling | None = None,
     on_iteration: Callable[[IterationRecord], bool | None] | None = None,
     output: Sequence[TextIO] = (),
+    kept: KeptProblem | None = None,
 ) -> IpoptOutcome:
     """Solve a nonlinear program with Ipopt, in this process.
 
@@ -47,7 +54,9 @@ def run_ipopt(
     nlp : NonlinearProgram
         The problem.
     options : mapping of str to str, int, float or bool
-        Ipopt's options. Multipliers are used when ``warm_start_init_point`` is ``"yes"`` among them.
+        Ipopt's options. Multipliers are used when ``warm_start_init_point`` is ``"yes"`` among them. With
+        ``linear_solver="ldl"``, Ipopt uses the linear solver of this package; where such a run fails, MUMPS has a try
+        from the same start.
     start : PrimalDualPoint, optional
         First point and multipliers, by default ``nlp.x_start`` and those of `PrimalDualPoint.complete`.
     deadline : Deadline
@@ -58,6 +67,8 @@ def run_ipopt(
         Called with the `IterationRecord` of each iteration; stops Ipopt by returning False.
     output : sequence of text streams
         Where Ipopt's own log goes; it is silent when there is none.
+    kept : KeptProblem, optional
+        Of earlier runs of the same program, for this run and further ones.
 
     Returns
     -------
@@ -67,13 +78,43 @@ def run_ipopt(
     Raises
     ------
     SolverNotFoundError
-        When there is no Ipopt library.
+        When there is no Ipopt library, or no linear solver of this package where it is asked for.
     SolverOptionError
         For an option that Ipopt does not know, or a value that it refuses.
     Exception
         What a callback raised, after Ipopt has returned. An `EvaluationError` is none of them: Ipopt then tries a
         shorter step.
     """
+    how: dict[str, Any] = {"scaling": scaling, "on_iteration": on_iteration, "output": output}
+    resolved, own = with_linear_solver(options, nlp)
+    outcome = _run_once(nlp, resolved, start, kept, deadline=deadline, **how)
+    if not own:
+        return outcome
+    if outcome.status not in IN_DOUBT:
+        return replace(outcome, linear_solver=OWN_SOLVER)
+    logger.info("with the linear solver of this package: %s MUMPS has a try.", outcome.status.value)
+    again = _run_once(nlp, {**options, **FALL_BACK}, start, None, deadline=deadline, **how)
+    return replace(
+        again,
+        seconds=outcome.seconds + again.seconds,
+        cpu_seconds=outcome.cpu_seconds + again.cpu_seconds,
+        evaluation_seconds=outcome.evaluation_seconds + again.evaluation_seconds,
+        log=outcome.log + again.log,
+        fell_back=True,
+    )
+
+
+def _run_once(
+    nlp: NonlinearProgram,
+    options: Mapping[str, Any],
+    start: PrimalDualPoint | None,
+    kept: KeptProblem | None,
+    *,
+    deadline: Deadline,
+    scaling: ProblemScaling | None,
+    on_iteration: Callable[[IterationRecord], bool | None] | None,
+    output: Sequence[TextIO],
+) -> IpoptOutcome:
     library = load_ipopt_library()
     start = PrimalDualPoint(nlp.x_start) if start is None else start
     multipliers = start.complete(nlp)
@@ -84,21 +125,27 @@ def run_ipopt(
     )
     g, objective = np.full(nlp.m, np.nan), ctypes.c_double(np.nan)
     interruption = Interruption()
-    callbacks = IpoptCallbacks(nlp, on_iteration, interruption)
     log = io.StringIO()
+    settings = {**options, **_time_limit(options, deadline)}
     started, cpu_started = time.perf_counter(), time.process_time()
     with contextlib.ExitStack() as stack:
         if output:
             stack.enter_context(c_output_sent_to([log, *output]))
+        if kept is None or scaling is not None or output:
+            kept = KeptProblem()
+            stack.callback(kept.close)
+        problem, callbacks = stack.enter_context(
+            kept.opened(library, nlp, frozenset(settings), on_iteration, interruption)
+        )
+        if output:
             callbacks.after_record = flush_c_streams
-        problem = stack.enter_context(_problem(library, nlp, callbacks))
         if scaling is not None:
             _set_scaling(library, problem, nlp, scaling)
-        set_options(library, problem, {**options, **_time_limit(options, deadline)}, silent=not output)
+        set_options(library, problem, settings, silent=not output)
         stack.enter_context(interruption)
         code = library.functions.IpoptSolve(
             problem, point.ctypes.data, g.ctypes.data, ctypes.addressof(objective),
-            row_multipliers.ctypes.data, lower.ctypes.data, upper.ctypes.data, None,
+            row_multipliers.ctypes.data, lower.ctypes.data, upper.ctypes.data, callbacks.data,
         )  # fmt: skip
     if callbacks.failure is not None:
         raise callbacks.failure
@@ -141,25 +188,6 @@ def _vector(values: Any, size: int, name: str) -> FloatArray:
     if vector.shape != (size,):
         raise ValueError(f"'{name}' has shape {vector.shape}; this problem needs ({size},).")
     return vector
-
-
-@contextlib.contextmanager
-def _problem(library: IpoptLibrary, nlp: NonlinearProgram, callbacks: IpoptCallbacks) -> Iterator[int]:
-    """Ipopt's problem object, freed in every case."""
-    # Ipopt copies the bounds; the arrays need to live through this call only.
-    bounds = [np.array(b, dtype=np.float64) for b in (nlp.x_lower, nlp.x_upper, nlp.g_lower, nlp.g_upper)]
-    problem = library.functions.CreateIpoptProblem(
-        nlp.n, bounds[0].ctypes.data, bounds[1].ctypes.data, nlp.m, bounds[2].ctypes.data, bounds[3].ctypes.data,
-        nlp.jacobian_structure[0].size, nlp.hessian_structure[0].size, 0, *callbacks.evaluators,
-    )  # fmt: skip
-    if not problem:
-        raise MemoryError(f"Ipopt could not create a problem with {nlp.n} variables and {nlp.m} rows.")
-    try:
-        library.functions.SetIntermediateCallback(problem, callbacks.intermediate)
-        yield problem
-    finally:
-        library.functions.FreeIpoptProblem(problem)
-        callbacks.release()
 
 
 def _set_scaling(library: IpoptLibrary, problem: int, nlp: NonlinearProgram, scaling: ProblemScaling) -> None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram, Scales
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
 
 from .ipopt_outcome import IpoptOutcome, IterationRecord
 from .ipopt_run import run_ipopt

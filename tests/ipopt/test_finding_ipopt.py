@@ -17,6 +17,7 @@ import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
 from pyrobocop_pyomo.ipopt import backends, build_asl, doctor, in_process, ipopt_executable, ipopt_library
 from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.linear_solver import find_linear_solver
 from pyrobocop_pyomo.programs import asl_program, compiled_model
 
 REAL_EXECUTABLE = ipopt_executable.find_ipopt_executable()
@@ -214,7 +215,7 @@ def test_the_doctor_reports_every_backend_and_remedy(machine, capsys):
 def test_the_doctor_solves_on_every_backend(capsys):
     assert command_line.main(["doctor"]) == 0
     text = capsys.readouterr().out
-    assert text.count(": works") == 5
+    assert text.count(": works") == 5 + (find_linear_solver() is not None)
     assert text.count("objective 17.0140") == 5
     assert "remedy" not in text
 

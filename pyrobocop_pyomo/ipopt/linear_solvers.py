@@ -1,0 +1,122 @@
+"""Which linear solver a run of Ipopt uses: its own, or the one of this package behind MA27's calling convention."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+from pyrobocop_pyomo.linear_solver.factorisation import FactorSize, SymmetricFactorisation
+from pyrobocop_pyomo.linear_solver.library import find_linear_solver
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
+
+from .ipopt_outcome import IpoptStatus
+
+logger = logging.getLogger(__name__)
+
+# The word for the solver of this package, among Ipopt's own: options={"linear_solver": "ldl"}.
+OWN_SOLVER = "ldl"
+# Where a run ends like this, the linear solver may be at fault: another one has a try from the same start.
+IN_DOUBT = (
+    IpoptStatus.STEP_FAILED,
+    IpoptStatus.RESTORATION_FAILED,
+    IpoptStatus.INTERNAL_ERROR,
+    IpoptStatus.OUT_OF_MEMORY,
+)
+# Whether programs that suit it get the solver of this package where options say nothing.
+BY_DEFAULT = False
+# Rows of a dense front up to which it is at least as fast as MUMPS with its BLAS (benchmarks/linear_solvers.py).
+LARGEST_FRONT = 150
+# Systems with so few entries, and so few in a row, have no such front: to order them would take longer than a step.
+FEW_ENTRIES, THIN = 20_000, 10
+FALL_BACK = {"linear_solver": "mumps"}
+# What records of a run say where that happened.
+FELL_BACK = "mumps, after ldl failed"
+
+
+def linear_solver_options() -> dict[str, str]:
+    """Options with which any Ipopt from version 3.14 on loads the linear solver of this package.
+
+    For solvers other than those of this package::
+
+        pyo.SolverFactory("pyrobocop.ipopt").solve(m, options=linear_solver_options())
+        nlpsol("solver", "ipopt", nlp, {"ipopt": linear_solver_options()})  # CasADi
+
+    In a file of options for the ``ipopt`` executable each is a line: ``linear_solver ma27``, ``hsllib /path``; on its
+    command line ``hsllib`` is no option.
+
+    Returns
+    -------
+    dict of str to str
+        ``linear_solver`` and ``hsllib``.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When there is no compiled linear solver.
+    """
+    library = find_linear_solver()
+    if library is None:
+        raise SolverNotFoundError(
+            "there is no compiled linear solver: a C compiler is needed once (apt-get install gcc), and "
+            "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'. Ipopt's own is MUMPS."
+        )
+    return {"linear_solver": "ma27", "hsllib": library}
+
+
+def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None = None) -> tuple[dict[str, Any], bool]:
+    """Options in Ipopt's own words, and whether they ask for the solver of this package.
+
+    Parameters
+    ----------
+    options : mapping
+        Where they name neither a ``linear_solver`` nor an ``hsllib``, the program decides.
+    nlp : NonlinearProgram, optional
+        Without it, Ipopt decides.
+
+    Raises
+    ------
+    SolverNotFoundError
+        When it is asked for and not there.
+    SolverOptionError
+        When it is asked for together with another library.
+    """
+    resolved = dict(options)
+    if "linear_solver" not in resolved and "hsllib" not in resolved and nlp is not None and BY_DEFAULT and suits(nlp):
+        return {**resolved, **linear_solver_options()}, True
+    if resolved.get("linear_solver") != OWN_SOLVER:
+        return resolved, False
+    if "hsllib" in resolved:
+        raise SolverOptionError(
+            f"linear_solver='{OWN_SOLVER}' is the solver of this package, and hsllib='{resolved['hsllib']}' another "
+            "one. Leave one of both out, or name what that library has: linear_solver='ma27' or 'ma57'."
+        )
+    return {**resolved, **linear_solver_options()}, True
+
+
+def suits(nlp: NonlinearProgram) -> bool:
+    """Whether the solver of this package is there, and the fronts of the program's linear systems are small enough.
+
+    A large dense front is where MUMPS, with its BLAS, is faster; small and thin systems are not asked.
+    """
+    if find_linear_solver() is None:
+        return False
+    rows, entries = nlp.n + nlp.m, nlp.n + nlp.hessian_structure[0].size + nlp.jacobian_structure[0].size
+    if entries <= FEW_ENTRIES or rows <= LARGEST_FRONT:
+        return rows <= LARGEST_FRONT or entries <= THIN * rows
+    found = predicted_factor(nlp)
+    return found is not None and found.largest_front <= LARGEST_FRONT
+
+
+def predicted_factor(nlp: NonlinearProgram) -> FactorSize | None:
+    """Size of the factor of Ipopt's linear systems, from the structure of the derivatives; None without the solver."""
+    if nlp.n == 0 or find_linear_solver() is None:
+        return None
+    hessian, jacobian = nlp.hessian_structure, nlp.jacobian_structure
+    diagonal = np.arange(nlp.n)
+    rows = np.concatenate([np.asarray(hessian[0]), diagonal, np.asarray(jacobian[0]) + nlp.n])
+    columns = np.concatenate([np.asarray(hessian[1]), diagonal, np.asarray(jacobian[1])])
+    return SymmetricFactorisation(nlp.n + nlp.m, rows, columns).size_of_factor(np.ones(rows.size))

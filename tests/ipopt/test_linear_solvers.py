@@ -1,0 +1,130 @@
+"""Ipopt with the linear solver of this package: how it is asked for, what it changes, and what follows a failure."""
+
+from __future__ import annotations
+
+import io
+
+import pyomo.environ as pyo
+import pytest
+from harness.small_problems import hock_schittkowski_71
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import SolverNotFoundError, SolverOptionError
+from pyrobocop_pyomo.ipopt import ipopt_run, linear_solver_options, linear_solvers
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
+from pyrobocop_pyomo.linear_solver import find_linear_solver
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+
+needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="there is no C compiler")
+
+
+def swing(elements: int = 20) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel("swing")
+    m.p = rcp.PhaseBlock(duration=2.0, elements=elements, stages=3)
+    m.p.angle = rcp.State(initial=0.0, final=3.0)
+    m.p.rate = rcp.State(initial=0.0, final=0.0)
+    m.p.torque = rcp.Control(bounds=(-8, 8))
+
+    @m.p.ode
+    def pendulum(b, t):
+        return {b.angle: b.rate[t], b.rate: b.torque[t] - pyo.sin(b.angle[t])}
+
+    m.cost = pyo.Objective(expr=m.p.integral(lambda b, t: b.torque[t] ** 2))
+    return m
+
+
+@needs_the_solver
+@pytest.mark.casadi
+def test_the_answer_is_that_of_mumps():
+    nlp = CompiledModel(swing(), "vectorised").nlp
+    mumps, own = (ipopt_run.run_ipopt(nlp, {"linear_solver": name}) for name in ("mumps", "ldl"))
+    assert (own.status, own.linear_solver, own.fell_back) == (IpoptStatus.SOLVED, "ldl", False)
+    assert (mumps.status, mumps.linear_solver) == (IpoptStatus.SOLVED, "")
+    assert own.objective == pytest.approx(mumps.objective, rel=1e-9)
+    assert own.x == pytest.approx(mumps.x, abs=1e-6)
+
+
+@needs_the_solver
+@pytest.mark.casadi
+def test_dependent_rows_are_met_as_by_mumps():
+    """Ipopt is told that its matrix is singular, and regularises."""
+    m = hock_schittkowski_71()[0]
+    m.again = pyo.Constraint(expr=2 * sum(m.x[i] ** 2 for i in m.x) == 80)
+    m.third = pyo.Constraint(expr=3 * sum(m.x[i] ** 2 for i in m.x) == 120)
+    nlp = CompiledModel(m, "casadi").nlp
+    outcome = ipopt_run.run_ipopt(nlp, {"linear_solver": "ldl"})
+    assert outcome.status.solved
+    assert outcome.objective == pytest.approx(17.0140172, rel=1e-6)
+
+
+@needs_the_solver
+@pytest.mark.casadi
+def test_any_ipopt_loads_it_by_two_options():
+    model = hock_schittkowski_71()[0]
+    log = io.StringIO()
+    pyo.SolverFactory("pyrobocop.ipopt").solve(model, options=linear_solver_options() | {"print_level": 5}, tee=[log])
+    assert "ma27" in log.getvalue()
+    assert pyo.value(model.cost) == pytest.approx(17.0140172, rel=1e-6)
+
+
+@needs_the_solver
+@pytest.mark.executable
+def test_the_executable_loads_it():
+    model = hock_schittkowski_71()[0]
+    result = rcp.solve(model, backend="executable", options={"linear_solver": "ldl"})
+    assert result.solved
+    assert result.objective == pytest.approx(17.0140172, rel=1e-6)
+
+
+@needs_the_solver
+@pytest.mark.casadi
+@pytest.mark.parametrize("status", [IpoptStatus.STEP_FAILED, IpoptStatus.INTERNAL_ERROR])
+def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
+    """A run whose linear solver breaks down, played by a run that says so."""
+    used = []
+    once = ipopt_run._run_once
+
+    def failing(nlp, options, *rest, **how):
+        used.append(options["linear_solver"])
+        outcome = once(nlp, options, *rest, **how)
+        return outcome if options["linear_solver"] == "mumps" else ipopt_run.replace(outcome, status=status)
+
+    monkeypatch.setattr(ipopt_run, "_run_once", failing)
+    nlp = CompiledModel(hock_schittkowski_71()[0], "casadi").nlp
+    outcome = ipopt_run.run_ipopt(nlp, {"linear_solver": "ldl"})
+    assert used == ["ma27", "mumps"]
+    assert (outcome.status, outcome.fell_back, outcome.linear_solver) == (IpoptStatus.SOLVED, True, "")
+
+
+@needs_the_solver
+@pytest.mark.casadi
+def test_the_size_of_the_factor_decides(monkeypatch):
+    thin = CompiledModel(swing(), "vectorised").nlp
+    size = predicted_factor(thin)
+    assert size is not None
+    assert size.largest_front < 60
+    assert suits(thin)
+    dense = pyo.ConcreteModel()
+    dense.x = pyo.Var(range(30))
+    dense.cost = pyo.Objective(expr=sum(dense.x[i] for i in dense.x) ** 2 + sum(dense.x[i] ** 2 for i in dense.x))
+    nlp = CompiledModel(dense, "casadi").nlp
+    for name, value in (("LARGEST_FRONT", 20), ("FEW_ENTRIES", 100)):
+        monkeypatch.setattr(linear_solvers, name, value)
+    assert predicted_factor(nlp).largest_front == 30
+    assert not suits(nlp)
+    assert suits(thin)
+    monkeypatch.setattr(linear_solvers, "BY_DEFAULT", True)
+    assert with_linear_solver({"tol": 1e-6}, thin)[0]["linear_solver"] == "ma27"
+    assert with_linear_solver({"tol": 1e-6}, nlp) == ({"tol": 1e-6}, False)
+    for own in ({"linear_solver": "mumps"}, {"hsllib": "libhsl.so"}, {"linear_solver": "ma57", "hsllib": "libhsl.so"}):
+        assert with_linear_solver(own, thin) == (own, False)
+
+
+def test_without_the_solver_nothing_changes_and_asking_for_it_is_refused(monkeypatch):
+    monkeypatch.setenv("PYROBOCOP_LINEAR_SOLVER", "none")
+    assert with_linear_solver({"tol": 1e-6}) == ({"tol": 1e-6}, False)
+    with pytest.raises(SolverNotFoundError, match="C compiler"):
+        with_linear_solver({"linear_solver": "ldl"})
+    with pytest.raises(SolverOptionError, match="Leave one of both out"):
+        with_linear_solver({"linear_solver": "ldl", "hsllib": "libhsl.so"})
