@@ -35,17 +35,17 @@ def new_parameter(component: Any, number: float) -> ParamData:
     return parameter
 
 
-def new_row(component: Any, position: int, expression: Any) -> ConstraintData:
+def new_row(component: Any, index: Any, expression: Any) -> ConstraintData:
     """Make a row and put it into its component."""
     row = ConstraintData(expression, component)
-    put_part(component, position, row)
+    put_part(component, index, row)
     return row
 
 
-def put_part(component: Any, position: int, data: Any) -> None:
+def put_part(component: Any, index: Any, data: Any) -> None:
     """Put a part into its component."""
-    data._index = position
-    component._data[position] = data
+    data._index = index
+    component._data[index] = data
 
 
 def remove_part(data: Any) -> None:

@@ -37,6 +37,7 @@ class ComponentGroups:
         self.members: list[list[Any]] = []
         self.components: list[Any] = []
         self._group_of: dict[int, int] = {}
+        self._groups_of_component: dict[int, list[int]] = {}
         seen: set[int] = set()
         numbers = []
         for part in parts:
@@ -47,11 +48,22 @@ class ComponentGroups:
             numbers.append(self._group_of[id(part)])
         self.numbers: NDArray[np.intp] = np.array(numbers, dtype=np.intp)
 
-    def group_of(self, part: Any) -> int | None:
-        """The group of a part; None where its component was not given."""
-        return self._group_of.get(id(part))
+    def groups_of(self, component: Any) -> list[int]:
+        """The groups of a component's parts; none where none of them was given."""
+        return self._groups_of_component.get(id(component), [])
 
     def _add(self, component: Any) -> None:
+        first = len(self.names)
+        if all(key.__class__ is float for key in component):
+            # One quantity over time, as most are.
+            self._begin(component, ())
+            self.members[-1] = list(component.values())
+            self._group_of.update(dict.fromkeys(map(id, self.members[-1]), first))
+        else:
+            self._add_by_index(component)
+        self._groups_of_component[id(component)] = list(range(first, len(self.names)))
+
+    def _add_by_index(self, component: Any) -> None:
         keys = {key: key if isinstance(key, tuple) else (key,) for key in component}
         times = {place for key in keys.values() for place, entry in enumerate(key) if isinstance(entry, float)}
         group_of_key: dict[tuple[Any, ...], int] = {}
@@ -59,9 +71,12 @@ class ComponentGroups:
             kept = tuple(entry for place, entry in enumerate(entries) if place not in times and entry is not None)
             if kept not in group_of_key:
                 group_of_key[kept] = len(self.names)
-                self.names.append(component.name + (f"[{', '.join(map(str, kept))}]" if kept else ""))
-                self.members.append([])
-                self.components.append(component)
+                self._begin(component, kept)
             data = component[key]
             self._group_of[id(data)] = group_of_key[kept]
             self.members[group_of_key[kept]].append(data)
+
+    def _begin(self, component: Any, kept: tuple[Any, ...]) -> None:
+        self.names.append(component.name + (f"[{', '.join(map(str, kept))}]" if kept else ""))
+        self.members.append([])
+        self.components.append(component)

@@ -165,6 +165,15 @@ class ExpressionArray(np.ndarray):
             ) from error
         return result.view(ExpressionArray) if isinstance(result, np.ndarray) and result.dtype == object else result
 
+    def __getattr__(self, name: str) -> Any:
+        # What a number in brackets means is a time: b.x[1].at_end is no component of a vector, but all of it at t = 1.
+        if name in ("at", "at_start", "at_end", "delayed"):
+            raise AttributeError(
+                f"'{name}' is asked of values at one time, which [t] gives. Ask the vector, as in b.x.at_end, or a "
+                "component by its own name, as in b.x_1.at_end."
+            )
+        raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
     def __setitem__(self, key: Any, entry: Any) -> None:
         given = array(entry)
         # An array without dimension would be stored as such.

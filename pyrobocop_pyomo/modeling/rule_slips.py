@@ -19,6 +19,9 @@ from .expression_nodes import NUMPY_NAMES
 _OF_NUMPY = {numpy_name: name for name, numpy_name in NUMPY_NAMES.items()}
 _UFUNC = re.compile(r"has no callable (\w+) method")
 _NO_ATTRIBUTE = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
+_SCALAR = re.compile(r"scalar component '(.*)' as an indexed component")
+_BY_ZERO = re.compile(r"division by zero|cannot be raised to a negative power|zero to a negative")
+_OF_PHASE = re.compile(r"phase '.*?' has no '(\w+)'\.")
 _FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImplementedType")
 
 
@@ -44,7 +47,7 @@ def slips_explained(
         yield
     except PyRobocopError:
         raise
-    except (TypeError, AttributeError, PyomoException) as found:
+    except (TypeError, AttributeError, KeyError, ZeroDivisionError, PyomoException) as found:
         slip = slip_of(rule, found, block, arguments)
         if slip is None:
             raise
@@ -56,7 +59,22 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
     text = str(error)
     if isinstance(error, PyomoException):
         return _of_condition(text)
+    if isinstance(error, KeyError):
+        scalar = _SCALAR.search(text)
+        if scalar is None:
+            return None
+        name = scalar.group(1).rpartition(".")[2]
+        return f"its rule reads '{name}' at [{arguments[1]}], which is one number at all times. Write b.{name}."
+    if isinstance(error, ZeroDivisionError):
+        if _BY_ZERO.search(text) is None:
+            return None  # raised by the rule itself
+        return (
+            f"its rule divides numbers by zero ({text}). What is singular at an end of the phase can be stated with "
+            "scheme='gauss', whose points lie inside."
+        )
     if isinstance(error, AttributeError):
+        if (of_phase := _OF_PHASE.match(text)) is not None:
+            return _of_missing(of_phase.group(1), block, arguments)
         named = _NO_ATTRIBUTE.search(text)
         of_block = named is not None and named.group(1) == type(block).__name__
         return _of_missing(named.group(2), block, arguments) if named and of_block else None

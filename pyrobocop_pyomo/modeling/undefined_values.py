@@ -89,7 +89,11 @@ def undefined_part(expression: Any) -> UndefinedPart | None:
 
     def before(node: Any, child: Any, index: int) -> tuple[bool, float | None]:
         if child.__class__ in native_numeric_types or not child.is_expression_type():
-            return False, number_or_nan(child)
+            number = number_or_nan(child)
+            if not found and not math.isfinite(number) and getattr(child, "value", child) is not None:
+                named = "" if child.__class__ in native_numeric_types else f" of '{child.name}'"
+                found.append(UndefinedPart(f"the number {number:g}{named}", child, number))
+            return False, number
         return (False, known[id(child)]) if id(child) in known else (True, None)
 
     def leave(node: Any, numbers: Any) -> float:

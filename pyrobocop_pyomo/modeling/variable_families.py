@@ -156,7 +156,18 @@ class VariableFamily:
         labels, time = (keys[:-1], keys[-1]) if self.names.in_time else (keys, None)
         members = self._chosen(labels)
         read = (lambda member: member[time]) if self.names.in_time else (lambda member: member)
-        return self._array(members, read) if isinstance(members, np.ndarray) else read(members)
+        try:
+            return self._array(members, read) if isinstance(members, np.ndarray) else read(members)
+        except KeyError:
+            if not self.names.in_time or key not in self.names.labels:
+                raise
+        if not any(isinstance(label, (int, float)) for label in keys):
+            return self._chosen(keys)  # names are no times: b.x["left"] is the component, b.x["left"][t] its value
+        member = self.names.member(key)
+        raise ExpressionArrayError(
+            f"'{self.name}' is read at [{key}], which is no time of the phase but a label. A component has a name of "
+            f"its own: '{member}', as in b.{member}.at_end; at a time it is b.{self.names.name}[{key}, t]."
+        )
 
     def _chosen(self, labels: tuple[Any, ...]) -> Any:
         """One member, or an array of them."""

@@ -1,7 +1,8 @@
 """Flows of differential equations over many elements at once, and the motion that they are together.
 
 The elements are integrated side by side by the classical Runge-Kutta method, with steps that are halved until the
-extrapolated result no longer changes. One element after the other, as a motion is, would take as many calls as there
+extrapolated result no longer changes; where that is hopeless since the equations are stiff, by an implicit one. One
+element after the other, as a motion is, would take as many calls as there
 are elements: here Newton's method finds the starts of all elements at which the ends meet.
 """
 
@@ -13,12 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import Array
+from .stiff_flows import march_implicitly
 
 # (local fraction, states of shape (n, k, N)) -> derivatives by the local fraction, of the same shape.
 Rates = Callable[[float, Array], Array]
 
 # Steps between two samples, doubled from the first number up to the last before the equations count as too stiff.
 _FIRST_STEPS, _MOST_STEPS = 1, 128
+# From so many steps on, a result that is not finite, or an error of the size of the states, is a sign of stiffness.
+_STIFF_STEPS = 8
 _ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
 # Relative to the scale of each state: the step of differences, and how well the ends of elements meet.
 _DIFFERENCE = 1e-6
@@ -67,7 +71,7 @@ def integrate_flows(
     Returns
     -------
     Flows or None
-        None where the tolerance is not met, since the equations are stiff or not smooth, or have no finite values.
+        None where the tolerance is not met, since the equations are not smooth, or have no finite values.
     """
     base = starts.T[:, None, :]
     steps = _DIFFERENCE * scales
@@ -130,7 +134,7 @@ def _from_first_start(
 
 def _march(rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float) -> tuple[Array, float] | None:
     """States (k, n, variants, N) at the samples, with halved steps until they no longer change, and the error left."""
-    steps = _FIRST_STEPS
+    steps, looked_stiff = _FIRST_STEPS, False
     with np.errstate(all="ignore"):
         coarse = _runge_kutta(rates, starts, samples, steps)
         while steps < _MOST_STEPS:
@@ -140,8 +144,13 @@ def _march(rates: Rates, starts: Array, scales: Array, samples: int, tolerance: 
             error = float((np.abs(correction).max(axis=(0, 2, 3)) / scales).max())
             if error <= tolerance:
                 return fine + correction, error
+            if not looked_stiff and steps >= _STIFF_STEPS and not error <= 1.0:
+                looked_stiff = True
+                found = march_implicitly(rates, starts, scales, samples, tolerance)
+                if found is not None:
+                    return found
             coarse = fine
-    return None
+    return None if looked_stiff else march_implicitly(rates, starts, scales, samples, tolerance)
 
 
 def _runge_kutta(rates: Rates, states: Array, samples: int, steps: int) -> Array:

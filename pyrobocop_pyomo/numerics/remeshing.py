@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,8 @@ from .mesh import Mesh
 _AIM_OF_SPLITTING = 0.5
 _AIM_OF_JOINING = 0.05
 _ROUNDING = 1e-14
+# A boundary moves over this part of an element at most.
+_NEAR = 0.2
 
 
 def remesh(
@@ -24,6 +26,7 @@ def remesh(
     *,
     most_parts: int = 4,
     keep: Collection[float] | None = None,
+    jumps: Mapping[int, float] | None = None,
 ) -> Mesh:
     """A mesh whose elements are expected to meet a tolerance.
 
@@ -43,6 +46,9 @@ def remesh(
         Into which one element is split at once: far from its asymptotic order an error says little.
     keep : collection of float, optional
         Boundaries that stay; all of them by default, so that nothing is joined.
+    jumps : mapping of int to float, optional
+        Local fractions at which elements are split in two instead of equal parts. A boundary that need not stay and is
+        near to such a place moves there.
     """
     found = np.maximum(np.asarray(errors, dtype=float), _ROUNDING)
     power = 1.0 / (order + 1)
@@ -51,7 +57,15 @@ def remesh(
     i = 0
     while i < mesh.elements:
         start, end = mesh.boundaries[i : i + 2]
-        if found[i] > tolerance:
+        if found[i] > tolerance and jumps is not None and i in jumps:
+            at = start + jumps[i] * (end - start)
+            if jumps[i] < _NEAR and start not in fixed and boundaries[-1] == start:
+                boundaries.pop()
+            boundaries.append(at)
+            if jumps[i] > 1.0 - _NEAR and end not in fixed and found[i + 1] <= tolerance:
+                i += 1
+                end = mesh.boundaries[i + 1]
+        elif found[i] > tolerance:
             ratio = (found[i] / (_AIM_OF_SPLITTING * tolerance)) ** power
             parts = most_parts if not math.isfinite(ratio) else min(most_parts, max(2, math.ceil(ratio)))
             boundaries += [start + (end - start) * k / parts for k in range(1, parts)]

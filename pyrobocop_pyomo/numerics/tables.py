@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -22,6 +24,22 @@ Outside = Literal["error", "linear", "constant"]
 
 # A solver keeps bounds up to its tolerance: so far beyond its edge, relative to its width, a table continues.
 _BEYOND = 1e-6
+
+
+_CONTINUED: ContextVar[bool] = ContextVar("tables_continued", default=False)
+
+
+@contextmanager
+def tables_continued() -> Iterator[None]:
+    """Let tables that refuse what is beyond them go on with their tangents: where a motion is judged, not planned.
+
+    A plan that touches the edge of a table leaves it by a hair between its points, as does what it is compared with.
+    """
+    token = _CONTINUED.set(True)
+    try:
+        yield
+    finally:
+        _CONTINUED.reset(token)
 
 
 class _Interpolant:
@@ -57,7 +75,7 @@ class _Interpolant:
         at, beyond, inside = self._places(points)
         columns = []
         for j in range(points.shape[1]):
-            slope = self._derivative(at, j) * (1.0 if self.outside != "constant" else inside[:, j])
+            slope = self._derivative(at, j) * (1.0 if self._outside != "constant" else inside[:, j])
             for i in range(self._linear_inputs):
                 slope = slope + inside[:, j] * self._derivative(at, i, j) * beyond[:, i]
             columns.append(slope)
@@ -71,7 +89,7 @@ class _Interpolant:
             for k in range(j + 1):
                 both = inside[:, j] * inside[:, k]
                 curvature = self._derivative(at, j, k) * both
-                if self.outside == "linear":
+                if self._outside == "linear":
                     # With one input outside, the slope by it changes with the other one.
                     curvature = curvature + self._derivative(at, j, k) * (inside[:, j] != inside[:, k])
                     for i in range(count):
@@ -81,12 +99,16 @@ class _Interpolant:
 
     @property
     def _linear_inputs(self) -> int:
-        return self.lower.size if self.outside == "linear" else 0
+        return self.lower.size if self._outside == "linear" else 0
+
+    @property
+    def _outside(self) -> str:
+        return "linear" if self.outside == "error" and _CONTINUED.get() else self.outside
 
     def _places(self, points: Array) -> tuple[Array, Array, Array]:
         """Where the spline is evaluated, how far from there the points are, and which inputs are inside (1 or 0)."""
         at = np.clip(points, self.lower, self.upper)
-        if self.outside == "error":
+        if self._outside == "error":
             far = np.abs(points - at) > _BEYOND * (self.upper - self.lower)
             if far.any():
                 point, i = np.argwhere(far)[0]
@@ -209,6 +231,11 @@ class Table(Function):
             input_units=input_units,
             check_derivatives=False,
         )
+
+    def values_at(self, point: Sequence[float]) -> Array:
+        """The value at one point, shape (1,)."""
+        # What is remembered of the last point may not be legal there a moment later.
+        return self.values(np.array([point], dtype=float))[0] if _CONTINUED.get() else super().values_at(point)
 
     @classmethod
     def from_csv(cls, path: str | Path, **options: Any) -> Table:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from pyomo.common.collections import ComponentMap
+from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.objective import ObjectiveData
@@ -15,6 +16,7 @@ from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 
 from pyrobocop_pyomo.errors import FunctionError, StructureChanged
+from pyrobocop_pyomo.modeling.variable_values import put_values
 
 from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
@@ -92,7 +94,8 @@ class CompiledModel:
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
         self.__dict__.pop("row_of", None)
         if self._build is None:
-            self._compile_terms()
+            with PauseGC():  # many small objects, all of which live on
+                self._compile_terms()
         else:
             self._compile_file(self._build)
         logger.debug(
@@ -162,7 +165,6 @@ class CompiledModel:
     def load_point(self, x: FloatArray) -> None:
         """Put a point into the model's variables; all others become stale, as after any solve."""
         StaleFlagManager.mark_all_as_stale()
-        for variable, value in zip(self.variables, np.asarray(x, dtype=float).tolist(), strict=True):
-            # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
-            variable.set_value(value, skip_validation=True)
+        # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
+        put_values(self.variables, np.asarray(x, dtype=float).tolist())
         StaleFlagManager.mark_all_as_stale(delayed=True)

@@ -6,15 +6,15 @@ their own. `ComposedProgram` puts the functions in between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from pyomo.core.base.var import VarData
-from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, native_types, value
+from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 
 from pyrobocop_pyomo.modeling.bulk_parts import new_variable
 from pyrobocop_pyomo.modeling.functions import Function, FunctionOutput, is_function_call
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
 
 @dataclass(eq=False)
@@ -53,7 +53,8 @@ class ConstantCall(NumericValue):
     @property
     def value(self) -> float:
         """The function at the current values of parameters and fixed variables."""
-        return float(value(self._node))
+        # Asked of the function itself: Pyomo's `value` would log an error before this package says what to do about it.
+        return float(self._node._fcn.evaluate(self._node.args))
 
     @property
     def name(self) -> str:
@@ -137,13 +138,13 @@ class FunctionCalls:
 
 def calls_in(expression: Any) -> list[Any]:
     """Nodes of an expression that call Python functions, without those in their arguments."""
-    return list(_walk((expression,), is_function_call))
+    return list(topmost_nodes((expression,), is_function_call))
 
 
 def _held(arguments: Any) -> tuple[list[Any], bool, list[Any]]:
     """Calls in arguments, whether a variable is free there, and what is fixed or a parameter."""
     inner, free, given = [], False, []
-    for node in _walk(arguments, lambda node: is_function_call(node) or not node.is_expression_type()):
+    for node in topmost_nodes(arguments, lambda node: is_function_call(node) or not node.is_expression_type()):
         if is_function_call(node):
             inner.append(node)
         elif node.is_variable_type() and not node.fixed:
@@ -151,21 +152,6 @@ def _held(arguments: Any) -> tuple[list[Any], bool, list[Any]]:
         elif not node.is_constant():
             given.append(node)
     return inner, free, given
-
-
-def _walk(expressions: Any, wanted: Any) -> Iterator[Any]:
-    """Nodes that are wanted; the walk does not go below them, and meets what is shared once."""
-    pending: list[Any] = list(expressions)
-    seen: dict[int, Any] = {}  # nodes that Pyomo makes for the moment have to live on to keep their ids
-    while pending:
-        node = pending.pop()
-        if node.__class__ in native_types or id(node) in seen:
-            continue
-        seen[id(node)] = node
-        if wanted(node):
-            yield node
-        elif node.is_expression_type():
-            pending.extend(node.args)
 
 
 def _key(node: Any) -> tuple[Any, ...]:

@@ -88,7 +88,10 @@ class ModelNumbers:
 
     def values_of_variables(self) -> FloatArray:
         """Current values of the variables, 0 where one has none."""
-        return np.array([0.0 if number is None else number for number in map(_VALUE, self._variables)], dtype=float)
+        numbers = list(map(_VALUE, self._variables))
+        if None in numbers:
+            numbers = [0.0 if number is None else number for number in numbers]
+        return np.array(numbers, dtype=float)
 
     def _read_bounds(self, i: int) -> bool:
         """Read the bounds of a variable; true when they are expressions, which may change by themselves."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import re
 import tempfile
@@ -84,9 +85,16 @@ def model_file(model: BlockData, owner: BlockData, *, named: bool = False) -> Mo
     text = io.StringIO()
     with checked_writing(owner):
         info = NLWriter().write(model, text, **WRITER_OPTIONS | {"export_defined_variables": named})
+        if "nan" in text.getvalue():  # the only word that a file without names can hold; ASL reads it as a zero
+            raise InvalidValueError("nan")
     if info.external_function_libraries:
         refuse_external_functions(owner, everywhere=True)
     return ModelFile(text.getvalue(), info.variables, info.constraints, info.external_function_libraries)
+
+
+def _is_not_raised_as_well(record: logging.LogRecord) -> bool:
+    """Whether a message of Pyomo's writer says more than the error that follows it."""
+    return not str(record.msg).startswith("Exception encountered evaluating expression")
 
 
 @contextlib.contextmanager
@@ -105,6 +113,7 @@ def checked_writing(model: BlockData) -> Iterator[None]:
     refuse_external_functions(model)
     before = pyomo.repn.util.HALT_ON_EVALUATION_ERROR
     pyomo.repn.util.HALT_ON_EVALUATION_ERROR = True
+    pyomo.repn.util.logger.addFilter(_is_not_raised_as_well)
     try:
         yield
     except (ArithmeticError, InvalidValueError, ValueError) as error:
@@ -118,6 +127,7 @@ def checked_writing(model: BlockData) -> Iterator[None]:
             "variables values that it is defined for."
         ) from None
     finally:
+        pyomo.repn.util.logger.removeFilter(_is_not_raised_as_well)
         pyomo.repn.util.HALT_ON_EVALUATION_ERROR = before
 
 

@@ -1,11 +1,13 @@
-"""Whether a model repeats large nonlinear rows so often that their evaluation takes most of a solve."""
+"""Whether a model repeats its nonlinear terms so often that they are better derived once for each shape."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.modeling.expression_nodes import (
     CALL,
@@ -14,6 +16,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     DIVISION,
     FUNCTION,
     LEAF,
+    NAMED,
     POWER,
     PRODUCT,
     SUMMATION,
@@ -22,35 +25,38 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
 )
 from pyrobocop_pyomo.modeling.functions import is_function_call
 
-# ASL then takes more than a millisecond for the derivatives of one iteration, as long as its linear system takes.
-MANY_NODES = 30_000
-# A function of each shape is derived once: that is worth its time where it is used several times.
+# Deriving one node of a shape takes ten times as long as writing one into a file and reading it there.
 REPETITIONS = 8
+# So many nodes are enough to see that; all nodes of a large model would take longer to count than they take to derive.
+ENOUGH_NODES = 10_000
 # Counting itself stops here, within a tenth of a second.
-_MOST_NODES = 8 * MANY_NODES
+_MOST_NODES = 24 * ENOUGH_NODES
 
 
-def repeats_large_rows(model: BlockData) -> bool:
-    """Whether the active nonlinear rows have many nodes, and few that are not repetitions of others.
+def repeats_nonlinear_terms(model: BlockData, *, fewest_nodes: int = 0) -> bool:
+    """Whether the active nonlinear rows and the terms of the objective are mostly repetitions of few shapes.
 
-    Named expressions count wherever they are used, as ASL evaluates them. Two rows are repetitions of each other when
+    Named expressions count wherever they are used, as ASL evaluates them. Two terms are repetitions of each other when
     they have the same operators in the same order. In models of more than 240 000 nodes the first so many decide.
 
     Parameters
     ----------
     model : Block
         Complementarity has to be relaxed before.
+    fewest_nodes : int
+        Of nonlinear terms: a model with fewer does not count, unless it calls Python functions.
 
     Returns
     -------
     bool
         True also where a row calls Python functions: these are evaluated at all points at once, and what is vectorised
-        needs no file. False where a row calls other external functions, which vectorised expressions do not know.
+        needs no file. False where a row calls other external functions, which vectorised expressions do not know, and
+        where nothing is nonlinear.
     """
     visited = nodes = different = 0
     shapes: set[bytes] = set()
-    for row in model.component_data_objects(Constraint, active=True, descend_into=True):
-        kinds, nonlinear = _kinds_of_nodes(row.body)
+    for term in _terms_of(model):
+        kinds, nonlinear = _kinds_of_nodes(term)
         visited += len(kinds)
         if nonlinear:
             if UNKNOWN in kinds:
@@ -62,11 +68,28 @@ def repeats_large_rows(model: BlockData) -> bool:
             if shape not in shapes:
                 shapes.add(shape)
                 different += len(kinds)
-        if nodes >= MANY_NODES and nodes >= REPETITIONS * different:
+        if nodes >= max(ENOUGH_NODES, fewest_nodes) and nodes >= REPETITIONS * different:
             return True
         if visited >= _MOST_NODES:
             break
-    return False
+    return nodes >= fewest_nodes and 0 < REPETITIONS * different <= nodes
+
+
+def _terms_of(model: BlockData) -> Iterator[Any]:
+    """Bodies of the rows, and the terms of which an objective is the sum."""
+    for row in model.component_data_objects(Constraint, active=True, descend_into=True):
+        yield row.body
+    for objective in model.component_data_objects(Objective, active=True, descend_into=True):
+        pending = [objective.expr]
+        while pending:
+            node = pending.pop()
+            kind = kind_of_node(node.__class__)
+            if kind in (SUMMATION, NAMED):
+                pending += node._args_[: node._nargs] if kind == SUMMATION else node._args_
+            elif kind == PRODUCT and kind_of_node(node._args_[0].__class__) == CONSTANT:
+                pending.append(node._args_[1])
+            else:
+                yield node
 
 
 def _kinds_of_nodes(expression: Any) -> tuple[list[int], bool]:

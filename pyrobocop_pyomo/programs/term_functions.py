@@ -2,7 +2,8 @@
 
 CasADi's virtual machine takes some nanoseconds for each operation on each argument. NumPy, one operation on all
 arguments after the other, takes half a nanosecond for arithmetic, but half a microsecond to begin: it is quicker for
-hundreds of arguments. Compiling would be as quick as that, but takes seconds and a compiler.
+hundreds of arguments. The compiled evaluation (``term_evaluation.c``) begins an operation in some nanoseconds and goes
+over its arguments as quickly as NumPy does, in the processor's nearest memory: where it is there, it takes all.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.expression_nodes import comparisons
 from pyrobocop_pyomo.optional_imports import casadi
 
+from .compiled_terms import CompiledTerm
 from .expression_codes import decoded
 from .nonlinear_program import FloatArray
 from .term_bundles import FEWEST_TERMS, Bundle, Output, bundles_of
@@ -117,14 +119,17 @@ class TermFunction:
     """The outputs of a bundle, evaluated for all of its instances at once.
 
     Arrays of the values of one evaluation, and what belongs to each value, are flat: by instances, or by values where
-    NumPy evaluates.
+    NumPy or the compiled evaluation evaluates.
 
     Parameters
     ----------
     bundle : Bundle
+    compiled : bool
+        Whether the compiled evaluation takes it; `value`, `gradient` and `hessian` then do not exist.
 
     Attributes
     ----------
+    compiled : CompiledTerm or None
     rows : int array
         Where each output is added.
     scales : float array
@@ -137,7 +142,7 @@ class TermFunction:
         Pairs of variables of the values that `hessian` returns; the first is not smaller.
     """
 
-    def __init__(self, bundle: Bundle) -> None:
+    def __init__(self, bundle: Bundle, compiled: bool = False) -> None:
         numbers = np.hstack([output.numbers for output in bundle.outputs])
         parameters = np.hstack([output.parameters for output in bundle.outputs])
         # Numbers that are the same everywhere become part of the function; the others are arguments.
@@ -152,7 +157,7 @@ class TermFunction:
         hessian = casadi.tril(casadi.hessian(casadi.dot(w, outputs), x)[0])
 
         instances = columns.shape[0]
-        by_values = instances >= FEWEST_INSTANCES_OF_NUMPY
+        by_values = compiled or instances >= FEWEST_INSTANCES_OF_NUMPY
 
         def flat(values: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(values.T if by_values else values).ravel()
@@ -172,14 +177,22 @@ class TermFunction:
         self._places = np.flatnonzero(known >= 0)
         self._parameters = known[self._places]
         self._x, self._w, self._numbers = np.zeros(columns.size), np.zeros(rows.size), flat(numbers[:, varies])
+        results = [
+            casadi.cse(casadi.vertcat(*nonzeros))
+            for nonzeros in (casadi.densify(outputs).nonzeros(), gradient.nonzeros(), hessian.nonzeros())
+        ]
+        self.compiled: CompiledTerm | None = None
+        if compiled:
+            functions = [casadi.Function("compiled", [x, p, w], [result]) for result in results]
+            self.compiled = CompiledTerm(
+                functions, self._columns, self._numbers, self.rows, self.scales, self.gradient_scales, instances
+            )
+            return
         arrays = [
             shaped(self._x, sizes["x"]), shaped(self._numbers, sizes["p"]), shaped(self._w, sizes["w"])
         ]  # fmt: skip
         evaluator = VectorisedFunction if by_values else InterpretedFunction
-        self._value, self._gradient, self._hessian = (
-            evaluator([x, p, w], casadi.cse(casadi.vertcat(*nonzeros)), arrays)
-            for nonzeros in (casadi.densify(outputs).nonzeros(), gradient.nonzeros(), hessian.nonzeros())
-        )
+        self._value, self._gradient, self._hessian = (evaluator([x, p, w], result, arrays) for result in results)
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
@@ -216,7 +229,7 @@ def _outputs(bundle: Bundle, x: Any, p: Any, numbers: FloatArray, varies: np.nda
     return casadi.cse(casadi.vertcat(*outputs))
 
 
-def term_functions(groups: Sequence[TermGroup], variables: int) -> list[TermFunction]:
+def term_functions(groups: Sequence[TermGroup], variables: int, *, compiled: bool) -> list[TermFunction]:
     """One function for each large bundle, and one for all terms of the small ones together.
 
     Parameters
@@ -224,6 +237,8 @@ def term_functions(groups: Sequence[TermGroup], variables: int) -> list[TermFunc
     groups : sequence of TermGroup
     variables : int
         Count of all variables.
+    compiled : bool
+        Whether the compiled evaluation takes them.
 
     Raises
     ------
@@ -234,8 +249,8 @@ def term_functions(groups: Sequence[TermGroup], variables: int) -> list[TermFunc
     large = [bundle for bundle in bundles if bundle.columns.shape[0] >= FEWEST_TERMS]
     small = [bundle for bundle in bundles if bundle.columns.shape[0] < FEWEST_TERMS]
     try:
-        functions = [TermFunction(bundle) for bundle in large]
-        return [*functions, TermFunction(_assorted(small))] if small else functions
+        functions = [TermFunction(bundle, compiled) for bundle in large]
+        return [*functions, TermFunction(_assorted(small), compiled)] if small else functions
     except ArithmeticError as error:  # among the numbers: those of variables are symbols here
         raise EvaluationError(f"a number in an expression does not exist: {error}") from None
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from .casadi_program import require_casadi
+from .compiled_run import CompiledRun
+from .compiled_terms import evaluation_library
 from .model_numbers import ModelNumbers
-from .model_terms import ModelTerms, Terms
+from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray, finite
-from .sparse_entries import merged_places, summed
-from .term_functions import TermFunction, term_functions
+from .scales import Scales
+from .summed_terms import SummedTerms, place_hessians
 
 
 class VectorisedProgram:
@@ -42,13 +44,12 @@ class VectorisedProgram:
         self.g_lower, self.g_upper = self._numbers.g_lower, self._numbers.g_upper
         self.g_multipliers_start: FloatArray | None = None
         self.n, self.m = len(terms.variables), len(terms.constraints)
-        self._cost = _Sums(terms.cost, 1, self.n)
-        self._rows = _Sums(terms.rows, self.m, self.n)
-        self.arguments = [ArgumentRows(rows, m, self.n) for rows, m in terms.arguments]
+        self._library = library = evaluation_library()
+        self._cost = SummedTerms(terms.cost, 1, self.n, library)
+        self._rows = SummedTerms(terms.rows, self.m, self.n, library)
+        self.arguments = [ArgumentRows(SummedTerms(rows, m, self.n, library), self.n) for rows, m in terms.arguments]
         self.jacobian_structure = self._rows.structure
-        functions = (*self._cost.functions, *self._rows.functions)
-        pairs = [(function.hessian_rows, function.hessian_columns) for function in functions]
-        self.hessian_structure, self._hessian_places = merged_places(pairs, self.n)
+        self.hessian_structure = place_hessians([self._cost, self._rows], self.n)
         self._read_point()
 
     def refresh(self) -> None:
@@ -89,11 +90,25 @@ class VectorisedProgram:
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
-        factor = np.array([objective_factor])
-        blocks = [function.hessian(x, factor) for function in self._cost.functions]
-        blocks += [function.hessian(x, multipliers) for function in self._rows.functions]
-        values = summed(self._hessian_places, blocks, self.hessian_structure[0].size)
+        values = np.zeros(self.hessian_structure[0].size)
+        self._cost.add_hessian(x, np.array([objective_factor]), values)
+        self._rows.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
+
+    def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
+        """The functions for Ipopt without Python, None without the compiled evaluation; see `CompiledRun`.
+
+        Parameters
+        ----------
+        scales : Scales, optional
+            The units of the point that Ipopt has.
+        """
+        if self._library is None:
+            return None
+        return CompiledRun(
+            self._library, self._cost.compiled, self._rows.compiled, self.n, self._cost.structure[1],
+            self.jacobian_structure, self.hessian_structure, scales,
+        )  # fmt: skip
 
 
 class ArgumentRows:
@@ -101,17 +116,15 @@ class ArgumentRows:
 
     Parameters
     ----------
-    terms : Terms
-    m, n : int
-        Counts of rows and variables.
+    sums : SummedTerms
+    n : int
+        Count of variables.
     """
 
-    def __init__(self, terms: Terms, m: int, n: int) -> None:
-        self.m = m
-        self.sums = _Sums(terms, m, n)
-        self.jacobian_structure = self.sums.structure
-        pairs = [(function.hessian_rows, function.hessian_columns) for function in self.sums.functions]
-        self.hessian_structure, self._hessian_places = merged_places(pairs, n)
+    def __init__(self, sums: SummedTerms, n: int) -> None:
+        self.m, self.sums = sums.rows, sums
+        self.jacobian_structure = sums.structure
+        self.hessian_structure = place_hessians([sums], n)
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of the arguments."""
@@ -123,51 +136,6 @@ class ArgumentRows:
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of multipliers @ rows; there is no objective."""
-        blocks = [function.hessian(x, multipliers) for function in self.sums.functions]
-        values = summed(self._hessian_places, blocks, self.hessian_structure[0].size)
+        values = np.zeros(self.hessian_structure[0].size)
+        self.sums.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the arguments of a Python function")
-
-
-class _Sums:
-    """Rows that are each a constant, a linear function and terms of some groups."""
-
-    def __init__(self, terms: Terms, rows: int, n: int) -> None:
-        self.functions: list[TermFunction] = term_functions(list(terms.groups.values()), n)
-        self._constants = np.zeros(rows)
-        for row, constant in terms.constants.items():
-            self._constants[row] = constant
-        linear_rows = np.array(terms.linear_rows, dtype=np.intp)
-        columns = np.array(terms.linear_columns, dtype=np.intp)
-        coefficients = np.array(terms.linear_coefficients, dtype=float)
-        free = (columns >= 0) & (coefficients != 0.0)
-        given = columns < 0
-        self._given = linear_rows[given], -1 - columns[given], coefficients[given]
-        self._linear = linear_rows[free], columns[free], coefficients[free]
-        self._value_rows = np.concatenate([self._linear[0], *(function.rows for function in self.functions)])
-        nonlinear = [(function.gradient_rows, function.gradient_columns) for function in self.functions]
-        pairs = [self._linear[:2], *nonlinear]
-        self.structure, places = merged_places(pairs, n)
-        count = self._linear[0].size
-        self._size = self.structure[0].size
-        self._constant_jacobian = np.bincount(places[:count], self._linear[2], self._size)
-        self._places = places[count:]
-        self._offsets = self._constants
-
-    def set_parameters(self, values: FloatArray) -> None:
-        rows, parameters, coefficients = self._given
-        with np.errstate(all="ignore"):  # what is not finite is noticed in the sums
-            given = coefficients * values[parameters]
-        self._offsets = self._constants + np.bincount(rows, given, self._constants.size)
-        for function in self.functions:
-            function.set_parameters(values)
-
-    def values(self, x: FloatArray) -> FloatArray:
-        _, columns, coefficients = self._linear
-        with np.errstate(all="ignore"):
-            summands = [coefficients * x.take(columns), *(part.scales * part.value(x) for part in self.functions)]
-            return self._offsets + summed(self._value_rows, summands, self._offsets.size)
-
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        with np.errstate(all="ignore"):
-            blocks = [function.gradient_scales * function.gradient(x) for function in self.functions]
-            return self._constant_jacobian + summed(self._places, blocks, self._size)

@@ -77,7 +77,7 @@ def test_build_has_the_keywords_of_its_block() -> None:
 
 def test_help_shows_what_a_phase_offers() -> None:
     text = pydoc.plain(pydoc.render_doc(rcp.PhaseBlock))
-    assert "duration: 'float | Duration' = 1.0" in text
+    assert "duration: 'float | Duration | NumericValue' = 1.0" in text
     for method in ("ode", "residual", "constraint", "complementarity", "integral", "trajectory", "verify", "tracking"):
         assert f"{method}(self" in text
     assert "State explicit differential equations" in text

@@ -1,0 +1,265 @@
+"""Summed terms for the compiled evaluation in ``term_evaluation.c``.
+
+That library knows nothing of a particular model: it is compiled once, and gets each model's functions as arrays. What
+the structures here point to belongs to the objects that made it, and is kept alive by them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import logging
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import BuildFailed
+from pyrobocop_pyomo.native.shared_library import (
+    SWITCH_VARIABLE,
+    build_shared_library,
+    native_allowed,
+    shared_library,
+)
+from pyrobocop_pyomo.optional_imports import casadi
+
+from .nonlinear_program import FloatArray
+
+logger = logging.getLogger(__name__)
+
+TERM_EVALUATION = "term_evaluation"
+SOURCE = Path(__file__).with_name("term_evaluation.c")
+VERSION = 1
+
+# In the order of the source: each number there is a place here. Those from ADD on are CasADi's names.
+OPERATIONS = (
+    "READ_VARIABLE", "READ_NUMBER", "READ_WEIGHT", "CONSTANT", "ADD_OUTPUT",
+    "ADD", "SUB", "MUL", "DIV", "NEG", "INV", "SQ", "TWICE", "SQRT", "POW", "EXP", "LOG", "LOG1P", "EXPM1", "SIN",
+    "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "FABS", "SIGN",
+    "COPYSIGN", "FLOOR", "CEIL", "FMOD", "FMIN", "FMAX", "HYPOT", "LT", "LE", "EQ", "NE", "NOT", "AND", "OR",
+    "ASSIGN", "IF_ELSE_ZERO",
+)  # fmt: skip
+_CONSTANT, _ADD_OUTPUT, _FIRST_OF_CASADI = map(OPERATIONS.index, ("CONSTANT", "ADD_OUTPUT", "ADD"))
+
+_long, _int, _address = ctypes.c_int64, ctypes.c_int32, ctypes.c_void_p
+
+
+class _FunctionStructure(ctypes.Structure):
+    _fields_ = (
+        ("steps", _long), ("step", _address), ("constants", _address), ("work", _long), ("places", _address),
+        ("scales", _address),
+    )  # fmt: skip
+
+
+class _TermStructure(ctypes.Structure):
+    _fields_ = (
+        ("instances", _long), ("columns", _address), ("numbers", _address), ("rows", _address), ("scales", _address),
+        ("value", _FunctionStructure), ("gradient", _FunctionStructure), ("hessian", _FunctionStructure),
+    )  # fmt: skip
+
+
+class SumsStructure(ctypes.Structure):
+    """`Sums` in ``term_evaluation.c``."""
+
+    _fields_ = (
+        ("rows", _long), ("entries", _long), ("terms", _long), ("term", _address),
+        ("offsets", _address), ("linear_starts", _address), ("linear_columns", _address),
+        ("linear_coefficients", _address), ("constant_entries", _address),
+    )  # fmt: skip
+
+
+@functools.cache
+def _library() -> ctypes.CDLL | None:
+    path = shared_library(TERM_EVALUATION, [SOURCE])
+    if path is None:
+        return None
+    try:
+        library = ctypes.CDLL(str(path))
+        if library.term_evaluation_version() != VERSION:
+            return None
+        _declare(library)
+    except (OSError, AttributeError) as error:
+        logger.info("without compiled evaluation: '%s' cannot be loaded: %s", path, error)
+        return None
+    return library
+
+
+def evaluation_library() -> ctypes.CDLL | None:
+    """The compiled evaluation; None where it is switched off or cannot be compiled, and NumPy evaluates."""
+    return _library() if native_allowed() else None
+
+
+def how_terms_are_evaluated() -> str:
+    """One line for people: the compiled evaluation and its file, or NumPy and why."""
+    if not native_allowed():
+        return f"evaluated by NumPy: {SWITCH_VARIABLE} is '{os.environ[SWITCH_VARIABLE]}'"
+    try:
+        path = build_shared_library("term_evaluation", [SOURCE])
+    except BuildFailed as error:
+        return f"evaluated by NumPy: {error}"
+    if evaluation_library() is None:
+        return f"evaluated by NumPy: '{path}' cannot be loaded"
+    return f"evaluated by compiled code: {path}"
+
+
+def _declare(library: ctypes.CDLL) -> None:
+    for name, arguments in {"sums_values": 3, "sums_jacobian": 3, "sums_hessian": 4}.items():
+        function = getattr(library, name)
+        function.argtypes, function.restype = [_address] * arguments, _int
+
+
+def _indices(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, dtype=np.int32)
+
+
+class CompiledFunction:
+    """The steps of a CasADi function, and where its outputs are added.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of variables, numbers and weights; one output.
+    """
+
+    def __init__(self, function: Any) -> None:
+        count = function.n_instructions()
+        steps = np.empty((count, 4), dtype=np.int32)
+        constants: list[float] = []
+        places = _places_of_operations()
+        for k in range(count):
+            operation = function.instruction_id(k)
+            if operation == casadi.OP_INPUT:
+                argument, row = function.instruction_input(k)
+                steps[k] = argument, function.instruction_output(k)[0], row, 0
+            elif operation == casadi.OP_OUTPUT:
+                steps[k] = _ADD_OUTPUT, function.instruction_output(k)[1], function.instruction_input(k)[0], 0
+            elif operation == casadi.OP_CONST:
+                steps[k] = _CONSTANT, function.instruction_output(k)[0], len(constants), 0
+                constants.append(function.instruction_constant(k))
+            else:
+                inputs = function.instruction_input(k)
+                steps[k] = places[operation], function.instruction_output(k)[0], inputs[0], inputs[-1]
+        self.steps, self.constants = steps, np.array(constants, dtype=float)
+        self.work = max(1, function.sz_w())
+
+    def structure(self, places: np.ndarray, scales: FloatArray | None = None) -> _FunctionStructure:
+        """As the library takes it; arrays of shape (outputs, instances), flat, and no scales instead of ones."""
+        self._places, self._scales = _indices(places), scales
+        return _FunctionStructure(
+            len(self.steps), self.steps.ctypes.data, self.constants.ctypes.data, self.work, self._places.ctypes.data,
+            None if scales is None else scales.ctypes.data,
+        )  # fmt: skip
+
+
+@functools.cache
+def _places_of_operations() -> dict[int, int]:
+    names = enumerate(OPERATIONS[_FIRST_OF_CASADI:], _FIRST_OF_CASADI)
+    places = {getattr(casadi, f"OP_{name}"): place for place, name in names}
+    places[casadi.OP_CONSTPOW] = places[casadi.OP_POW]
+    return places
+
+
+class CompiledTerm:
+    """One small function of many instances, with its derivatives.
+
+    Parameters
+    ----------
+    functions : sequence of casadi.Function
+        Its value, the nonzeros of its gradient and of its Hessian, as functions of variables, numbers and weights.
+    columns, numbers, rows, scales : arrays, shapes (count, instances), flat
+        Variables, numbers, and rows and scales of the outputs. Numbers may change between evaluations, in place.
+    gradient_scales : float array
+    instances : int
+    """
+
+    def __init__(
+        self,
+        functions: Sequence[Any],
+        columns: np.ndarray,
+        numbers: FloatArray,
+        rows: np.ndarray,
+        scales: FloatArray,
+        gradient_scales: FloatArray,
+        instances: int,
+    ) -> None:
+        self._functions = [CompiledFunction(function) for function in functions]
+        self._columns, self._rows, self._instances = _indices(columns), _indices(rows), instances
+        self._numbers, self._scales, self._gradient_scales = numbers, scales, gradient_scales
+
+    def structure(self, gradient_places: np.ndarray, hessian_places: np.ndarray) -> _TermStructure:
+        """As the library takes it, with the places of the gradient's and the Hessian's entries."""
+        value, gradient, hessian = self._functions
+        return _TermStructure(
+            self._instances, self._columns.ctypes.data, self._numbers.ctypes.data, self._rows.ctypes.data,
+            self._scales.ctypes.data, value.structure(self._rows, self._scales),
+            gradient.structure(gradient_places, self._gradient_scales), hessian.structure(hessian_places),
+        )  # fmt: skip
+
+
+class CompiledSums:
+    """Rows that are each a constant, a linear function and some terms; see `SummedTerms`.
+
+    Parameters
+    ----------
+    library : ctypes.CDLL
+    terms : sequence of CompiledTerm
+    gradient_places, hessian_places : sequences of int arrays
+        One for each term.
+    offsets : float array
+        The constants; may change between evaluations, in place.
+    linear : tuple of arrays
+        Rows, columns and coefficients.
+    constant_entries : float array
+        What the linear functions give to each entry of the Jacobian.
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        terms: Sequence[CompiledTerm],
+        gradient_places: Sequence[np.ndarray],
+        hessian_places: Sequence[np.ndarray],
+        offsets: FloatArray,
+        linear: tuple[np.ndarray, np.ndarray, FloatArray],
+        constant_entries: FloatArray,
+    ) -> None:
+        self._library, self._terms = library, terms
+        places = zip(terms, gradient_places, hessian_places, strict=True)
+        self._structures = (_TermStructure * len(terms))(*(term.structure(*both) for term, *both in places))
+        order = np.argsort(linear[0], kind="stable")
+        starts = np.searchsorted(linear[0][order], np.arange(offsets.size + 1))
+        self._linear = starts.astype(np.int64), _indices(linear[1][order]), np.ascontiguousarray(linear[2][order])
+        self._arrays = offsets, constant_entries
+        starts_at, columns, coefficients = (array.ctypes.data for array in self._linear)
+        self.structure = SumsStructure(
+            offsets.size, constant_entries.size, len(terms), ctypes.addressof(self._structures),
+            offsets.ctypes.data, starts_at, columns, coefficients, constant_entries.ctypes.data,
+        )  # fmt: skip
+        self._place = ctypes.addressof(self.structure)
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Values of the rows."""
+        values, x = np.empty(self.structure.rows), _contiguous(x)
+        return _done(self._library.sums_values(self._place, x.ctypes.data, values.ctypes.data), values)
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Entries of their Jacobian."""
+        entries, x = np.empty(self.structure.entries), _contiguous(x)
+        return _done(self._library.sums_jacobian(self._place, x.ctypes.data, entries.ctypes.data), entries)
+
+    def add_hessian(self, x: FloatArray, weights: FloatArray, entries: FloatArray) -> None:
+        """Add the Hessian of weights @ rows to the entries."""
+        x, weights = _contiguous(x), _contiguous(weights)
+        _done(self._library.sums_hessian(self._place, x.ctypes.data, weights.ctypes.data, entries.ctypes.data), entries)
+
+
+def _contiguous(x: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(x, dtype=np.float64)
+
+
+def _done(code: int, values: FloatArray) -> FloatArray:
+    if not code:
+        raise MemoryError("no memory is left for an evaluation.")
+    return values

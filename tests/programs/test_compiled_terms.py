@@ -1,0 +1,266 @@
+"""The compiled evaluation gives the numbers of NumPy, and Ipopt the same run without Python as with it."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import casadi
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.compiled_run import EVALUATIONS, compiled_functions_of
+from pyrobocop_pyomo.programs.compiled_terms import OPERATIONS, SOURCE, CompiledSums, CompiledTerm, evaluation_library
+from pyrobocop_pyomo.programs.nonlinear_program import ShiftedRows
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.term_functions import VectorisedFunction
+
+pytestmark = [
+    pytest.mark.casadi,
+    pytest.mark.skipif(evaluation_library() is None, reason="there is no C compiler"),
+]
+
+NUMBERS = np.array([-2.5, -1.0, -0.3, 0.0, 0.4, 1.0, 1.7, 30.0, np.nan])
+A, B = (grid.ravel() for grid in np.meshgrid(NUMBERS, NUMBERS))
+
+
+def evaluated(expression, symbols, values: np.ndarray) -> np.ndarray:
+    """A function of the variables, by the library; one instance for each column of the values."""
+    inputs = [symbols, casadi.SX.sym("p", 0), casadi.SX.sym("w", 1)]
+    function = casadi.Function("value", inputs, [expression])
+    nothing = casadi.Function("nothing", inputs, [casadi.SX(0, 1)])
+    count = values.shape[1]
+    term = CompiledTerm(
+        [function, nothing, nothing], np.arange(values.size), np.empty(0), np.arange(count), np.ones(count),
+        np.empty(0), count,
+    )  # fmt: skip
+    none = np.empty(0, dtype=np.intp)
+    sums = CompiledSums(
+        evaluation_library(), [term], [none], [none], np.zeros(count), (none, none, np.empty(0)), np.empty(0)
+    )
+    return sums.values(values.ravel())
+
+
+def by_numpy(expression, symbols, values: np.ndarray) -> np.ndarray:
+    return VectorisedFunction([symbols], expression, [values])()[0].copy()
+
+
+def test_operations_have_the_numbers_of_the_source() -> None:
+    listed = re.search(r"enum Operation \{(.*?)\}", SOURCE.read_text(), re.DOTALL).group(1)
+    assert tuple(re.findall(r"\w+", listed)) == OPERATIONS
+
+
+UNARY = "sqrt exp log log1p expm1 sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh fabs sign floor ceil"
+BINARY = "atan2 copysign fmod fmin fmax hypot power"
+
+
+@pytest.mark.parametrize("name", UNARY.split())
+def test_functions_of_one_number_are_those_of_numpy(name: str) -> None:
+    x = casadi.SX.sym("x", 1)
+    expression, values = getattr(casadi, name)(x), NUMBERS[None]
+    np.testing.assert_allclose(evaluated(expression, x, values), by_numpy(expression, x, values), rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", BINARY.split())
+def test_functions_of_two_numbers_are_those_of_numpy(name: str) -> None:
+    x, values = casadi.SX.sym("x", 2), np.array([A, B])
+    expression = getattr(casadi, name)(x[0], x[1])
+    np.testing.assert_allclose(evaluated(expression, x, values), by_numpy(expression, x, values), rtol=1e-15)
+
+
+OPERATORS = {
+    "sum": lambda a, b: a + b,
+    "difference": lambda a, b: a - b,
+    "product": lambda a, b: a * b,
+    "quotient": lambda a, b: a / b,
+    "negative": lambda a, b: -(a + b),
+    "reciprocal": lambda a, b: 1 / (a + b),
+    "square": lambda a, b: (a - b) ** 2,
+    "twice": lambda a, b: 2 * (a * b),
+    "constant power": lambda a, b: casadi.power(a + b, 3.5),
+    "less": lambda a, b: casadi.if_else(a < b, a, b * b),
+    "less or equal": lambda a, b: casadi.if_else(a <= b, a, 7.0),
+    "equal": lambda a, b: casadi.if_else(a == b, 2.0, b),
+    "unequal": lambda a, b: casadi.if_else(a != b, a, 3.0),
+    "not": lambda a, b: casadi.logic_not(a),
+    "and": lambda a, b: casadi.logic_and(a, b),
+    "or": lambda a, b: casadi.logic_or(a, b),
+}
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def test_operators_are_those_of_numpy(name: str) -> None:
+    x, values = casadi.SX.sym("x", 2), np.array([A, B])
+    expression = OPERATORS[name](x[0], x[1])
+    np.testing.assert_array_equal(evaluated(expression, x, values), by_numpy(expression, x, values))
+
+
+def model(instances: int) -> pyo.ConcreteModel:
+    """Rows and costs with shared variables, numbers that vary, a parameter, odd terms and constants."""
+    m = pyo.ConcreteModel()
+    m.k = pyo.RangeSet(0, instances)
+    m.x = pyo.Var(m.k, bounds=(-3.0, 3.0), initialize=lambda m, k: 0.1 + 0.05 * k % 1.0)
+    m.rate = pyo.Param(m.k, mutable=True, initialize=lambda m, k: 1.0 + 0.1 * k)
+
+    @m.Constraint(range(instances))
+    def step(m, k):
+        return m.x[k + 1] - m.x[k] == 0.1 * pyo.sin(m.rate[k] * m.x[k]) - (0.01 + k / 50) * m.x[k] * m.x[k + 1] ** 2
+
+    m.odd = pyo.Constraint(expr=pyo.exp(m.x[0]) * m.x[instances] - 3 * m.x[1] <= 4.0)
+    m.cost = pyo.Objective(expr=5.0 + sum((m.x[k] - 1) ** 2 + pyo.exp(-m.x[k]) for k in m.k))
+    return m
+
+
+def called_directly(nlp) -> set[str]:
+    return set(compiled_functions_of(nlp)[1])
+
+
+def program(m: pyo.ConcreteModel, switch: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(SWITCH_VARIABLE, switch)
+    compiled = CompiledModel(m, "vectorised")
+    monkeypatch.delenv(SWITCH_VARIABLE)
+    assert called_directly(compiled.nlp) == (set() if switch == "off" else set(EVALUATIONS))
+    return compiled
+
+
+def numbers_of(nlp, x: np.ndarray, multipliers: np.ndarray) -> list[np.ndarray]:
+    return [
+        np.array([nlp.objective(x)]), nlp.gradient(x), nlp.constraints(x), nlp.jacobian(x),
+        nlp.hessian(x, 0.7, multipliers),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("instances", [1, 5, 63, 64, 65, 129, 200])
+def test_all_functions_of_a_program_are_those_of_numpy(instances: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    m = model(instances)
+    ours, theirs = (program(m, switch, monkeypatch) for switch in ("on", "off"))
+    assert np.array_equal(ours.nlp.jacobian_structure, theirs.nlp.jacobian_structure)
+    assert np.array_equal(ours.nlp.hessian_structure, theirs.nlp.hessian_structure)
+    random = np.random.default_rng(instances)
+    for _ in range(2):
+        x, multipliers = random.uniform(-1, 1, ours.nlp.n), random.uniform(-1, 1, ours.nlp.m)
+        for mine, other in zip(
+            numbers_of(ours.nlp, x, multipliers), numbers_of(theirs.nlp, x, multipliers), strict=True
+        ):
+            assert mine == pytest.approx(other, rel=1e-13, abs=1e-14)
+        for k in m.k:
+            m.rate[k] = 2.0 - 0.01 * k
+        ours.update(), theirs.update()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(-5, 5), min_size=3, max_size=3), st.floats(0.1, 10.0))
+def test_values_are_those_of_the_model(values: list[float], rate: float) -> None:
+    m = model(2)
+    m.rate[0] = rate
+    compiled = CompiledModel(m, "vectorised")
+    x = np.array(values)
+    compiled.load_point(x)
+    rows = np.array([pyo.value(row.body) for row in compiled.constraints])
+    assert compiled.nlp.constraints(x) == pytest.approx(rows, rel=1e-12, abs=1e-12)
+    assert compiled.nlp.objective(x) == pytest.approx(pyo.value(m.cost), rel=1e-12)
+
+
+def test_ipopt_runs_alike_with_and_without_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    m = model(40)
+    nlp, slow = (program(m, switch, monkeypatch).nlp for switch in ("on", "off"))
+    scales = Scales(np.linspace(0.5, 2.0, nlp.n), np.linspace(3.0, 0.3, nlp.m), 7.0)
+    for fast, other in ((nlp, slow), (ScaledProgram(nlp, scales), ScaledProgram(slow, scales))):
+        assert called_directly(fast) == set(EVALUATIONS)
+        ours, theirs = run_ipopt(fast, {}), run_ipopt(other, {})
+        assert ours.status.solved
+        assert ours.iterations == theirs.iterations
+        assert ours.x == pytest.approx(theirs.x, abs=1e-9)
+        assert ours.g == pytest.approx(fast.constraints(ours.x), abs=1e-12)
+        assert ours.evaluation_seconds > 0.0
+
+
+def test_where_something_does_not_exist_a_shorter_step_is_taken() -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(initialize=10.0)
+    m.cost = pyo.Objective(expr=m.x - pyo.log(m.x))
+    nlp = CompiledModel(m, "vectorised").nlp
+    assert called_directly(nlp) == set(EVALUATIONS)
+    outcome = run_ipopt(nlp, {})
+    assert outcome.status.solved
+    assert outcome.x == pytest.approx([1.0], abs=1e-6)
+    assert outcome.undefined_at is not None
+    assert outcome.undefined_at[0] <= 0.0
+
+
+def test_what_is_put_around_a_program_is_evaluated_by_python() -> None:
+    class Around:
+        def __init__(self, nlp) -> None:
+            self.nlp = nlp
+
+        def __getattr__(self, name: str):
+            return getattr(self.nlp, name)
+
+        def gradient(self, x: np.ndarray) -> np.ndarray:
+            return 2 * self.nlp.gradient(x)
+
+    def fresh():
+        return CompiledModel(model(2), "vectorised").nlp
+
+    class Other(type(fresh())):
+        def hessian(self, *given) -> np.ndarray:
+            return super().hessian(*given)
+
+    everything = set(EVALUATIONS)
+    assert called_directly(Around(fresh())) == everything - {"gradient"}
+    assert called_directly(ShiftedRows(fresh(), [0], 0.1)) == everything - {"constraints"}
+    replaced, derived, restructured = fresh(), fresh(), ShiftedRows(fresh(), [0], 0.1)
+    replaced.objective = lambda x: 0.0
+    assert called_directly(replaced) == everything - {"objective"}
+    assert called_directly(ScaledProgram(replaced, Scales(np.ones(replaced.n), np.ones(replaced.m), 1.0))) == set()
+    derived.__class__ = Other
+    assert called_directly(derived) == set()  # whoever derives has to say what is compiled of it
+    restructured.jacobian_structure = tuple(indices.copy() for indices in restructured.jacobian_structure)
+    assert "jacobian" not in called_directly(restructured)
+
+
+def test_rows_that_are_moved_during_a_run_are_moved_in_a_compiled_one_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    outcomes = []
+    for switch in ("on", "off"):
+        compiled = program(model(30), switch, monkeypatch)
+        moving = ShiftedRows(compiled.nlp, [compiled.row_of[compiled.model.odd]], 0.0)
+
+        def follow(record, moving=moving) -> None:
+            moving.delta = -min(record.mu, 1.0)
+
+        outcomes.append(run_ipopt(moving, {}, on_iteration=follow))
+    assert outcomes[0].iterations == outcomes[1].iterations
+    assert outcomes[0].x == pytest.approx(outcomes[1].x, abs=1e-9)
+
+
+def test_several_threads_evaluate_one_program() -> None:
+    nlp = CompiledModel(model(150), "vectorised").nlp
+    points = np.random.default_rng(0).uniform(-1, 1, (40, nlp.n))
+    one_by_one = [nlp.jacobian(x) for x in points]
+    with ThreadPoolExecutor(4) as threads:
+        assert np.array_equal(list(threads.map(nlp.jacobian, points)), one_by_one)
+
+
+def test_switched_off_everything_still_runs() -> None:
+    """In a process of its own: the switch is read when a program is made."""
+    script = (
+        "import pyomo.environ as pyo, pyrobocop_pyomo as rcp\n"
+        "m = pyo.ConcreteModel(); m.x = pyo.Var(initialize=2.0); m.cost = pyo.Objective(expr=(m.x**2 - 1)**2)\n"
+        "r = rcp.solve(m, backend='vectorised', progress=False)\n"
+        "r.raise_for_status(); assert abs(m.x.value - 1) < 1e-6\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script], env={**os.environ, SWITCH_VARIABLE: "off"}, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
