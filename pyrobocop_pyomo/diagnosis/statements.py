@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 from pyomo.core.base.block import Block
@@ -14,7 +15,7 @@ from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
-from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.errors import ComplementarityError, TranscriptionError
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
@@ -81,6 +82,34 @@ def unit_findings(block: Any) -> Iterator[Finding]:
                     assert_units_consistent(side)
         except (InconsistentUnitsError, UnitsError) as error:
             yield _finding(component, error)
+
+
+def refuse_inconsistent_units(model: Any) -> None:
+    """Refuse a phase all of whose variables have units, where the terms of a row differ in them.
+
+    One row of each component is looked at: they come from one rule. Where some variables have no units, units are no
+    more than labels, and `unit_findings` says what differs.
+
+    Parameters
+    ----------
+    model : Block
+
+    Raises
+    ------
+    TranscriptionError
+        Naming the component and the units.
+    """
+    for phase in phases_of(model):
+        declarations = phase.record.declarations.values()
+        if not declarations or any(declaration.units is None for declaration in declarations):
+            continue
+        for component in phase.component_objects(Constraint, active=True, descend_into=False):
+            for row in islice(component.values(), 1):
+                try:
+                    assert_units_consistent(row)
+                except (InconsistentUnitsError, UnitsError) as error:
+                    finding = _finding(component, error)
+                    raise TranscriptionError(f"phase '{phase.name}': {finding.message} {finding.remedy}") from None
 
 
 def _has_units(component: Any) -> bool:

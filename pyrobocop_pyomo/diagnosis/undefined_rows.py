@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -14,8 +13,10 @@ from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
-from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
+from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
+
+from .places import at_time, place_in_words
 
 # So often are all expressions gone through, until each has a value.
 _SWEEPS = 10
@@ -85,37 +86,14 @@ def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
     for phase in phases_of(model):
         for state, rates in phase.record.rates.items():
             for time, rate in rates.items():
-                yield f"rate of '{state}' of phase '{phase.name}'{_at(phase, time)}", rate
+                yield f"rate of '{state}' of phase '{phase.name}'{at_time(phase, time)}", rate
         rows = (phase.component(name) for name in phase.record.generated_rows)
         generated.update(id(component) for component in rows if component is not None)
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
         if id(row.parent_component()) not in generated:
-            yield f"constraint '{_name(row)}'{_place(row)}", row.body
+            yield place_in_words(row), row.body
     for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
         for side in sides_of(pair):
-            yield f"a side of '{_name(pair)}'{_place(pair)}", side
+            yield f"a side of {place_in_words(pair)}", side
     for objective in model.component_data_objects(Objective, active=True, descend_into=Block):
         yield f"objective '{objective.name}'", objective.expr
-
-
-def _name(data: Any) -> str:
-    return str(data.name if _time_of(data) is None else data.parent_component().name)
-
-
-def _place(data: Any) -> str:
-    time = _time_of(data)
-    return "" if time is None else _at(data.parent_block(), time)
-
-
-def _time_of(data: Any) -> float | None:
-    """The time of a row of a phase."""
-    if not isinstance(data.parent_block(), PhaseBlockData):
-        return None
-    index = data.index()
-    time = index[0] if isinstance(index, tuple) and index else index
-    return time if isinstance(time, float) and math.isfinite(time) else None
-
-
-def _at(phase: Any, time: float) -> str:
-    element = phase.record.grid.element_of.get(time)
-    return f" at t = {time:g}" + ("" if element is None else f", element {element}")

@@ -15,6 +15,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 from pyrobocop_pyomo.phases import Parameter
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.point_model import PointModel
@@ -37,7 +38,7 @@ def rate_findings(phase: Any) -> Iterator[Finding]:
                 Severity.ERROR,
                 Subject.DATA,
                 f"phase '{phase.name}': the right-hand side of '{name}' in ode '{rule}' is {number:g} at t = {time:g}"
-                f"{_and_more(len(wrong), 'point')}.",
+                f"{_and_more(len(wrong), 'point')}{_because(rates[time])}.",
                 (f"{phase.name}.{name}",),
                 REMEDY,
                 time,
@@ -63,7 +64,7 @@ def row_findings(linearised: LinearisedRows, reported: set[str]) -> Iterator[Fin
         yield Finding(
             Severity.ERROR,
             Subject.DATA,
-            f"'{first.data.name}' {what} at the initial guess{_and_more(len(rows), 'row')}.",
+            f"'{first.data.name}' {what} at the initial guess{_and_more(len(rows), 'row')}{_because(first.data.body)}.",
             (name,),
             REMEDY,
             index if isinstance(index, float) else None,
@@ -79,7 +80,11 @@ def data_findings(block: Any) -> Iterator[Finding]:
             bad = next((v.name for v, entry in entries if not math.isfinite(entry)), None)
             if not math.isfinite(number) or bad is not None:
                 what = f"has no finite derivative by '{bad}'" if math.isfinite(number) else f"is {number:g}"
-                yield _error(objective.name, f"objective '{objective.name}' {what} at the initial guess.", REMEDY)
+                yield _error(
+                    objective.name,
+                    f"objective '{objective.name}' {what} at the initial guess{_because(objective.expr)}.",
+                    REMEDY,
+                )
     for component in block.component_objects(Param, active=True, descend_into=Block):
         for index in component.sparse_keys():
             number = number_or_nan(component[index], without=0.0)
@@ -92,6 +97,12 @@ def data_findings(block: Any) -> Iterator[Finding]:
         for which, bound in (("lower", data.lower), ("upper", data.upper)):
             if bound is not None and math.isnan(number_or_nan(bound)):
                 yield _error(data.name, f"'{data.name}' has a {which} bound that is no number.", "Set it, or None.")
+
+
+def _because(expression: Any) -> str:
+    """The part of an expression that has no value, in words."""
+    part = undefined_part(expression)
+    return "" if part is None else f": {part.what}"
 
 
 def values_missing(block: Any) -> list[str]:

@@ -90,7 +90,8 @@ class Declaration:
             When they are no pair of numbers, or cross.
         """
         bounds = self.bounds(time) if callable(self.bounds) else self.bounds
-        return check_bounds(bounds, f"{name} (declared at {self.declared_at})", "bounds")
+        where = f" (declared at {self.declared_at})"
+        return check_bounds(bounds, name.removesuffix(where) + where, "bounds")
 
     def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
         """Where the values of a variable over time live, that is declared so under a name.

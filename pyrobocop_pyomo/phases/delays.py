@@ -86,9 +86,9 @@ def _time_per_index(record: PhaseRecord, what: str) -> float:
     if not record.normalised:
         return 1.0
     if isinstance(record.duration, Duration) or record.free_widths:
-        found = "its duration" if isinstance(record.duration, Duration) else "the boundaries of its elements"
+        found = "its duration is" if isinstance(record.duration, Duration) else "the boundaries of its elements are"
         raise TranscriptionError(
-            f"{what} is delayed, but {found} are to be found, so that the element of t minus the delay is not known "
+            f"{what} is delayed, but {found} to be found, so that the element of t minus the delay is not known "
             "when the rows are made. Give the phase a duration in numbers (a sweep compares several), and elements "
             "that stay."
         )

@@ -35,6 +35,15 @@ LOGGER = logging.getLogger(__name__)
 # Relative to an element: shorter delays would take too many steps.
 _SHORTEST_PART = 1e-5
 
+# An explicit method that takes so many calls in one element is held back by stability: an implicit one goes on. Beyond
+# the second number the motion is not known.
+_MOST_CALLS, _MOST_CALLS_IF_STIFF = 1500, 30_000
+
+
+class _TooStiff(Exception):
+    """A method has taken its share of calls."""
+
+
 Rates = Callable[[int, float, Array], Array]
 
 # Relative to the size of the terms; hybr often stops above its own tolerance at a residual that is rounding.
@@ -401,22 +410,31 @@ def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array, f
     nothing = np.full((len(fractions), len(initial)), np.inf)
     if not np.isfinite(initial).all():
         return nothing
-    try:
-        with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
-            # The whole element as a first step: where elements are many they are short, and it is mostly accepted. What
-            # it is worth is controlled as ever.
-            result = scipy.integrate.solve_ivp(
-                lambda t, x: rates(i, t, x),
-                (start, end),
-                initial,
-                method="DOP853",
-                rtol=1e-10,
-                atol=1e-11,
-                first_step=end - start,
-                t_eval=np.append(start + (end - start) * fractions[:-1], end),
-            )
-    except TrajectoryError:
-        raise  # a rule that cannot be asked says nothing about the motion
-    except (OverflowError, ZeroDivisionError, ValueError):
-        return nothing
-    return result.y.T if result.success and len(result.t) == len(fractions) else nothing
+    times = np.append(start + (end - start) * fractions[:-1], end)
+    for method, most in (("DOP853", _MOST_CALLS), ("Radau", _MOST_CALLS_IF_STIFF)):
+        calls = 0
+
+        def counted(t: float, x: Array, most: int = most) -> Array:
+            nonlocal calls
+            calls += 1
+            if calls > most:
+                raise _TooStiff
+            return rates(i, t, x)
+
+        # The whole element as a first step: where elements are many they are short, and it is mostly accepted. What
+        # it is worth is controlled as ever.
+        first_step = end - start if method == "DOP853" else None
+        try:
+            with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
+                result = scipy.integrate.solve_ivp(
+                    counted, (start, end), initial, method=method, rtol=1e-10, atol=1e-11, first_step=first_step,
+                    t_eval=times,
+                )  # fmt: skip
+        except _TooStiff:
+            continue
+        except TrajectoryError:
+            raise  # a rule that cannot be asked says nothing about the motion
+        except (OverflowError, ZeroDivisionError, ValueError):
+            return nothing
+        return result.y.T if result.success and len(result.t) == len(fractions) else nothing
+    return nothing

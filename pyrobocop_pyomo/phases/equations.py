@@ -15,6 +15,7 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
@@ -23,6 +24,7 @@ from .declarations import State, check_bounds, within
 from .families import equations_by_component
 from .horizon import element_widths
 from .record import PhaseRecord, PreviousStates, labelled_rows, place
+from .signal_vars import NoSuchTime
 from .variables import add_generated, rate_units
 
 Rule = Callable[..., Any]
@@ -161,7 +163,7 @@ def _add_collocation(block: Any, record: PhaseRecord, name: str, rates: Mapping[
     widths = element_widths(block, record)
     rows = _add_generated_rows(block, record, f"{name}_collocation")
     for time, row in collocation_rows(block.component(name), rates, record.grid, widths):
-        rows.add(time, row)
+        new_row(rows, time, row)
 
 
 def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
@@ -253,19 +255,28 @@ def other_times_explained(record: PhaseRecord, what: str, time: float) -> Iterat
     try:
         yield
     except KeyError as error:
-        found = _MISSING_INDEX.search(str(error))
-        if found is None or record.restating is not None or not _may_be_a_time(found[1], record):
+        name, index = _missing_index(error)
+        if record.restating is not None or not _may_be_a_time(index, record):
             raise
+        local = name.rpartition(".")[2]
         raise TranscriptionError(
-            f"{what} reads '{found[2]}' at {found[1]} when it is asked for t = {time:g}; it has no value there. For "
-            f"the value of a while ago write {found[2].rpartition('.')[2]}.delayed(t, delay), for that at a fixed time "
-            f"{found[2].rpartition('.')[2]}.at(time)."
+            f"{what} reads '{name}' at {index} when it is asked for t = {time:g}; it has no value there. For the value "
+            f"of a while ago write {local}.delayed(t, delay), for that at a fixed time {local}.at(time)."
         ) from error
 
 
-def _may_be_a_time(text: str, record: PhaseRecord) -> bool:
+def _missing_index(error: KeyError) -> tuple[str, Any]:
+    """Which component was asked for which index, in an error of ours or of Pyomo; no index where it says neither."""
+    if isinstance(error, NoSuchTime):
+        return error.name, error.index
+    found = _MISSING_INDEX.search(str(error))
+    return ("", None) if found is None else (found[2], float(found[1]))
+
+
+def _may_be_a_time(index: Any, record: PhaseRecord) -> bool:
     times = record.grid.times
-    return float(text) not in times and abs(float(text)) <= 10 * (abs(times[0]) + abs(times[-1]))
+    is_number = isinstance(index, (int, float))
+    return is_number and index not in times and abs(index) <= 10 * (abs(times[0]) + abs(times[-1]))
 
 
 def _collect(

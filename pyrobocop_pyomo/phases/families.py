@@ -354,6 +354,7 @@ class OneOf:
     def __call__(self, b: Any, t: float) -> Any:
         """The row at a time index."""
         record = getattr(b, "record", None)
-        if record is not None and all(times[0] != t for times in record.grid.stage_times):
+        given = isinstance(t, (int, float))  # or a variable that stands for all times
+        if given and record is not None and all(times[0] != t for times in record.grid.stage_times):
             return Constraint.Skip  # the same values again
         return sum(entry.expression for entry in getattr(b, self.name)[t].ravel()) == 1

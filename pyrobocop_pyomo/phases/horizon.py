@@ -16,7 +16,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 
 from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError
 from pyrobocop_pyomo.numerics import Grid, Mesh
@@ -191,8 +191,33 @@ def check_horizon(what: str, start: Any, duration: Any) -> None:
                 f"{what}: the lower bound of the duration is {lower}; it must be positive. "
                 "Give Duration(bounds=(0.1, 10), initial_guess=1)."
             )
+    elif getattr(duration, "is_numeric_type", bool)():
+        number, lower = value(duration, exception=False), getattr(duration, "lb", 0.0)
+        if duration.is_indexed() or (number is not None and not number > 0) or (lower is None or lower < 0):
+            raise DeclarationError(
+                f"{what}: the duration '{duration}' has the value {number} and the lower bound {lower}; it must be one "
+                "positive number. Give it bounds=(0.1, 10) and initialize=1."
+            )
     elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
         raise DeclarationError(f"{what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...).")
+
+
+# Of a duration that follows a Param or an expression: these may have any positive value later.
+_LEAST_DURATION = 1e-6
+
+
+def as_duration(stated: float | Duration | NumericValue) -> float | Duration:
+    """The same number or declaration; for a variable, a Param or an expression, the declaration of what equals it.
+
+    Parameters
+    ----------
+    stated : float, Duration, Var, Param or expression
+        Has passed `check_horizon`.
+    """
+    if not isinstance(stated, NumericValue):
+        return stated
+    lower, upper = stated.bounds if stated.is_variable_type() else (None, None)
+    return Duration(bounds=(max(lower or 0.0, _LEAST_DURATION), upper), initial_guess=value(stated, exception=False))
 
 
 def make_mesh(first: float, last: float, elements: int | None, mesh: Any) -> Mesh:

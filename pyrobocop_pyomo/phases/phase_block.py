@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pyomo.core.base.component import ModelComponentFactory
+from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, Rule
@@ -23,7 +24,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
     ----------
     *indexes
         Index sets, as for any Pyomo block.
-    duration : float or Duration
+    duration : float, Duration, Var, Param or expression
         How long the phase lasts. With `Duration` it is a variable, and time indices run from 0 to 1; so they do
         whenever something about the horizon is to be found.
     elements : int, optional
@@ -82,7 +83,7 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
     def __init__(
         self,
         *indexes: Any,
-        duration: float | Duration = 1.0,
+        duration: float | Duration | NumericValue = 1.0,
         elements: int | None = None,
         mesh: Any = None,
         scheme: str | Scheme = "radau",

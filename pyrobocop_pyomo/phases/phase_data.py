@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from inspect import isroutine
 from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
 from pyomo.common.gc_manager import PauseGC
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import Set
+from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
@@ -29,7 +33,7 @@ from .equations import (
     name_of_rows,
 )
 from .families import OneOf, component_declarations, family_names
-from .horizon import add_horizon, check_horizon, make_mesh, real_time
+from .horizon import add_horizon, as_duration, check_horizon, make_mesh, real_time
 from .integrals import named_integral
 from .laws import Law
 from .phase_actions import PhaseActions
@@ -123,7 +127,17 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         record = self.__dict__.get("_record")
         if record is not None and name in record.families:
             return VariableFamily(self, record.families[name])
-        return super().__getattr__(name)
+        try:
+            return super().__getattr__(name)
+        except AttributeError:
+            if record is None or name.startswith("_"):
+                raise
+        declared = [*record.declarations, *record.families]
+        near = get_close_matches(name, [*declared, "duration", "integral", "points", "time"], n=2)
+        meant = f"Did you mean {' or '.join(map(repr, near))}? " if near else ""
+        raise AttributeError(
+            f"{self._what} has no '{name}'. {meant}Declared on it: {', '.join(map(repr, declared)) or 'nothing yet'}."
+        )
 
     # ---------------------------------------------------------------- statements
 
@@ -260,7 +274,18 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         expression
             For an objective or a constraint; over real time also when the duration is a variable. It follows the mesh
             of the phase.
+
+        Raises
+        ------
+        TranscriptionError
+            When it is given a variable, or the integrand has no value at some point.
         """
+        if isinstance(integrand, IndexedComponent):
+            name = integrand.local_name
+            raise TranscriptionError(
+                f"{self._what}: integral was given the variable '{name}'; it takes a rule. Write "
+                f"integral(lambda b, t: b.{name}[t])."
+            )
         with PauseGC():
             return named_integral(self, self.record, integrand)
 
@@ -389,7 +414,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
     def _build(
         self,
         *,
-        duration: float | Duration,
+        duration: float | Duration | NumericValue,
         elements: int | None,
         mesh: Any,
         scheme: str | Scheme,
@@ -406,6 +431,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if isinstance(start, PhaseBlockData):
             start = start.time_at(start.final_time)
         check_horizon(self._what, start, duration)
+        stated, duration = duration, as_duration(duration)
         normalised = isinstance(duration, Duration) or not isinstance(start, Real) or free_element_widths is not None
         first, last = (0.0, 1.0) if normalised else (float(start), float(start + duration))
         try:
@@ -423,6 +449,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
         add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, free_element_widths)
+        if duration is not stated:
+            self.duration_as_stated = Constraint(expr=self.duration == stated)
 
 
 def phases_of(model: Any) -> list[PhaseBlockData]:

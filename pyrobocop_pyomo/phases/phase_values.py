@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_form, side_values
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+from pyrobocop_pyomo.modeling.variable_values import put_values
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -18,6 +21,8 @@ from .declarations import Algebraic, Control, Parameter, State
 from .horizon import real_grid
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord
+
+_VALUE = attrgetter("value")
 
 
 class PhaseValues:
@@ -31,6 +36,8 @@ class PhaseValues:
     ----------
     nodes : dict of name to Nodes
         Where the values of each name live. A kept derivative has the name ``<state>_derivative``.
+    variables : dict of name to list of VarData
+        What holds them.
     """
 
     def __init__(self, phase: Any) -> None:
@@ -39,7 +46,7 @@ class PhaseValues:
         names = [name for kind in (State, Algebraic, Control) for name in record.names(kind)]
         derivatives = [f"{name}_derivative" for name in sorted(record.kept_derivatives)]
         self.nodes: dict[str, Nodes] = {name: record.nodes(name) for name in [*names, *derivatives]}
-        self._variables = {name: nodes.variables(phase) for name, nodes in self.nodes.items()}
+        self.variables = {name: nodes.variables(phase) for name, nodes in self.nodes.items()}
 
     def read(self) -> dict[str, Array]:
         """The values now, by name.
@@ -49,14 +56,16 @@ class PhaseValues:
         TrajectoryError
             When a variable has no value.
         """
-        return {name: read_values(variables) for name, variables in self._variables.items()}
+        return {name: read_values(variables) for name, variables in self.variables.items()}
 
     def set(self, values: Mapping[str, Array]) -> None:
         """Set values by name; what is fixed stays, and what is not named."""
         for name, numbers in values.items():
-            for variable, number in zip(self._variables[name], numbers.tolist(), strict=True):
-                if not variable.fixed:
-                    variable.set_value(number, skip_validation=True)
+            variables, found = self.variables[name], numbers.tolist()
+            if len(variables) != len(found):
+                raise ValueError(f"'{name}' has {len(variables)} values; given are {len(found)}.")
+            free = [i for i, variable in enumerate(variables) if not variable.fixed]
+            put_values([variables[i] for i in free], [found[i] for i in free])
 
     def sampled(self, trajectory: Trajectory, place: Callable[[float], float]) -> dict[str, Array]:
         """The values that a trajectory means for the names that it has.
@@ -80,7 +89,7 @@ class PhaseValues:
             if known in source.names:
                 key = (derivative, type(nodes), nodes.sample_times)
                 if key not in results:
-                    results[key] = source(_placed(trajectory, nodes, place))
+                    results[key] = source(sample_times(trajectory.grid, nodes, place))
                 found[name] = nodes.from_samples(results[key][known])
         return found
 
@@ -162,14 +171,15 @@ def read_values(
     PyRobocopError
         Of the class given, when a variable has no value.
     """
-    values = [variable.value for variable in variables]
+    values = list(map(_VALUE, variables))
     if None in values:
         raise error(f"'{variables[values.index(None)].name}' {what_is_wrong}")
     return np.array(values, dtype=float)
 
 
-def _placed(trajectory: Trajectory, nodes: Nodes, place: Callable[[float], float]) -> Array:
-    boundaries = np.array(trajectory.grid.mesh.boundaries)
+def sample_times(grid: Grid, nodes: Nodes, place: Callable[[float], float]) -> Array:
+    """Where on a grid to ask for the samples that nodes want; see `PhaseValues.sampled`."""
+    boundaries = np.array(grid.mesh.boundaries)
     times = np.clip([place(t) for t in nodes.sample_times], boundaries[0], boundaries[-1])
     # A control may jump at an element end, and rounding must not carry a time to the other side of it.
     nearest = boundaries[np.abs(times[:, None] - boundaries[None, :]).argmin(axis=1)]
@@ -183,7 +193,7 @@ def _has_rate(phase: Any, name: str) -> bool:
 
 def _rates(phase: Any, name: str) -> Array:
     rates = phase.derivative(name)
-    return np.array([float(value(rates[time])) for time in phase.grid.points])
+    return np.array([number_or_nan(rates[time]) for time in phase.grid.points])
 
 
 def pairs_of_phase(phase: Any, grid: Grid) -> dict[str, Array]:

@@ -6,7 +6,8 @@ Each rule is asked once, with variables in place of what it reads; the formulas 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,30 +17,29 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
-from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, ExpressionEvaluator, comparisons
+from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .delays import SAME_TIME, delay_as_number, history_value
 from .families import equations_by_component
+from .instant_rules import ARRAY_FUNCTIONS, formulas_by_instant
 from .point_model import GridVariables, PointModel
 from .record import PhaseRecord, Statement
 
 LOGGER = logging.getLogger(__name__)
 
-ARRAY_FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(np, numpy_name) for name, numpy_name in NUMPY_NAMES.items()},
-    **comparisons(np.logical_and),
-    "choose": np.where,
-    "call": lambda output, *arguments: output.evaluate_arrays(arguments),
-}
 # Elements at which the formulas are compared with the rules, and the largest relative difference.
 _SAMPLES, _AGREEMENT = 5, 1e-9
+# Parts of the horizon at which rules that have to know the time are asked what they read.
+_SAMPLED = (0.03, 0.24, 0.51, 0.77, 0.96)
 
 
 class RuleFormulas(PointModel):
     """Asks rules for formulas that hold at all times: what rules read are variables without values, and time is one.
+
+    Rules that have to know the time as a number are asked at each instant, where that is allowed.
 
     Parameters
     ----------
@@ -47,15 +47,25 @@ class RuleFormulas(PointModel):
     record : PhaseRecord
     indices, grid : Grid
         The same grid in the phase's time indices and in real time.
+    by_instant : bool
+        Whether rules may be asked at single instants.
+
+    Attributes
+    ----------
+    asks_by_instant : bool
+        Whether one was.
     """
 
     hold_numbers = False
 
-    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid) -> None:
+    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, *, by_instant: bool = False) -> None:
         super().__init__(block, record, indices, grid)
         self._scratch.index_of_time = Var(initialize=0.0)
         self._scratch.clock = Var(initialize=0.0)
         self.index = self._scratch.index_of_time
+        self._by_instant = by_instant
+        self.asks_by_instant = False
+        self._samples = np.quantile(self._indices, _SAMPLED).tolist()
 
     def is_index(self, key: Any) -> bool:
         """Whether a key is the time of the formulas."""
@@ -76,22 +86,56 @@ class RuleFormulas(PointModel):
         """The variable that stands for real time."""
         if block is not self._block:
             raise TrajectoryError(f"'{block.name}' has a time of its own.")
+        if self.index is not self._scratch.index_of_time:
+            return self.clock_at(self.index)
         return self._scratch.clock if self._record.normalised else self.index
 
     def rates_of(self, names: list[str], *, derivatives: bool = False) -> list[Any]:
         """Formulas of the derivatives, in the order of the names; those that rules read only where they are known."""
         if not derivatives:
             self.forget_derivatives()
-        rates = {
-            self._proxy.state_name(state): plain_expressions(rate)
-            for statement in self._record.statements_of("ode")
-            for state, rate in equations_by_component(
-                self._record,
-                statement.rule(self._proxy, self.index),  # type: ignore[misc]
-                f"ode '{statement.name}'",
-            ).items()
-        }
+        rates: dict[str, Any] = {}
+        for statement in self._record.statements_of("ode"):
+            rates |= self.asked(statement, partial(self._rates, statement))
         return [rates[name] for name in names]
+
+    def _rates(self, statement: Statement, result: Any) -> dict[str, Any]:
+        """What an ode returned, by the names of the states."""
+        equations = equations_by_component(self._record, result, f"ode '{statement.name}'")
+        return {self._proxy.state_name(state): plain_expressions(rate) for state, rate in equations.items()}
+
+    def asked(self, statement: Statement, entries: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """What a rule gives at any time, entry by entry.
+
+        Parameters
+        ----------
+        statement : Statement
+        entries : callable
+            From what the rule returned to expressions by name; the same names at all times.
+        """
+        rule = statement.rule
+        try:
+            return entries(rule(self._proxy, self.index))  # type: ignore[misc]
+        except PyRobocopError:
+            raise
+        except Exception:  # a rule may compute with the time, or compare it
+            if not self._by_instant or rule is None:
+                raise
+        self.asks_by_instant = True
+        names: list[str] = []
+
+        def at(time: float) -> list[Any]:
+            self.index = time
+            try:
+                found = entries(rule(self._proxy, time))
+            finally:
+                self.index = self._scratch.index_of_time
+            names[:] = names or list(found)
+            return [found[name] for name in names]
+
+        variables = [*self._values.values(), *self._derivatives.values()]
+        formulas = formulas_by_instant(at, self._samples, self.index, variables)
+        return dict(zip(names, formulas, strict=True))
 
     def variables(self, names: Sequence[str]) -> list[Any]:
         """What stands for these names, for the time index and for the time."""
@@ -102,7 +146,11 @@ class RuleFormulas(PointModel):
         return float(np.interp(index, self._indices, self._boundaries)) if self._record.normalised else index
 
     def formula_of(self, statement: Statement) -> Any:
-        """What a rule gives at any time.
+        """What a rule gives at any time, as `formulas_of`."""
+        return self.formulas_of(statement, lambda result: {"": plain_expressions(result)})[""]
+
+    def formulas_of(self, statement: Statement, entries: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """What a rule gives at any time, entry by entry as `asked`.
 
         Raises
         ------
@@ -110,7 +158,7 @@ class RuleFormulas(PointModel):
             When it gives no formula.
         """
         try:
-            return plain_expressions(statement.rule(self._proxy, self.index))  # type: ignore[misc]
+            return self.asked(statement, entries)
         except Exception as error:  # a rule that was written for single instants may raise anything
             raise TrajectoryError(
                 f"phase '{self._block.name}': {statement.kind} '{statement.name}' is no formula that holds at all "
@@ -185,19 +233,26 @@ def compiled_rates(block: Any, record: PhaseRecord, grid: Grid, parameters: Mapp
         return None
 
 
-class _FormulasWithDelays(RuleFormulas):
+class FormulasWithDelays(RuleFormulas):
     """What rules read at earlier times are variables as well, whose numbers a trajectory gives."""
 
-    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid) -> None:
-        super().__init__(block, record, indices, grid)
+    def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, *, by_instant: bool = False) -> None:
+        super().__init__(block, record, indices, grid, by_instant=by_instant)
         self._scratch.delayed = Var(AnyIndex, dense=False)
 
     def delayed_value(self, component: Any, t: Any, delay: Any) -> Any:
         """The variable that stands for a value a while ago."""
         what = f"'{component.name}'"
+        if self.index is not self._scratch.index_of_time:
+            raise TrajectoryError(f"{what} is read at earlier times by a rule that has to know the time as a number.")
         if component.parent_block() is not self._block or not self.is_index(t):
             raise TrajectoryError(f"{what} is read a while before another time than the rule's own.")
         return self._scratch.delayed[component.local_name, delay_as_number(delay, what)]
+
+    @property
+    def delayed_names(self) -> set[str]:
+        """What rules have read at earlier times."""
+        return {name for name, _ in self._scratch.delayed}
 
     def delayed_numbers(self, trajectory: Trajectory, times: Array, widths: Array, fraction: float) -> dict[int, Array]:
         """Numbers for these variables at times in all elements, by their identity."""
@@ -231,6 +286,9 @@ class RateArrays:
         Asks the rules one instant at a time, for comparison.
     integrals : sequence of Statement
         Whose integrands follow the states: what they gain over the local fraction.
+    by_instant : bool
+        Whether rules that have to know the time as a number are asked at each instant; exact integrations ask for
+        many of them.
 
     Notes
     -----
@@ -250,6 +308,8 @@ class RateArrays:
         indices: Grid,
         point: PointModel,
         integrals: Sequence[Statement] = (),
+        *,
+        by_instant: bool = False,
     ) -> None:
         self._names = record.names_of_states
         self._trajectory, self._indices = trajectory, indices
@@ -257,7 +317,7 @@ class RateArrays:
         self._starts = np.array(trajectory.grid.mesh.boundaries[:-1])
         self._signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self._known: dict[float, tuple[dict[str, Any], Array, Array]] = {}
-        self._formulas = _FormulasWithDelays(block, record, indices, trajectory.grid)
+        self._formulas = FormulasWithDelays(block, record, indices, trajectory.grid, by_instant=by_instant)
         self._delayed: dict[float, dict[int, Array]] = {}
         try:
             self._rates = self._formulas.rates_of(self._names)
@@ -285,6 +345,11 @@ class RateArrays:
             rates[j] = known.of(rate) * self._widths
         return rates
 
+    @property
+    def asks_by_instant(self) -> bool:
+        """Whether a rule is asked at each instant, which takes its time."""
+        return self._formulas.asks_by_instant
+
     def _declared_at(self, fraction: float) -> tuple[dict[str, Any], Array, Array]:
         """Signals and parameters, time indices and times at a local fraction of every element."""
         if fraction not in self._known:
@@ -294,7 +359,9 @@ class RateArrays:
             found |= {name: np.interp(times, *knots) for name, knots in self._trajectory.piecewise_linear.items()}
             found |= self._trajectory.parameters
             boundaries = np.array(self._indices.mesh.boundaries)
-            self._known[fraction] = (found, boundaries[:-1] + fraction * np.diff(boundaries), times)
+            # A hair inside of each element: what rules say by the time may jump where they meet.
+            place = fraction + (SAME_TIME * (0.5 - fraction) if self.asks_by_instant else 0.0)
+            self._known[fraction] = (found, boundaries[:-1] + place * np.diff(boundaries), times)
         return self._known[fraction]
 
     def _compare(self, point: PointModel, record: PhaseRecord) -> None:

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.errors import EvaluationError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_flows
+from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .between_points import check_rules_between_points
@@ -29,6 +30,7 @@ from .point_model import PointModel
 from .rate_arrays import RateArrays
 from .record import PhaseRecord, Statement
 from .stepped_elements import determined_unknowns, stepped_flows
+from .undefined_instants import refuse_undefined
 
 # Parts of each element at whose ends the motions are compared.
 SAMPLES = 16
@@ -153,9 +155,14 @@ def reintegrate(
     planned_first = {name: float(trajectory.states[name][0]) for name in names}
     first = np.array([{**planned_first, **(initial or {})}[name] for name in names]) if initial else None
     contact = any(True for _ in block.component_data_objects(Complementarity, active=True, descend_into=True))
-    with nullcontext() if point is not None else put_on_model([(block, trajectory)]):
-        flows, fractions = _flows(block, record, trajectory, point, first)
+    with nullcontext() if point is not None else put_on_model([(block, trajectory)]), tables_continued():
+        try:
+            flows, fractions = _flows(block, record, trajectory, point, first)
+        except EvaluationError as error:
+            raise TrajectoryError(f"phase '{block.name}': {error}") from error
         integrals, remarks = _integrals(block, record, trajectory, point)
+        if not np.isfinite(flows.local).all():
+            _refuse_undefined(block, record, trajectory, point)
     planned = trajectory.element_polynomials(fractions)
     return Reintegration(
         fractions=fractions,
@@ -167,6 +174,18 @@ def reintegrate(
         remarks=remarks,
         delayed=bool(record.delayed_names),
     )
+
+
+def _refuse_undefined(block: Any, record: PhaseRecord, trajectory: Trajectory, point: PointModel | None) -> None:
+    """Where the equations have no value on the plan itself, no motion can be known."""
+    if point is None:
+        indices = indices_of(record, trajectory.grid)
+        point = PointModel(block, record, indices, trajectory.grid, companions_of(block, indices.mesh.boundaries))
+    past, point.past = point.past, past_of(trajectory)
+    try:
+        refuse_undefined(f"phase '{block.name}'", record, trajectory, point)
+    finally:
+        point.past = past
 
 
 def element_end_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) -> Array:
@@ -245,7 +264,7 @@ def _integrals(
         name = f"{statement.name} ({position})"
         try:
             known[name] = _integral(block, record, trajectory, statement, point)
-        except TrajectoryError as error:
+        except (TrajectoryError, EvaluationError) as error:
             remarks.append(f"integral {name}: not re-integrated. {error}")
     return known, tuple(remarks)
 

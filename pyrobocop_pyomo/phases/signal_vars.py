@@ -11,8 +11,32 @@ from pyomo.core.base.var import IndexedVar
 from .delays import delayed_value, value_at_time
 
 
+class NoSuchTime(KeyError):
+    """A variable over time was asked for its value at an index that it has not.
+
+    Attributes
+    ----------
+    name : str
+        Of the variable.
+    index : object
+    """
+
+    def __init__(self, signal: Any, index: Any) -> None:
+        super().__init__(_no_such_time(signal, index))
+        self.name, self.index = signal.name, index
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # and not its repr, as of other keys
+
+
 class _OverTime:
     """What states, algebraics and controls have beside what Pyomo gives them."""
+
+    def _validate_index(self: Any, idx: Any) -> Any:
+        try:
+            return super()._validate_index(idx)  # type: ignore[misc]
+        except KeyError:
+            raise NoSuchTime(self, idx) from None
 
     def delayed(self: Any, t: float, delay: Any) -> Any:
         """Its value a while ago: that of the collocation polynomial at ``t - delay``.
@@ -70,6 +94,19 @@ class _OverTime:
     def at_end(self: Any) -> Any:
         """Its value at the end of the phase; extrapolated, where the scheme has no point there."""
         return self.at(self.parent_block().final_time)
+
+
+def _no_such_time(signal: Any, index: Any) -> str:
+    """What to do where a variable is asked for its value at a time at which it has none of its own."""
+    what, times = f"'{signal.name}' has no value of its own at {index!r}", [time for time in signal if time != index]
+    if not isinstance(index, (int, float)) or not all(isinstance(time, float) for time in times) or not times:
+        return f"{what}; an index of it is, for example, {next(iter(signal), None)!r}."
+    near = ", ".join(f"{time:g}" for time in sorted(sorted(times, key=lambda time: abs(time - index))[:2]))
+    name = f"b.{signal.local_name}"
+    return (
+        f"{what}: it lives at {len(times)} times, the nearest are {near}. Write {name}.at({index:g}) for its value "
+        f"there, {name}.at_start and {name}.at_end at the ends, and b.integral(lambda b, t: ...) for a sum over time."
+    )
 
 
 class SignalVar(_OverTime, IndexedVar):

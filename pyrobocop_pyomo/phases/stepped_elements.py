@@ -72,11 +72,14 @@ def stepped_flows(
         nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
         slopes = (states[:, i, -1] - states[:, i, 0]) / widths[i]
         nearby |= {f"d {name}": float(slopes[names.index(name)]) for name in unknowns.implicit}
-        result = step_element(
-            equations, fine, float(widths[i]), asked, {name: values.copy() for name, values in signals.items()},
-            {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns,
-            dict(zip(names, start.tolist(), strict=True)), nearby,
-        )  # fmt: skip
+        try:
+            result = step_element(
+                equations, fine, float(widths[i]), asked, {name: values.copy() for name, values in signals.items()},
+                {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns,
+                dict(zip(names, start.tolist(), strict=True)), nearby,
+            )  # fmt: skip
+        except (ArithmeticError, ValueError):  # on the way to a solution, or at it, an equation has no value
+            result = np.inf
         if isinstance(result, float):
             return np.full((len(fine.state_nodes), len(names)), np.inf)
         return np.array([result[name] for name in names]).T

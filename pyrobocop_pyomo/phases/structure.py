@@ -40,14 +40,18 @@ def check_phase(block: Any, record: PhaseRecord) -> None:
 
 
 def _check_each_state_has_an_equation(block: Any, record: PhaseRecord) -> None:
-    for name in record.names_of_states:
-        if name not in record.equation_of and name not in record.kept_derivatives:
-            where = record.declarations[name].declared_at
-            raise TranscriptionError(
-                f"phase '{block.name}': state '{name}' (declared at {where}) has no equation. State its derivative in "
-                "an ode, or use phase.derivative(...) in a residual, or state its next value in a step; what has no "
-                "derivative is Algebraic or Control."
-            )
+    lost = [
+        f"'{name}' (declared at {record.declarations[name].declared_at})"
+        for name in record.names_of_states
+        if name not in record.equation_of and name not in record.kept_derivatives
+    ]
+    if lost:
+        which, have = ("state", "has") if len(lost) == 1 else ("states", "have")
+        raise TranscriptionError(
+            f"phase '{block.name}': {which} {', '.join(lost)} {have} no equation. State its derivative in "
+            "an ode, or use phase.derivative(...) in a residual, or state its next value in a step; what has no "
+            "derivative is Algebraic or Control."
+        )
 
 
 def _check_counts(block: Any, record: PhaseRecord) -> None:

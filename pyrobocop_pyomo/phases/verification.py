@@ -33,6 +33,7 @@ from .delays import past_of
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 from .reintegration import Reintegration, reintegrate
+from .undefined_instants import named_where_undefined
 
 
 @dataclass(frozen=True)
@@ -269,6 +270,8 @@ class _TrajectoryCheck:
         equations = natural = product = of_steps = 0.0
         stated = {name: np.full_like(slopes, np.nan) for name, slopes in self.slopes.items()}
         stage_states = {name: self._at_stages(at_nodes) for name, at_nodes in self.states.items()}
+        kinds = ("ode", "step map", "residual", "constraint", "complementarity")
+        asked = [statement for kind in kinds for statement in self._stated(kind)]
         for i, times in enumerate(self.indices.stage_times):
             self.point.element = i
             for k, time in enumerate(times):
@@ -276,24 +279,35 @@ class _TrajectoryCheck:
                 slope = {name: float(per_stage[i, k]) for name, per_stage in self.slopes.items()}
                 self.point.set_values(values, slope)
                 self.point.set_bounds(time)
-                for name, rate in self.point.rates(self._stated("ode"), time).items():
-                    stated[name][i, k] = rate
-                previous = {name: float(at_nodes[i, 0]) for name, at_nodes in self.states.items()}
-                for name, following in self.point.next_states(self._stated("step map"), time, previous).items():
-                    of_steps = max(of_steps, abs(float(self.states[name][i, -1]) - following))
-                for statement in self._stated("residual") + self._stated("constraint"):
-                    for row in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
-                        equations = max(equations, relation_violation(row))
-                for statement in self._stated("complementarity"):
-                    for pair in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
-                        if pair is Complementarity.Skip:
-                            continue
-                        pair_values, beside = _sides_and_rows(pair, statement)
-                        equations = max(equations, beside)
-                        for a, b in pair_values:
-                            natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
+                real = self.grid.stage_times[i][k]
+                with named_where_undefined(f"phase '{self.block.name}'", self.point, asked, time, real, i):
+                    found = self._at_instant(i, k, time, stated)
+                equations, natural, product, of_steps = map(max, (equations, natural, product, of_steps), found)
         self.point.element = None
         return max(of_steps, self._defect(stated)), max(equations, self._at_boundaries()), natural, product
+
+    def _at_instant(
+        self, i: int, k: int, time: float, stated: Mapping[str, Array]
+    ) -> tuple[float, float, float, float]:
+        """Violations of equations, of pairs by smaller side and by product, and of step maps; fills `stated`."""
+        equations = natural = product = of_steps = 0.0
+        for name, rate in self.point.rates(self._stated("ode"), time).items():
+            stated[name][i, k] = rate
+        previous = {name: float(at_nodes[i, 0]) for name, at_nodes in self.states.items()}
+        for name, following in self.point.next_states(self._stated("step map"), time, previous).items():
+            of_steps = max(of_steps, abs(float(self.states[name][i, -1]) - following))
+        for statement in self._stated("residual") + self._stated("constraint"):
+            for row in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
+                equations = max(equations, relation_violation(row))
+        for statement in self._stated("complementarity"):
+            for pair in labelled_rows(statement.kind, self.point.result_of(statement, time)).values():
+                if pair is Complementarity.Skip:
+                    continue
+                pair_values, beside = _sides_and_rows(pair, statement)
+                equations = max(equations, beside)
+                for a, b in pair_values:
+                    natural, product = max(natural, abs(min(a, b))), max(product, abs(a * b))
+        return equations, natural, product, of_steps
 
     def _at_boundaries(self) -> float:
         """Violation of the constraints that are stated for element boundaries."""

@@ -203,3 +203,9 @@ def test_what_does_not_go_together_is_refused() -> None:
     m.p.x = rcp.State()
     with pytest.raises(TranscriptionError, match="phase 'p': 'x' is no control; its controls are none"):
         m.p.rate_of(m.p.x)
+
+
+def test_a_line_is_named_once_in_a_message() -> None:
+    b = rcp.PhaseBlock(concrete=True, duration=1.0, elements=2)
+    with pytest.raises(DeclarationError, match=r"\(declared at test_controls.py:\d+\): bounds = 'wide'"):
+        b.u = rcp.Control(bounds="wide")

@@ -253,3 +253,20 @@ def test_wrong_lengths_are_refused_by_name_and_leave_nothing(
         act(b)
     assert list(b.component_map()) == before
     assert not hasattr(b, "y")
+
+
+def test_a_component_of_a_vector_is_asked_by_its_name_and_a_number_in_brackets_is_a_time() -> None:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(duration=2.0, elements=2)
+    b.x = rcp.State(index=["left", "right"], history=0.0)
+    b.y = rcp.State(index=[1, 7], history=0.0)
+    assert b.x["left"] is b.x_left
+    assert b.x["left"][2.0] is b.x["left", 2.0]
+    assert b.x["right"].at_end is b.x.at_end[1].expression
+    with pytest.raises(ExpressionArrayError, match=r"\[7\], which is no time of the phase but a label.*b.y_7.at_end"):
+        b.y[7]
+    with pytest.raises(AttributeError, match=r"'at_end' is asked of values at one time.*b.x_1.at_end"):
+        _ = b.y[1].at_end
+    assert not hasattr(b.y[1], "delayed")
+    with pytest.raises(KeyError):
+        b.x[0.123]

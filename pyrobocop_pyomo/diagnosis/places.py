@@ -1,0 +1,51 @@
+"""Words for the place of a row: what it states, and in a phase at which time and in which element."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+
+from pyrobocop_pyomo.phases import PhaseBlockData
+
+_COLLOCATION = "_collocation"
+
+
+def place_in_words(data: Any) -> str:
+    """``"constraint 'arm.reach' at t = 0.5, element 3"``, and so on for other components.
+
+    Parameters
+    ----------
+    data : component data
+        A row, a variable or a pair.
+    """
+    time, component = _time_of(data), data.parent_component()
+    if time is None:
+        return f"{_kind(component)} '{data.name}'"
+    phase = data.parent_block()
+    state = component.local_name.removesuffix(_COLLOCATION)
+    if component.local_name.endswith(_COLLOCATION) and state in phase.record.names_of_states:
+        return f"equation of '{state}' of phase '{phase.name}'{at_time(phase, time)}"
+    further = data.index()[1:] if isinstance(data.index(), tuple) else ()
+    index = f"[{', '.join(map(str, further))}]" if further else ""
+    return f"{_kind(component)} '{component.name}'{index}{at_time(phase, time)}"
+
+
+def at_time(phase: Any, time: float) -> str:
+    """``" at t = 0.5, element 3"``."""
+    element = phase.record.grid.element_of.get(time)
+    return f" at t = {time:g}" + ("" if element is None else f", element {element}")
+
+
+def _kind(component: Any) -> str:
+    return "constraint" if component.ctype is Constraint else str(component.ctype.__name__).lower()
+
+
+def _time_of(data: Any) -> float | None:
+    """The time of a component's data of a phase."""
+    if not isinstance(data.parent_block(), PhaseBlockData):
+        return None
+    index = data.index()
+    time = index[0] if isinstance(index, tuple) and index else index
+    return time if isinstance(time, float) and math.isfinite(time) else None

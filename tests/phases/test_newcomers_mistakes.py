@@ -1,0 +1,131 @@
+"""What a newcomer writes first and gets wrong: the message names the place and what to write instead; that works."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.core.expr.visitor import identify_variables
+from pyomo.environ import units as u
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
+
+
+def cart(m: pyo.ConcreteModel, duration: object = 2.0) -> rcp.PhaseBlock:
+    m.p = b = rcp.PhaseBlock(duration=duration, elements=4)
+    b.x = rcp.State(initial=0, final=1)
+    b.velocity = rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(-2, 2))
+    return b
+
+
+def newton(b, t):
+    return {b.x: b.velocity[t], b.velocity: b.u[t]}
+
+
+def test_a_name_that_is_nearly_right_is_corrected():
+    b = cart(pyo.ConcreteModel())
+    with pytest.raises(AttributeError, match="phase 'p' has no 'velocty'. Did you mean 'velocity'?"):
+        _ = b.velocty
+    assert not hasattr(b, "_ipython_display_")
+
+
+@pytest.mark.parametrize("time", [0, 0.7, 0.0])
+def test_a_time_without_a_value_is_answered_by_the_nearest_and_by_what_gives_one(time):
+    b = cart(pyo.ConcreteModel())
+    with pytest.raises(KeyError, match=r"'p.u' has no value of its own at .* Write b.u.at\(") as refused:
+        _ = b.u[time]
+    below, above = (t for t in sorted(sorted(b.points, key=lambda t: abs(t - time))[:2]))
+    assert f"the nearest are {below:g}, {above:g}" in str(refused.value)
+    b.u.at(time)  # what the message says
+
+
+def test_an_integral_of_a_variable_is_answered_by_the_rule_to_write():
+    b = cart(pyo.ConcreteModel())
+    with pytest.raises(TranscriptionError, match=r"integral\(lambda b, t: b.u\[t\]\)"):
+        b.integral(b.u)
+
+
+def test_every_state_without_an_equation_is_named_at_once():
+    b = cart(pyo.ConcreteModel())
+    b.ode(lambda b, t: {b.x: 1.0})
+    b.z = rcp.State()
+    with pytest.raises(TranscriptionError, match=r"states 'velocity' \(.*\), 'z' \(.*\) have no equation"):
+        b.check()
+
+
+@pytest.mark.ipopt
+def test_a_variable_of_the_user_is_the_duration():
+    m = pyo.ConcreteModel()
+    m.T = pyo.Var(bounds=(0.5, 5), initialize=2)
+    b = cart(m, m.T)
+    b.ode(newton)
+    m.soon = pyo.Objective(expr=m.T)
+    of_declaration = pyo.ConcreteModel()
+    c = cart(of_declaration, rcp.Duration(bounds=(0.5, 5), initial_guess=2))
+    c.ode(newton)
+    of_declaration.soon = pyo.Objective(expr=c.duration)
+    assert rcp.solve(m).solved
+    assert rcp.solve(of_declaration).solved
+    assert m.T.value == pytest.approx(c.duration.value, rel=1e-7)
+    assert b.duration.value == pytest.approx(m.T.value, rel=1e-9)
+    copy = m.clone()
+    assert {id(data) for data in identify_variables(copy.p.duration_as_stated.body)} == {
+        id(copy.T),
+        id(copy.p.duration),
+    }
+
+
+@pytest.mark.ipopt
+def test_a_param_of_the_user_is_the_duration_also_after_it_has_changed():
+    m = pyo.ConcreteModel()
+    m.T = pyo.Param(initialize=2.0, mutable=True)
+    b = cart(m, m.T)
+    b.ode(newton)
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    for duration in (2.0, 3.0):
+        m.T.set_value(duration)
+        assert rcp.solve(m).solved
+        # x(t) is the cubic of least effort: 12 (distance)^2 / T^3.
+        assert pyo.value(m.effort) == pytest.approx(12.0 / duration**3, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda m: pyo.Var(bounds=(-1, 1)), lambda m: pyo.Param(initialize=-2.0, mutable=True), lambda m: pyo.Var()]
+)
+def test_a_duration_that_may_be_negative_is_refused_by_name(make):
+    m = pyo.ConcreteModel()
+    m.T = make(m)
+    with pytest.raises(DeclarationError, match=r"the duration 'T' has the value .*must be one positive number"):
+        cart(m, m.T)
+
+
+@pytest.mark.ipopt
+def test_units_that_differ_are_refused_before_the_solve():
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4, time_units=u.s)
+    b.x = rcp.State(initial=0, final=1, units=u.m)
+    b.velocity = rcp.State(initial=0, units=u.m / u.s)
+    b.u = rcp.Control(bounds=(-2, 2), units=u.N)
+    b.ode(newton)
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    with pytest.raises(TranscriptionError, match="'p.velocity_collocation'.*not compatible.*correct the units"):
+        rcp.solve(m)
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize(
+    "backend",
+    [
+        pytest.param("asl", marks=pytest.mark.asl),
+        *(pytest.param(b, marks=pytest.mark.casadi) for b in ("casadi", "vectorised")),
+    ],
+)
+def test_a_constant_that_is_no_number_is_named(backend):
+    m = pyo.ConcreteModel()
+    b = cart(m)
+    b.ode(lambda b, t: {b.x: b.velocity[t], b.velocity: b.u[t] + float("nan")})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    result = rcp.solve(m, backend=backend)
+    assert not result.solved
+    assert "the number nan, in rate of 'velocity' of phase 'p' at t = " in str(result)
