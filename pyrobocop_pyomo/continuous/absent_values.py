@@ -22,8 +22,10 @@ from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.errors import TranscriptionError
 
+from .derivatives import explicit_candidates
 from .record import Discretisation
-from .structure import PAIRS, Spot, axes_of, variables_of_row
+from .row_variables import RowVariables, row_variables
+from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
 
 
 class AbsentValues:
@@ -34,6 +36,11 @@ class AbsentValues:
     spots : list of Spot
         All components of the model.
     discretisations : iterable of Discretisation
+
+    Attributes
+    ----------
+    in_rows : dict of id to RowVariables
+        What the constraints hold whose rows were all looked at; see `deactivate_rows`.
     """
 
     def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
@@ -51,6 +58,10 @@ class AbsentValues:
         self._absent: dict[int, tuple[Any, Any, float]] = {}
         self._fixed: dict[int, Any] = {}  # derivatives that the user fixed at such points
         self._along: set[Any] | None = None
+        self._candidates = {
+            key for discretisation in self._discretisations.values() for key in explicit_candidates(discretisation)
+        }
+        self.in_rows: dict[int, RowVariables] = {}
         self._find()
 
     def _outside(self, points: Iterable[tuple[Any, Any]]) -> tuple[Any, float] | None:
@@ -60,6 +71,17 @@ class AbsentValues:
                 return domain, time
         return None
 
+    def _with_points_outside(self, spot: Spot, axes: tuple[Axis, ...]) -> Iterable[tuple[Any, Any]]:
+        """Index and data of each member with a point that is no collocation point."""
+        if self._outside(spot.outer) is not None:
+            return list(spot.component.items())
+        known = [(axis, self._points[id(axis.domain)]) for axis in axes if id(axis.domain) in self._points]
+        return [
+            (index, data)
+            for index, data in spot.component.items()
+            if any(axis.time(index) not in points for axis, points in known)
+        ]
+
     def _find(self) -> None:
         for spot in self._spots:
             component = spot.component
@@ -68,7 +90,7 @@ class AbsentValues:
             axes = axes_of(component)
             if not axes and not spot.outer:
                 continue
-            for index, data in component.items():
+            for index, data in self._with_points_outside(spot, axes):
                 for domain, time in spot.points(index, axes):
                     if self._outside([(domain, time)]) is None or id(data) in self._states[id(domain)]:
                         continue
@@ -93,30 +115,53 @@ class AbsentValues:
             if component.ctype not in (Constraint, Objective, *PAIRS) or not spot.active or component.is_reference():
                 continue
             axes, generated = axes_of(component), id(component) in self._generated
-            for index, data in list(component.items()):
+            if generated:
+                if len(self._discretisations) > 1:
+                    self._delete_generated(component)
+                continue
+            outside = dict(self._with_points_outside(spot, axes))
+            inside = [data for index, data in component.items() if index not in outside and data.active]
+            seen |= self._held(component, inside)
+            kept: list[Any] = []
+            for index, data in outside.items():
                 if not data.active:
                     continue
-                outside = self._outside(spot.points(index, axes))
-                variables = (
-                    []
-                    if generated and outside is None and len(self._discretisations) == 1
-                    else list(variables_of_row(data))
-                )
-                absent = next((variable for variable in variables if id(variable) in self._absent), None)
-                if generated:
-                    if absent is not None:
-                        del component[index]
-                elif outside is None:
-                    if absent is not None:
-                        raise self._refusal(data, absent)
-                    seen.update(map(id, variables))
-                elif absent is not None or self._follows(data, spot.family(index, axes), outside):
+                variables = {id(variable): variable for variable in variables_of_row(data)}
+                point = self._outside(spot.points(index, axes))
+                assert point is not None
+                if not self._absent.keys().isdisjoint(variables) or self._follows(
+                    data, spot.family(index, axes), point
+                ):
                     data.deactivate()
                     deactivated.append(data)
                 else:
-                    seen.update(map(id, variables))
+                    seen |= variables.keys()
+                    kept.append(data)
+            if kept:
+                self.in_rows.pop(id(component), None)
         self._check_fixed(seen)
         self._check_equations(seen)
+
+    def _delete_generated(self, rows: Any) -> None:
+        for index, data in list(rows.items()):
+            if data.active and any(id(variable) in self._absent for variable in variables_of_row(data)):
+                del rows[index]
+
+    def _held(self, component: Any, rows: list[Any]) -> set[int]:
+        """Ids of the variables of rows at collocation points; none of them may be absent."""
+        if component.ctype not in PAIRS:
+            held = row_variables(rows, self._candidates)
+            everything = held.elsewhere | held.given.keys()
+            if self._absent.keys().isdisjoint(everything):
+                self.in_rows[id(component)] = held
+                return everything
+        everything = set()
+        for data in rows:
+            for variable in variables_of_row(data):
+                if id(variable) in self._absent:
+                    raise self._refusal(data, variable)
+                everything.add(id(variable))
+        return everything
 
     def _follows(self, data: Any, family: Any, outside: tuple[Any, float]) -> bool:
         """True for a pair or an equation of states: it holds at the collocation points, so it need not hold here."""

@@ -24,18 +24,18 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr import EqualityExpression
 from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .record import Discretisation, Substitution
+from .row_variables import RowVariables, row_variables
 from .structure import PAIRS, Axis, Spot, axis_on, variables_of_row
 
 
@@ -66,17 +66,24 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
     return list(found.values())
 
 
-def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
-    """Add the rows of every derivative along a set, beside the derivative."""
+def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred: bool = False) -> None:
+    """Add the rows of every derivative along a set, beside the derivative.
+
+    Parameters
+    ----------
+    deferred : bool
+        Leave the rows to `finish_rows`, which writes those that no substitution has written before.
+    """
     homes: dict[int, Any] = {}
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
+    discretisation.deferred.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation)
+            _add_rows(home, levels[-2], levels[-1], discretisation, deferred)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -88,6 +95,7 @@ def remove_collocation(discretisation: Discretisation) -> None:
         if parent is not None:
             parent.del_component(block)
     discretisation.generated.clear()
+    discretisation.deferred.clear()
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
@@ -107,20 +115,22 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation) -> None:
+def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, deferred: bool) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
     rows = Constraint(rate.index_set())
     home.add_component(unique_component_name(home, rate.local_name), rows)
     discretisation.rows[rate] = rows
+    if deferred:
+        discretisation.deferred.append((state, rate))
     joints = None
     if not grid.scheme.end_is_a_node:
         joints = Constraint(rate.index_set())
         home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
     for others in _others(rate, axis, grid.times[0]):
         states, rates = _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points)
-        for time, row in collocation_rows(states, rates, grid, _widths(state, rate, grid)):
-            rows.add(axis.join(others, time), row)
+        if not deferred:
+            _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others)
         if joints is not None:
             for time, row in continuity_rows(states, grid):
                 joints.add(axis.join(others, time), row)
@@ -132,12 +142,23 @@ def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: M
     grid, axis, rows = discretisation.grid, axis_on(rate, discretisation.domain), discretisation.rows[rate]
     assert axis is not None
     rows.clear()
-    for others in {axis.others(index) for index in sides}:
+    for others in dict.fromkeys(axis.others(index) for index in sides):
         states = _along(state, axis, others, grid.times)
         rates = {time: sides[axis.join(others, time)] for time in grid.points}
-        for time, row in collocation_rows(states, rates, grid, _widths(state, rate, grid)):
-            rows.add(axis.join(others, time), row)
+        _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others)
+    discretisation.deferred = [waiting for waiting in discretisation.deferred if waiting[1] is not rate]
     return rows.parent_block()
+
+
+def finish_rows(discretisation: Discretisation) -> None:
+    """Write the rows that `add_collocation` has left out and no substitution has written."""
+    for state, rate in list(discretisation.deferred):
+        rewrite_rows(discretisation, state, rate, rate)
+
+
+def _write(rows: Any, states: Any, rates: Any, grid: Grid, widths: list[Any], axis: Axis, others: Any) -> None:
+    for time, row in collocation_rows(states, rates, grid, widths):
+        new_row(rows, axis.join(others, time), row)
 
 
 def _others(component: Any, axis: Axis, time: float) -> list[Any]:
@@ -169,15 +190,16 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
         return
     grid, scheme = discretisation.grid, discretisation.grid.scheme
     discretisation.initialised += rates.values()
-    for nodes, stages, width in zip(grid.node_times, grid.stage_times, grid.mesh.widths, strict=True):
-        increments = scheme.D @ np.array([states[time].value for time in nodes]) / width
-        slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0]
-        for time, slope in zip(stages, slopes.tolist(), strict=True):
+    values = np.array([[states[time].value for time in nodes] for nodes in grid.node_times])
+    increments = scheme.D @ (values / grid.mesh.widths[:, None]).T
+    slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0].T
+    for stages, row in zip(grid.stage_times, slopes.tolist(), strict=True):
+        for time, slope in zip(stages, row, strict=True):
             set_initial_value(rates[time], slope)
 
 
-def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
-    """Replace all derivatives that are given explicitly by their right-hand sides."""
+def explicit_candidates(discretisation: Discretisation) -> dict[int, Any]:
+    """The derivatives that a right-hand side may replace, by their ids."""
     candidates = {
         id(data): data
         for _, derivative in discretisation.derivatives
@@ -187,7 +209,14 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
     }
     for key in discretisation.state_ids():
         candidates.pop(key, None)
-    explicit = _explicit_rows(found, candidates, {id(rows) for rows in discretisation.generated_constraints()})
+    return candidates
+
+
+def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
+    """Replace all derivatives that are given explicitly by their right-hand sides."""
+    candidates = explicit_candidates(discretisation)
+    own = {id(rows) for rows in discretisation.generated_constraints()}
+    explicit = _explicit_rows(found, candidates, own, discretisation.in_rows)
     for state, derivative in list(discretisation.derivatives):
         needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
         if needed and all(id(data) in explicit for data in needed):
@@ -208,7 +237,9 @@ def restore_derivatives(discretisation: Discretisation) -> None:
     discretisation.substitutions.clear()
 
 
-def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int]) -> dict[int, tuple[Any, Any]]:
+def _explicit_rows(
+    found: list[Spot], candidates: dict[int, Any], own: set[int], known: Mapping[int, RowVariables]
+) -> dict[int, tuple[Any, Any]]:
     """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
     explicit: dict[int, tuple[Any, Any]] = {}
     elsewhere: set[int] = set()
@@ -221,19 +252,20 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
         ):
             continue
         unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
-        for data in component.values():
-            if component.ctype is not Expression and not data.active:
-                continue
-            expression = data.expr if component.ctype not in PAIRS else None
-            if unconditional and isinstance(expression, EqualityExpression):
-                left, right = expression.args
-                if id(left) not in candidates:
-                    left, right = right, left
-                if id(left) in candidates and id(left) not in explicit:
-                    explicit[id(left)] = (data, right)
-                    elsewhere.update(id(variable) for variable in variables_in(right) if id(variable) in candidates)
-                    continue
-            elsewhere.update(id(variable) for variable in variables_of_row(data) if id(variable) in candidates)
+        if component.ctype in PAIRS:
+            pairs = (data for data in component.values() if data.active)
+            elsewhere.update(id(variable) for data in pairs for variable in variables_of_row(data))
+            continue
+        held = known.get(id(component))
+        if held is None:
+            rows = (data for data in component.values() if component.ctype is Expression or data.active)
+            held = row_variables(rows, candidates)
+        elsewhere |= held.elsewhere
+        for key, said in held.given.items():
+            if unconditional and key in candidates and key not in explicit:
+                explicit[key] = said
+            else:
+                elsewhere.add(key)
     return {key: value for key, value in explicit.items() if key not in elsewhere}
 
 
@@ -251,6 +283,8 @@ def _substitute(
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
     home.add_component(unique_component_name(home, f"{name}_variable"), derivative)
-    expression = Expression(derivative.index_set(), initialize=sides)
+    expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
+    for index, side in sides.items():
+        expression._setitem_when_not_present(index, side)  # the indices are those of the derivative
     discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))

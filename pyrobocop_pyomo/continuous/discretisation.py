@@ -18,6 +18,7 @@ from .absent_values import AbsentValues
 from .derivatives import (
     add_collocation,
     derivatives_along,
+    finish_rows,
     remove_collocation,
     restore_derivatives,
     substitute_derivatives,
@@ -101,7 +102,8 @@ def _discretise(
         if previous is not None:
             previous.give_to(found, discretisation)
         for one in everything:
-            add_collocation(one, found)
+            # With one set nobody reads the rows before the substitution, which writes most of them anew.
+            add_collocation(one, found, deferred=len(everything) == 1)
         if previous is not None:
             previous.give_to(list(spots(root)), discretisation)
         for one in everything:
@@ -112,6 +114,8 @@ def _discretise(
         absent_values = AbsentValues(list(spots(root)), everything)
         absent_values.deactivate_rows(discretisation.deactivated)
         discretisation.cleared = absent_values.clear_variables()
+        if len(everything) == 1:
+            discretisation.in_rows = absent_values.in_rows
         _mark_pairs(found, discretisation)
     except BaseException:
         undo_discretisation(discretisation)
@@ -202,10 +206,13 @@ def finalise(discretisation: Discretisation) -> None:
     domain, scheme = discretisation.domain, discretisation.grid.scheme
     if discretisation.substitutes and not discretisation.substitutions:
         substitute_derivatives(discretisation, list(spots(domain.model())))
+    finish_rows(discretisation)
+    discretisation.in_rows = {}
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)
-    domain._fe = [time for time in domain if time in set(discretisation.grid.mesh.boundaries)]
+    boundaries = set(discretisation.grid.mesh.boundaries)
+    domain._fe = [time for time in domain if time in boundaries]
     domain.get_discretization_info().update(
         scheme=DAE_NAMES.get(family, scheme.name),
         nfe=discretisation.grid.mesh.elements,

@@ -13,7 +13,7 @@ rules, for each variable with its other indices:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -90,9 +90,11 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 for index in component.index_set()
                 if index not in component._data and (ctype is not Var or axis.others(index) in known)
             ]
-            for index in missing:
-                with _naming(component, index):
+            with _naming(component) as place:
+                for index in missing:
+                    place.index = index
                     create(component, index)
+            for index in missing:
                 if all_inactive and ctype is not Param and index in component._data and hasattr(component, "active"):
                     _deactivate(component._data[index])
 
@@ -102,15 +104,21 @@ def _deactivate(data: Any) -> None:
         data.deactivate()
 
 
+@dataclass
+class _Place:
+    index: Any = None
+
+
 @contextmanager
-def _naming(component: Any, index: Any) -> Any:
+def _naming(component: Any) -> Iterator[_Place]:
+    place = _Place()
     try:
-        yield
+        yield place
     except PyRobocopError:
         raise
     except Exception as error:
         raise TranscriptionError(
-            f"'{component.name}': its rule failed at the new point {index}: {type(error).__name__}: {error}"
+            f"'{component.name}': its rule failed at the new point {place.index}: {type(error).__name__}: {error}"
         ) from error
 
 

@@ -13,6 +13,8 @@ from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.numerics import Grid
 
+from .row_variables import RowVariables
+
 
 @dataclass(eq=False)
 class Substitution:
@@ -55,6 +57,10 @@ class Discretisation:
         Each state with the variable that is its derivative.
     rows : ComponentMap
         From each derivative to its collocation rows.
+    deferred : list of (Var, Var)
+        Each state with its derivative, where the rows are still to be written.
+    in_rows : dict of id to RowVariables
+        What constraints hold, by their ids, until the discretisation is finished.
     """
 
     domain: Any
@@ -70,6 +76,8 @@ class Discretisation:
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)
+    deferred: list[tuple[Any, Any]] = field(default_factory=list)
+    in_rows: dict[int, RowVariables] = field(default_factory=dict)
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
