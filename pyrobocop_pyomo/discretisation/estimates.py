@@ -13,6 +13,8 @@ from pyrobocop_pyomo.numerics import Array
 # Relative to the objective, and to the size of each state: what is above is said before anything else.
 SMALL_OBJECTIVE_ERROR = 1e-3
 SMALL_MOTION_ERROR = 1e-2
+# At most so much of errors with different signs is taken to cancel: how well they do is known to leading order only.
+CANCELLED = 0.2
 # What would take more elements than this is not advised.
 _MOST_ADVISED = 10_000
 
@@ -37,6 +39,8 @@ class PhaseEstimate:
         What each element adds to the error of the objective, estimated; not negative.
     remarks : tuple of str
         What is not known, and why.
+    net : float or None
+        What all elements together add to the error of the objective, estimated; errors of different signs cancel.
     """
 
     name: str
@@ -46,6 +50,7 @@ class PhaseEstimate:
     largest: float
     objective: Array | None
     remarks: tuple[str, ...] = ()
+    net: float | None = None
 
     @property
     def elements(self) -> int | None:
@@ -80,10 +85,12 @@ class DiscretisationEstimate:
     @property
     def objective_error(self) -> float | None:
         """Estimated error of the objective, in its own units; None where that of some phase is not known."""
-        parts = [phase.objective for phase in self.phases.values()]
-        if not parts or any(part is None for part in parts):
+        known = [(phase.net, phase.objective) for phase in self.phases.values()]
+        parts = [(net, float(of.sum())) for net, of in known if net is not None and of is not None]
+        if not parts or len(parts) < len(known):
             return None
-        return float(sum(float(part.sum()) for part in parts if part is not None))
+        nets, sizes = zip(*parts, strict=True)
+        return max(abs(sum(nets)), CANCELLED * sum(sizes))
 
     @property
     def relative_objective_error(self) -> float | None:

@@ -13,30 +13,36 @@ stages only: how much smaller it could be between the stages is the second part.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import RelationalExpression
 
+from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix, evaluation_matrix
-from pyrobocop_pyomo.phases import Control
+from pyrobocop_pyomo.phases import Algebraic, Control
 from pyrobocop_pyomo.phases.companions import indices_of
-from pyrobocop_pyomo.phases.rate_arrays import ARRAY_FUNCTIONS, RuleFormulas
+from pyrobocop_pyomo.phases.instant_rules import ARRAY_FUNCTIONS
+from pyrobocop_pyomo.phases.rate_arrays import FormulasWithDelays
 from pyrobocop_pyomo.phases.record import labelled_rows
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .best_controls import least_integrand, least_integrand_within_rows
 from .phase_multipliers import PhaseMultipliers
 
-# Of differences by controls, relative to their size; and below which part of H over that a curvature counts as none.
-_STEP, _FLAT = 1e-4, 1e-6
-_SMALLEST = 1e-3
-# At most so much of two parts is taken to cancel.
-_CANCELLED = 0.1
-_SWEEPS = 12
+# A slope of a row, relative to its size, from which on a control can meet it.
+_STEP, _SLOPE = 1e-4, 1e-9
+# At most so much of the two parts of an element is taken to cancel.
+_CANCELLED = 0.02
+# As a part of an element's share of the objective: what is beyond is far from leading order.
+_LOST = 0.5
 
 
 class PhaseLagrangian:
@@ -69,7 +75,7 @@ class PhaseLagrangian:
         record = phase.record
         self._record, self._trajectory, self._multipliers, self._sign = record, trajectory, multipliers, sign
         self._indices = indices_of(record, trajectory.grid)
-        self._formulas = RuleFormulas(phase, record, self._indices, trajectory.grid)
+        self._formulas = FormulasWithDelays(phase, record, self._indices, trajectory.grid, by_instant=True)
         names = [name for name in record.names_of_states if name in multipliers.costates]
         self._rates = dict(zip(names, self._formulas.rates_of(names, derivatives=True), strict=True))
         self._integrands = [
@@ -78,15 +84,48 @@ class PhaseLagrangian:
             if weight != 0.0
         ]
         self._rows = [
-            (_excess(labelled_rows(statement.kind, self._formulas.formula_of(statement)).get(label)), density)
+            (tuple(self._formulas.formulas_of(statement, partial(_row, statement.kind, label)).values()), density)
             for statement, label, density in multipliers.rows
         ]
+        self._refuse_delayed_signals()
         self._states = {name: trajectory.element_states(name) for name in trajectory.states}
         self._signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
-        self._controls = [name for name in record.names(Control) if name in self._signals]
+        self._stages = trajectory.grid.scheme.stages
+        self.free = record.names(Control)
+        if _determines_algebraics(phase, record):
+            self.free = [*self.free, *record.names(Algebraic)]
+        self.apart: frozenset[int] = frozenset()
+        self.apart = self._rows_that_controls_meet()
 
-    def errors(self) -> Array:
-        """What each element adds to the error of the objective, shape ``(N,)``; not negative.
+    def _refuse_delayed_signals(self) -> None:
+        found = sorted(self._formulas.delayed_names - set(self._trajectory.states))
+        if found:
+            raise TrajectoryError(f"'{found[0]}' is read at earlier times: what it does there later is not seen.")
+
+    def _rows_that_controls_meet(self) -> frozenset[int]:
+        """Places of the rows with a slope by a control or a free algebraic."""
+        if not (self.free and self._rows):
+            return frozenset()
+        self.apart = frozenset(range(len(self._rows)))
+        stages = _Instants(self, self._trajectory.grid.scheme.c)
+        here = stages.own_rows({})
+        found = set()
+        with np.errstate(all="ignore"):
+            for name in self.free:
+                values = stages.values_of(name)
+                moved = stages.own_rows({name: values + _STEP * (1.0 + np.abs(values).max())})
+                for i, (before, after) in enumerate(zip(here, moved, strict=True)):
+                    if np.abs(after[0] - before[0]).max() > _SLOPE * (1.0 + np.abs(before[0]).max()):
+                        found.add(i)
+        return frozenset(found)
+
+    def errors(self, size: float) -> tuple[Array, Array]:
+        """What each element adds to the error of the objective, shapes ``(N,)``: with its sign, and as a bound.
+
+        Parameters
+        ----------
+        size : float
+            Of the objective.
 
         Raises
         ------
@@ -101,14 +140,18 @@ class PhaseLagrangian:
             between = _Instants(self, exact, stages.rates() if scheme.starts_on_a_stage else {})
             if scheme.starts_on_a_stage:
                 stages = _Instants(self, scheme.c, stages.rates())
-            first = weights @ between.hamiltonian({}) - scheme.b @ stages.hamiltonian({})
-            second = weights @ between.gain() if self._controls else np.zeros(len(widths))
+            here = between.integrand({})
+            first = weights @ here - scheme.b @ stages.integrand({})
+            second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
         # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
-        net = np.abs(self._sign * first - second)
-        found = widths * np.maximum(net, _CANCELLED * (np.abs(first) + np.abs(second)))
-        if not np.isfinite(found).all():
+        net = first - second
+        parts = np.abs(first) + np.abs(second)
+        # Where the polynomials of the controls mean nothing, each part is as large as what the element holds.
+        lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
+        bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
+        if not np.isfinite(bound).all():
             raise TrajectoryError("the equations have no finite value between the points.")
-        return np.asarray(found, dtype=np.float64)
+        return widths * net, widths * bound
 
 
 class _Instants:
@@ -135,6 +178,11 @@ class _Instants:
         values: dict[str, Any] = {name: scheme.state_at(fractions) @ of.T for name, of in phase._states.items()}
         values |= {name: at_stages @ of.T for name, of in phase._signals.items()}
         values |= {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
+        earlier = [
+            phase._formulas.delayed_numbers(trajectory, times[i], np.array(mesh.widths), fraction)
+            for i, fraction in enumerate(np.asarray(fractions).tolist())
+        ]
+        self._earlier = {key: np.array([at[key] for at in earlier]) for key in earlier[0]}
         slopes = differentiation_matrix(scheme.state_nodes, fractions)
         self._slopes = {name: slopes @ of.T / mesh.widths for name, of in phase._states.items()}
         for name, at in (rates or {}).items():
@@ -163,13 +211,26 @@ class _Instants:
         found = [declaration.bounds_at(time, name)[side] for time in self._index.ravel().tolist()]
         return np.array([none if bound is None else bound for bound in found], dtype=float).reshape(self._index.shape)
 
-    def _room(self, name: str) -> tuple[Array, Array]:
-        """By how much a control may change at the instants, down and up."""
-        lower, upper = (
-            np.where(np.isfinite(of).all(axis=1), self._at_stages @ np.where(np.isfinite(of), of, 0.0).T, infinite)
-            for of, infinite in zip(self._of._multipliers.room[name], (-np.inf, np.inf), strict=True)
-        )
-        return lower - self._values[name], upper - self._values[name]
+    def limits(self, name: str) -> tuple[Array, Array]:
+        """Least and largest value of a control or algebraic at the instants."""
+        if name in self._of._multipliers.room:
+            room = self._of._multipliers.room[name]
+            lower, upper = (
+                np.where(np.isfinite(of).all(axis=1), self._at_stages @ np.where(np.isfinite(of), of, 0.0).T, infinite)
+                for of, infinite in zip(room, (-np.inf, np.inf), strict=True)
+            )
+        else:
+            lower, upper = (np.zeros(self._index.shape) + self._bound(name, side) for side in (0, 1))
+        return lower, upper
+
+    def own_rows(self, given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
+        """Body and bounds of the rows that controls and algebraics can meet."""
+        known = self._evaluator({**self._values, **given})
+        shape = np.zeros(self._index.shape)
+        return [
+            (shape + known(body), shape + known(lower), shape + known(upper))
+            for (body, lower, upper), _ in (self._densities[i] for i in self._of.apart)
+        ]
 
     def rates(self) -> dict[str, Array]:
         """What the equations say of the derivatives."""
@@ -178,57 +239,64 @@ class _Instants:
 
     def _evaluator(self, values: Mapping[str, Any]) -> Any:
         leaves = self._of._formulas.leaves(values, self._index, self._clock, self._slopes)
-        return ExpressionEvaluator(leaves, ARRAY_FUNCTIONS).of
+        return ExpressionEvaluator({**leaves, **self._earlier}, ARRAY_FUNCTIONS).of
 
-    def hamiltonian(self, changes: Mapping[str, Any]) -> Array:
-        """The function of the module, with some controls changed."""
+    def integrand(self, given: Mapping[str, Array], *, apart: bool = False) -> Array:
+        """The function of the module with some values replaced, in the sign of a minimum.
+
+        Parameters
+        ----------
+        given : dict of name to array
+            Of controls and algebraics.
+        apart : bool
+            Leave out the rows and bounds that controls and algebraics can meet.
+        """
         of = self._of
-        values = self._values | {name: self._values[name] + change for name, change in changes.items()}
+        values = {**self._values, **given}
         known = self._evaluator(values)
         total = np.zeros(self._index.shape)
         for weight, integrand in of._integrands:
             total += weight * known(integrand)
         for name, costate in self._costates.items():
             total += costate * (known(of._rates[name]) - self._slopes[name])
-        for (body, lower, upper), density in self._densities:
-            total -= density * _beyond(known(body), known(lower), known(upper), of._sign * density)
+        for i, ((body, lower, upper), density) in enumerate(self._densities):
+            if not (apart and i in of.apart):
+                total -= density * _beyond(known(body), known(lower), known(upper), of._sign * density)
         for name, bound, density in self._bounds:
-            total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
-        return total
+            if not (apart and name in of.free):
+                total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
+        return of._sign * total
 
-    def gain(self) -> Array:
-        """How much smaller (where the objective is maximised: larger) controls inside their bounds make it."""
-        of, sign = self._of, self._of._sign
-        names = of._controls
-        here = sign * self.hamiltonian({})
-        sizes = [_SMALLEST + float(np.abs(self._values[name]).max()) for name in names]
-        steps = [_STEP * size for size in sizes]
-        slope, curvature, forward = [], {}, []
-        for j, (name, step) in enumerate(zip(names, steps, strict=True)):
-            up, down = (sign * self.hamiltonian({name: change}) for change in (step, -step))
-            slope.append((up - down) / (2.0 * step))
-            curvature[j, j] = (up + down - 2.0 * here) / step**2
-            forward.append(up)
-        for j in range(len(names)):
-            for k in range(j):
-                both = sign * self.hamiltonian({names[j]: steps[j], names[k]: steps[k]})
-                curvature[j, k] = curvature[k, j] = (both - forward[j] - forward[k] + here) / (steps[j] * steps[k])
-        change = [np.zeros(here.shape) for _ in names]
-        room = [self._room(name) for name in names]
-        flat = [_FLAT * (np.abs(here).max() + 1e-300) / size**2 for size in sizes]
-        for _ in range(_SWEEPS if len(names) > 1 else 1):
-            for j, (lower, upper) in enumerate(room):
-                downhill = slope[j] + sum(curvature[j, k] * change[k] for k in range(len(names)) if k != j)
-                curved = curvature[j, j] > flat[j]
-                newton = -downhill / np.where(curved, curvature[j, j], 1.0)
-                to_bound = np.where(downhill > 0.0, lower, upper)
-                linear = np.where(np.isfinite(to_bound), to_bound, 0.0)
-                change[j] = np.clip(np.where(curved, newton, linear), lower, upper)
-        wanted = dict(zip(names, change, strict=True))
-        gained = here - sign * self.hamiltonian(wanted)
-        halfway = here - sign * self.hamiltonian({name: 0.5 * part for name, part in wanted.items()})
-        found = np.where(np.abs(halfway) > np.abs(gained), halfway, gained)
-        return np.asarray(np.where(np.isfinite(found), found, np.nan_to_num(gained)), dtype=np.float64)
+    def least(self) -> Array:
+        """The integrand where controls, and algebraics that rows determine, are as good as the instant lets them be."""
+        of = self._of
+        if of.apart:
+            return least_integrand_within_rows(self, {name: self.values_of(name) for name in of.free})
+        stages = [
+            {name: np.broadcast_to(of._signals[name][:, k], self._index.shape) for name in of.free}
+            for k in range(of._stages)
+            if all(name in of._signals for name in of.free)
+        ]
+        return least_integrand(self, {name: self.values_of(name) for name in of.free}, stages)
+
+    def values_of(self, name: str) -> Array:
+        """A control or algebraic at the instants."""
+        return np.zeros(self._index.shape) + self._values[name]
+
+
+def _determines_algebraics(phase: Any, record: Any) -> bool:
+    """Whether residual equations, and no pairs, say what the algebraics are."""
+    names = record.names(Algebraic)
+    explicit = set(record.names_of_states) <= set(record.equation_of)
+    pairs = any(True for _ in phase.component_data_objects(Complementarity, active=True, descend_into=True))
+    return bool(names) and explicit and not pairs and record.residuals_per_point == len(names)
+
+
+def _row(kind: str, label: Any, result: Any) -> dict[str, Any]:
+    """Body and bounds of one of the rows that a rule returned."""
+    row = labelled_rows(kind, plain_expressions(result)).get(label, Constraint.Skip)
+    found = (0.0, -np.inf, np.inf) if row is Constraint.Skip or row is Constraint.Feasible else _excess(row)
+    return dict(zip(("body", "lower", "upper"), found, strict=True))
 
 
 def _excess(row: Any) -> tuple[Any, Any, Any]:

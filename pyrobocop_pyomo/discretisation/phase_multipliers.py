@@ -117,9 +117,7 @@ def _rows(
         by_label: dict[Any, dict[float, float]] = {}
         for index, row in phase.component(statement.name).items():
             time, label = index if isinstance(index, tuple) else (index, None)
-            number = found.of_row(row)
-            if abs(number) > _NONE:
-                by_label.setdefault(label, dict.fromkeys(grid.points, 0.0))[time] = number
+            by_label.setdefault(label, dict.fromkeys(grid.points, 0.0))[time] = found.of_row(row)
         entries += [(statement, label, _at_points(grid, by_time) / weights) for label, by_time in by_label.items()]
     return entries
 

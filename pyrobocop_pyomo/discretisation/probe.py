@@ -13,8 +13,10 @@ from pyomo.core.base.objective import Objective, maximize
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.flows import integrate_elements
+from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.companions import companions_of, indices_of
+from pyrobocop_pyomo.phases.delays import past_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.point_model import PointModel
 from pyrobocop_pyomo.phases.rate_arrays import RateArrays
@@ -30,6 +32,8 @@ logger = logging.getLogger(__name__)
 
 # Of the integration of each element, relative to the size of each state; a state that stays at zero has a size too.
 _TOLERANCE, _SMALLEST_SCALE = 1e-8, 1e-6
+# Where rules are asked at each instant, which takes a thousand times as long, and what they say may jump.
+_TOLERANCE_BY_INSTANT = 1e-3
 _SAMPLES = 2
 
 
@@ -74,9 +78,9 @@ class DiscretisationProbe:
     def error(self) -> DiscretisationEstimate:
         """The errors, estimated when they are asked for first."""
         if self._found is None:
-            self._found = DiscretisationEstimate(
-                self._objective, {captured.phase.name: captured.error() for captured in self._phases}
-            )
+            with tables_continued():
+                errors = {captured.phase.name: captured.error(self._objective) for captured in self._phases}
+            self._found = DiscretisationEstimate(self._objective, errors)
             self._phases = []  # what was captured, the model among it, is not needed any more
         return self._found
 
@@ -98,10 +102,10 @@ class _Captured:
             except TrajectoryError as error:
                 self._why = str(error)
 
-    def error(self) -> PhaseEstimate:
-        """The errors of the phase, as far as they can be estimated."""
+    def error(self, size: float) -> PhaseEstimate:
+        """The errors of the phase, as far as they can be estimated; `size` is that of the objective."""
         remarks = []
-        motion, state, largest, objective = None, "", 0.0, None
+        motion, state, largest, objective, net = None, "", 0.0, None, None
         name = self.phase.name
         try:
             self._refuse_other_rules()
@@ -112,13 +116,15 @@ class _Captured:
             self._refuse_other_rules()
             if self._multipliers is None:
                 raise TrajectoryError(self._why)
-            objective = PhaseLagrangian(
+            net, objective = PhaseLagrangian(
                 self.phase, self._trajectory, self._multipliers, self._weights, self._sign
-            ).errors()
+            ).errors(abs(size))
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
         order = self._trajectory.grid.scheme.order
-        return PhaseEstimate(name, order, motion, state, largest, objective, tuple(remarks))
+        return PhaseEstimate(
+            name, order, motion, state, largest, objective, tuple(remarks), None if net is None else float(net.sum())
+        )
 
     def _refuse_other_rules(self) -> None:
         if self.phase.record.discrete_states:
@@ -135,15 +141,19 @@ class _Captured:
         companions = companions_of(self.phase, indices.mesh.boundaries)
         point = PointModel(self.phase, record, indices, trajectory.grid, companions)
         point.set_values(trajectory.parameters)
+        point.past = past_of(trajectory)
         try:
-            rates = RateArrays(self.phase, record, trajectory, indices, point)
+            rates = RateArrays(self.phase, record, trajectory, indices, point, by_instant=True)
         finally:
             point.leave_nodes()
         starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
         sizes = _SMALLEST_SCALE + np.array([np.abs(trajectory.states[name]).max() for name in names])
-        found = integrate_elements(rates, starts, sizes, _SAMPLES, _TOLERANCE)
+        tolerance = _TOLERANCE_BY_INSTANT if rates.asks_by_instant else _TOLERANCE
+        found = integrate_elements(rates, starts, sizes, _SAMPLES, tolerance)
         if found is None:
-            raise TrajectoryError("The equations are too stiff for an integration of all elements at once.")
+            raise TrajectoryError(
+                "No integration of all elements at once meets its tolerance: the motion is not smooth."
+            )
         ends = np.array([[*starts[1:, j], trajectory.states[name][-1]] for j, name in enumerate(names)]).T
         errors = np.abs(found[0][:, -1, :] - ends)
         relative = errors / sizes

@@ -136,6 +136,50 @@ def test_a_bound_of_a_state_between_the_points_counts(elements: int) -> None:
     assert 0.1 < ratio(constrained(elements), 4.0) < 10.0
 
 
+def mixed_limit(elements: int, **scheme: Any) -> Any:
+    """Effort and position share one limit, which holds for a part of the time."""
+    m = pyo.ConcreteModel("mixed limit")
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=elements, **scheme)
+    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
+    b.u = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.2 * b.v[t] ** 2})
+    b.constraint(lambda b, t: b.u[t] + b.x[t] <= 1.2)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    return m
+
+
+def with_force(elements: int, **scheme: Any) -> Any:
+    """The integrator, its control the cube of an algebraic variable in part."""
+    m = pyo.ConcreteModel("with force")
+    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements, **scheme)
+    b.x, b.u, b.force = rcp.State(initial=1), rcp.Control(), rcp.Algebraic()
+    b.ode(lambda b, t: {b.x: b.force[t]})
+    b.residual(lambda b, t: b.force[t] + 0.3 * b.force[t] ** 3 == b.u[t])
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+    return m
+
+
+@pytest.mark.parametrize(("build", "meshes"), [(mixed_limit, (5, 10)), (with_force, (1, 2, 4))])
+@pytest.mark.parametrize("scheme", [RADAU_3, GAUSS_2], ids=lambda s: s["scheme"])
+def test_rows_that_controls_can_meet_restrain_them_between_the_points(
+    build: Builder, meshes: tuple[int, ...], scheme: dict[str, Any]
+) -> None:
+    exact = rcp.solve(build(40, scheme="radau", stages=4)).objective
+    for elements in meshes:
+        assert 0.5 < ratio(build(elements, **scheme), exact) < 2.0
+
+
+def test_errors_with_different_signs_cancel() -> None:
+    """A motion that is symmetric in time: implicit Euler is too late on one half, too early on the other."""
+    result = rcp.solve(constrained(20, **EULER))
+    found = result.discretisation
+    (phase,) = found.phases.values()
+    assert phase.net is not None
+    assert abs(phase.net) < 0.6 * phase.objective.sum()
+    assert 0.2 * phase.objective.sum() <= found.objective_error < phase.objective.sum()
+    assert 0.2 < found.objective_error / abs(result.objective - 4.0) < 4.0
+
+
 def test_the_estimate_becomes_exact_on_finer_meshes() -> None:
     assert ratio(integrator(8), tanh(3.0)) == pytest.approx(1.0, abs=0.06)
 
@@ -226,6 +270,32 @@ def test_what_cannot_be_estimated_is_said_with_its_reason() -> None:
     assert any("tracking" in remark or "formula" in remark for remark in found.remarks)
     assert "objective not known" in found.sentence()
     assert found.motion_error is not None
+
+
+def test_modes_of_which_one_holds_leave_the_errors_known(caplog: pytest.LogCaptureFixture) -> None:
+    m = pyo.ConcreteModel("modes")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=5)
+    b.x = rcp.State(initial=1.0)
+    b.mode = rcp.Control(index=["up", "down"], integer=(0, 1), one_of=True, initial_guess=0.5)
+    b.ode(lambda b, t: {b.x: b.mode["up", t] * b.x[t] - b.mode["down", t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 0.5) ** 2))
+    found = rcp.solve(m).discretisation
+    assert found.objective_error is not None
+    assert found.motion_error is not None
+    assert "ERROR" not in caplog.text
+
+
+def test_the_motion_of_equations_with_delays_has_an_error() -> None:
+    m = pyo.ConcreteModel("delay")
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=4)
+    b.x = rcp.State(initial=1.0, history=1.0)
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.u[t] - b.x.delayed(t, 0.7)})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+    found = rcp.solve(m).discretisation
+    assert found.motion_error is not None
+    inside = b.trajectory().verify().element_error / abs(b.trajectory().x).max()  # at the ends and between them
+    assert 0.1 * inside < found.motion_error < 1.01 * inside
 
 
 def test_a_model_without_phases_has_nothing_to_say() -> None:
