@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,14 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles.clocks import warn_of_clocks_that_start_anew
-from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.phases import Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .moved_plans import MovedPlans, PlaceInProgram
 from .outcomes import seconds_left
 
 
@@ -32,12 +35,12 @@ class HorizonStep:
 
     Attributes
     ----------
-    plan : Trajectory
-        The new plan; its time counts from now. After a failure, what is left of the plan before.
+    make_plan : callable
+        Makes the `plan`.
     status : IpoptStatus
     iterations : int
     seconds : float
-        Elapsed in this step, everything included.
+        Elapsed in this step, everything included but the making of `plan`.
     ipopt_seconds : float
         Elapsed in Ipopt, functions and derivatives included.
     safety : SafetyReport or None
@@ -45,12 +48,17 @@ class HorizonStep:
         where nothing is to be verified.
     """
 
-    plan: Trajectory
+    make_plan: Callable[[], Trajectory] = field(repr=False, compare=False)
     status: IpoptStatus
     iterations: int
     seconds: float
     ipopt_seconds: float
     safety: SafetyReport | None = None
+
+    @cached_property
+    def plan(self) -> Trajectory:
+        """The new plan; its time counts from now. After a failure, what is left of the plan before."""
+        return self.make_plan()
 
     @property
     def safe(self) -> bool | None:
@@ -112,7 +120,9 @@ class RecedingHorizon:
                 block.initialize()
         warn_of_clocks_that_start_anew(blocks)
         self._verified = [*blocks, *containments(model)] if verify else []
+        self._moved = MovedPlans(phase, self._values)
         self._program = PersistentNLP(model, options)
+        self._place: PlaceInProgram | None = None
 
     def step(
         self, state: Mapping[str, float], advance: float = 0.0, *, mu: float = 1e-4, time_limit: float | None = None
@@ -141,25 +151,47 @@ class RecedingHorizon:
         """
         started, deadline = time.perf_counter(), Deadline.after(time_limit)
         self._check(state, advance)
-        before = self._shifted(advance) if advance else self._values.read()
+        before: dict[str, Array] = {}
+        starts = {name: self.phase.component(name)[self.phase.initial_time] for name in state}
+        last = {name: variable.value for name, variable in starts.items()}
         for name, number in state.items():
-            self.phase.component(name)[self.phase.initial_time].set_value(float(number))
-        outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline))
-        if not outcome.status.solved:
+            starts[name].set_value(float(number))
+
+        def moved(here: FloatArray) -> FloatArray:
+            """The last plan, as it was when it was made, later."""
+            place = self._place_in_program()
+            before.update(place.read(here))
+            if not advance:
+                return here
+            for name, number in last.items():
+                before[name][0] = number
+            before.update(self._moved.ahead(before, advance))
+            x = here.copy()
+            place.put(before, x)
+            return x
+
+        outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline), moved=moved)
+        if outcome.status.solved:
+            plan = self._plan(self._place_in_program().read(outcome.x))
+        else:
             self._values.set(before)
-        plan = self._values.trajectory(evaluate=False)
+            plan = self._plan(self._values.read())
         safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
         return HorizonStep(plan, outcome.status, outcome.iterations, seconds, outcome.seconds, safety)
 
-    def _shifted(self, advance: float) -> dict[str, Array]:
-        """Move all values ahead in time, the last ones standing beyond the plan's end."""
-        values = self._values.read()
-        rates = {name: values[f"{name}_derivative"] for name in self.phase.record.kept_derivatives}
-        plan = replace(self._values.trajectory(values, evaluate=False), rates=rates)
-        moved = self._values.sampled(plan, lambda t: t + advance)
-        self._values.set(moved)
-        return moved
+    def _place_in_program(self) -> PlaceInProgram:
+        if self._place is None or self._place.variables is not self._program.variables:
+            self._place = PlaceInProgram(self._values, self._program.variables)
+        return self._place
+
+    def _plan(self, values: dict[str, Array]) -> Callable[[], Trajectory]:
+        """Makes a trajectory of values; most controllers use a few numbers of a plan."""
+        make = partial(self._values.trajectory, values, evaluate=False)
+        if not self.phase.record.names(Parameter):
+            return make
+        plan = make()  # their values are read from the model
+        return lambda: plan
 
     def _check(self, state: Mapping[str, float], advance: float) -> None:
         what = f"phase '{self.phase.name}'"

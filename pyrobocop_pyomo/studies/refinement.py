@@ -26,6 +26,7 @@ from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.trajectories import Trajectory
 
+from .jump_times import jump_fractions
 from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, seconds_left, table_header, table_row
 
 logger = logging.getLogger(__name__)
@@ -39,6 +40,13 @@ class RefinementEnd(enum.Enum):
     ELEMENT_LIMIT = "The next mesh would exceed the limit of elements. Raise most_elements or the tolerance."
     TIME_LIMIT = "The time limit was reached. Raise time_limit, or start from a finer mesh."
     INTERRUPTED = "Ctrl-C interrupted the refinement."
+    STALLED = (
+        "Twice as many elements have not made the errors smaller: a control that jumps inside an element, or the "
+        "solver's own accuracy, keeps them. Put a boundary where it jumps (mesh=), or raise the tolerance."
+    )
+    WORSE_OPTIMUM = (
+        "Finer meshes lead to a worse local optimum; the best answer is kept. Start from it, or from a finer mesh."
+    )
     FAILED = (
         "No acceptable point was found on this mesh. Start from another mesh or initial guess, or look with tee=True."
     )
@@ -75,7 +83,8 @@ class RefinementStep(Outcome):
 class RefinedResult(StudyResult[RefinementStep]):
     """One outcome per mesh, in order; `best` is the mesh of the model.
 
-    That is the finest one, unless the solver failed there, was cut short, or came to a worse local optimum.
+    That is the finest one, unless the solver failed there, was cut short, came to a worse local optimum, or the errors
+    did not become smaller.
 
     Attributes
     ----------
@@ -255,7 +264,7 @@ def solve_refined(
         steps.append(step)
         bar.line(table_row(columns, step, len(steps)))
         logger.info("mesh %d: %s", len(steps), step)
-        if best is None or _replaces(step, steps[best[0]]):
+        if best is None or _replaces(step, steps[best[0]], tolerance, objective_tolerance):
             best = (len(steps) - 1, meshes, found)
         end = None
         if step.result is not None and step.result.stop_reason is StopReason.INTERRUPTED:
@@ -264,10 +273,14 @@ def solve_refined(
             end = RefinementEnd.TIME_LIMIT
         elif not step.feasible and (halved or not steps[best[0]].feasible or len(steps) >= most_meshes):
             end = RefinementEnd.FAILED
-        elif step.excess(tolerance, objective_tolerance) <= 1.0:
+        elif steps[best[0]].excess(tolerance, objective_tolerance) <= 1.0:
             end = RefinementEnd.REACHED
+        elif step.excess(tolerance, objective_tolerance) <= 1.0:
+            end = RefinementEnd.WORSE_OPTIMUM
         elif len(steps) >= most_meshes:
             end = RefinementEnd.MESH_LIMIT
+        elif _stalls(steps, tolerance, objective_tolerance):
+            end = RefinementEnd.STALLED
         elif deadline.has_passed:
             end = RefinementEnd.TIME_LIMIT
         elif not step.feasible:
@@ -282,6 +295,7 @@ def solve_refined(
                     meshes[name], found.shares(name, tolerance, objective_tolerance), 1.0,
                     builder.phase(found.model, name).grid.scheme.order,
                     most_parts=most_parts, keep=first_boundaries[name] if join else None,
+                    jumps=jump_fractions(found.trajectories[name]),
                 )
                 for name in meshes
             }  # fmt: skip
@@ -298,9 +312,27 @@ def solve_refined(
 
 # Estimated errors of the objective are right within this factor.
 _TRUST = 10.0
+# A solve that starts from the answer on the mesh before takes fewer iterations than the first did, but may be unlucky.
+_FEWEST, _MORE = 300, 3
+# Over so many meshes errors have to fall to this part at least, once that of the objective is as small as this.
+_STALLED_MESHES, _FALLS, _KNOWN = 3, 0.9, 1e-3
 
 
-def _replaces(step: RefinementStep, before: RefinementStep) -> bool:
+def _stalls(steps: Sequence[RefinementStep], tolerance: float, objective_tolerance: float) -> bool:
+    """Whether the last meshes, with twice the elements, brought nothing; where the cost is not known yet they may."""
+    if len(steps) < _STALLED_MESHES + 1:
+        return False
+    *before, last = steps[-_STALLED_MESHES - 1 :]
+    if last.elements < 2 * before[0].elements or not last.objective_error < _KNOWN:
+        return False
+    if any(abs(step.objective - last.objective) > _KNOWN * abs(last.objective) for step in before):
+        return False  # on the way to another optimum
+    return last.excess(tolerance, objective_tolerance) > _FALLS * min(
+        step.excess(tolerance, objective_tolerance) for step in before
+    )
+
+
+def _replaces(step: RefinementStep, before: RefinementStep, tolerance: float, objective_tolerance: float) -> bool:
     """Whether the answer on a finer mesh is no worse than the best one until then.
 
     Its objective may be worse where the coarse one flattered itself, by as much as the errors of both explain; by more,
@@ -313,7 +345,10 @@ def _replaces(step: RefinementStep, before: RefinementStep) -> bool:
         return ranks[0] > ranks[1]
     known = [of.objective_error * abs(of.objective) for of in (step, before)]
     worse = step.result.standing.cost - before.result.standing.cost
-    return not worse > _TRUST * sum(known)  # also where the errors are not known
+    if abs(worse) > _TRUST * sum(known):  # false where the errors are not known
+        return bool(worse < 0.0)
+    falls = step.excess(tolerance, objective_tolerance) <= before.excess(tolerance, objective_tolerance)
+    return falls or not step.objective_error >= before.objective_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,6 +363,7 @@ class _Answer:
     errors: Mapping[str, Array]
     relative: Mapping[str, Array]
     of_objective: Mapping[str, Array]
+    result: SolveResult
 
     def shares(self, name: str, tolerance: float, objective_tolerance: float) -> Array:
         """Of one phase: each element's errors as multiples of what it may have."""
@@ -349,19 +385,20 @@ def _solve_on(
     """Solve from the coarser answer, and from the model's own initial guess where that leads nowhere."""
     started = time.perf_counter()
 
-    def solved(model: Any) -> SolveResult:
+    def solved(model: Any, limits: Mapping[str, Any]) -> SolveResult:
         limit = seconds_left(deadline.within(time_limit))
-        return solve(model, **{"progress": False, **options, "time_limit": limit})
+        return solve(model, **{"progress": False, **options, **limits, "time_limit": limit})
 
     model = builder.model(meshes)
     if coarser is not None:
         _take_over(model, builder, coarser)
-    result = solved(model)
-    failed = result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final
-    if coarser is not None and failed and not deadline.has_passed:
+    result = solved(model, {} if coarser is None else _limits(coarser, options))
+    if coarser is not None and _failed(result) and not deadline.has_passed:
         logger.info("'%s': no acceptable point from the last answer; once more from its own initial guess", model.name)
-        model = builder.model(meshes)
-        result = solved(model)
+        once_more = builder.model(meshes)
+        other = solved(once_more, {})
+        if result.quality is Quality.INFEASIBLE or other.quality.rank >= result.quality.rank:
+            model, result = once_more, other
     phases = {name: builder.phase(model, name) for name in builder.names}
     trajectories = {name: phase.trajectory() for name, phase in phases.items()}
     errors: dict[str, Array] = {}
@@ -386,7 +423,23 @@ def _solve_on(
     worst = max((float(of_phase.max()) for of_phase in relative.values()), default=math.nan)
     count = sum(mesh.elements for mesh in meshes.values())
     step = RefinementStep(count, worst, objective_error, result=result, seconds=time.perf_counter() - started)
-    return step, _Answer(model, trajectories, errors, relative, of_objective)
+    return step, _Answer(model, trajectories, errors, relative, of_objective, result)
+
+
+def _limits(coarser: _Answer, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a solve that starts from an answer: without pairs, no second tries and not many more iterations."""
+    special = coarser.result.residuals or coarser.result.safety is not None
+    if special or "strategies" in options or "schedule" in options:
+        return {}
+    of_ipopt = dict(options.get("options") or {})
+    of_ipopt.setdefault("max_iter", max(_FEWEST, _MORE * coarser.result.iterations))
+    return {"strategies": ("solve",), "options": of_ipopt}
+
+
+def _failed(result: SolveResult) -> bool:
+    """Whether another start may do better."""
+    ended = result.stop_reason.is_final
+    return not ended and (result.quality is Quality.INFEASIBLE or result.stop_reason is StopReason.ITERATION_LIMIT)
 
 
 def _take_over(model: Any, builder: PhaseBuilder, coarser: _Answer) -> None:

@@ -67,7 +67,8 @@ def test_moving_ahead_is_reading_the_plan_later(parametrization: str) -> None:
     m = regulator(parametrization)
     controller = rcp.studies.RecedingHorizon(m, m.ahead)
     before = controller.step({"x": 0.5, "v": 0.0}).plan
-    controller._shifted(0.25)  # one element: held values move onto each other exactly
+    values = controller._values
+    values.set(controller._moved.ahead(values.read(), 0.25))  # one element: held values move onto each other exactly
     after = m.ahead.trajectory()
     times = np.linspace(0.26, 2.74, 40)  # from the second element on: the first starts at the measured state
     for name in ("x", "v", "u"):

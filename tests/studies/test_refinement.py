@@ -238,3 +238,30 @@ def test_errors_that_cannot_be_estimated_are_explained() -> None:
 
 def half(b: Any, t: float) -> Any:
     return [b.derivative(b.x)[t] == b.u[t], b.f[t] == b.g[t]]
+
+
+def stop_in_minimum_time(mesh: Any) -> Any:
+    """Faster up than down: the switch is after a third of the square root of three."""
+    m = pyo.ConcreteModel("fastest move")
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=2), mesh=mesh)
+    b.x, b.v = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(-1, 2))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.duration)
+    return m
+
+
+def test_a_boundary_moves_to_where_a_control_switches() -> None:
+    refined = rcp.studies.solve_refined(stop_in_minimum_time, elements=4, objective_tolerance=1e-12, most_meshes=2)
+    assert abs(np.array(refined.trajectory.grid.mesh.boundaries) - 3**0.5 / 3).min() < 1e-5
+    assert refined.result.objective == pytest.approx(3**0.5, rel=1e-6)
+    assert refined.outcomes[0].objective < 3**0.5 - 1e-3
+
+
+def test_a_tolerance_beyond_the_accuracy_of_the_solver_ends_with_what_it_gives() -> None:
+    refined = rcp.studies.solve_refined(
+        stop_in_minimum_time, elements=3, objective_tolerance=1e-14, most_elements=300, join=False
+    )
+    assert not refined.reached
+    assert refined.end in (rcp.studies.RefinementEnd.STALLED, rcp.studies.RefinementEnd.ELEMENT_LIMIT)
+    assert refined.result.objective == pytest.approx(3**0.5, rel=1e-5)
