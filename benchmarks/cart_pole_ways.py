@@ -119,7 +119,9 @@ def stated_as_phase(elements: int, keep_derivatives: bool = False) -> pyo.Concre
     return m
 
 
-def as_phase(elements: int, backend: str, keep_derivatives: bool = False) -> Measured:
+def as_phase(
+    elements: int, backend: str, keep_derivatives: bool = False, options: dict[str, object] | None = None
+) -> Measured:
     """This package; with derivatives kept as variables it makes the program of pyomo.dae, row by row."""
     started = time.perf_counter()
     m = stated_as_phase(elements, keep_derivatives)
@@ -130,7 +132,7 @@ def as_phase(elements: int, backend: str, keep_derivatives: bool = False) -> Mea
             result = rcp.solve(m, backend=backend, tee=True, progress=False)
         inside = _seconds_in_ipopt(log.getvalue())
     else:
-        result = rcp.solve(m, backend=backend, progress=False)
+        result = rcp.solve(m, backend=backend, progress=False, options=options)
         inside = sum(step.seconds for step in result.steps)
     ended = time.perf_counter()
     free = sum(not v.fixed for v in m.component_data_objects(pyo.Var))
@@ -160,9 +162,11 @@ def stated_with_pyomo_dae() -> pyo.ConcreteModel:
     return m
 
 
-def transcribed_by_pyomo_dae(m: pyo.ConcreteModel, elements: int) -> pyo.ConcreteModel:
-    """The same model after ``dae.collocation``, with cost and initial guess."""
-    pyo.TransformationFactory("dae.collocation").apply_to(m, wrt=m.t, nfe=elements, ncp=STAGES, scheme="LAGRANGE-RADAU")
+def transcribed_by_pyomo_dae(
+    m: pyo.ConcreteModel, elements: int, transformation: str = "dae.collocation"
+) -> pyo.ConcreteModel:
+    """The same model after ``dae.collocation``, or the transformation of this package, with cost and initial guess."""
+    pyo.TransformationFactory(transformation).apply_to(m, wrt=m.t, nfe=elements, ncp=STAGES, scheme="LAGRANGE-RADAU")
     weights = rcp.schemes.radau(STAGES).b
     points = [t for t in m.t if t > 0]
     # pyomo.dae's own Integral is the trapezoid rule; the scheme's quadrature makes the problems the same.
@@ -180,8 +184,11 @@ def transcribed_by_pyomo_dae(m: pyo.ConcreteModel, elements: int) -> pyo.Concret
             variable = m.component(name)[t]
             if not variable.fixed:
                 variable.set_value(straight_line(i, t))
-            m.component(f"d{name}")[t].set_value((GOAL[i] - START[i]) / HORIZON)
-        m.force[t].set_value(0.0)
+            derivative = m.component(f"d{name}")
+            if derivative.ctype is pyo.Var:  # substituted, it is an expression
+                derivative[t].set_value((GOAL[i] - START[i]) / HORIZON)
+        if not m.force[t].fixed:  # here there is no control at t = 0
+            m.force[t].set_value(0.0)
     return m
 
 
@@ -213,7 +220,7 @@ def by_pyomo_dae(elements: int) -> Measured:
     )
 
 
-def by_hand_in_casadi(elements: int) -> Measured:
+def by_hand_in_casadi(elements: int, options: dict[str, object] | None = None) -> Measured:
     """The program that an expert writes: one element as a function, vectorised over the mesh."""
     started = time.perf_counter()
     scheme, h = rcp.schemes.radau(STAGES), HORIZON / elements
@@ -242,8 +249,8 @@ def by_hand_in_casadi(elements: int) -> Measured:
     line = np.array([[straight_line(i, t) for t in (0.0, *times)] for i in range(4)])
     start = np.concatenate([line.ravel(order="F"), np.zeros(columns)])
     built = time.perf_counter()
-    options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 3000}}
-    solver = casadi.nlpsol("solver", "ipopt", program, options)
+    ipopt = {"print_level": 0, "sb": "yes", "max_iter": 3000, **(options or {})}
+    solver = casadi.nlpsol("solver", "ipopt", program, {"print_time": False, "ipopt": ipopt})
     ready = time.perf_counter()
     answer = solver(x0=start, lbx=lower, ubx=upper, lbg=0, ubg=0)
     ended = time.perf_counter()

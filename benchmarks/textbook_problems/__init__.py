@@ -1,4 +1,4 @@
-"""Forty published problems of optimal control: the twenty of ``examples/textbook`` and twenty more."""
+"""Published problems of optimal control: those of ``examples/textbook`` and twenty more."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ PROBLEMS = (
     example("brachistochrone", "Bryson & Ho; dymos"),
     example("bryson_denham", "Bryson & Ho"),
     example("catalyst_mixing", "COPS 3", 20),
-    example("container_crane", "Sakawa & Shindo", 20, computed=True),
+    example("climb", "Bryson et al.; PSOPT", 40),
+    example("container_crane", "Sakawa & Shindo", 40, computed=True),
+    example("delayed_tank", "Goellmann et al.", 12),
     example("free_flying_robot", "Sakawa; Betts", 60),
     example("goddard_rocket", "COPS 3", 20),
     example("hang_glider", "COPS 3", 50),
@@ -49,7 +51,7 @@ PROBLEMS = (
     TextbookProblem("fastest_stop", "Bryson & Ho", 2.0, small.fastest_stop),
     TextbookProblem("fishing", "Sager; mintOC", 1.34408, small.fishing, 40),
     TextbookProblem("gas_oil", "COPS 3", 5.23659e-3, chemistry.gas_oil),
-    TextbookProblem("hypersensitive", "Rao & Mease", 6.7241, small.hypersensitive, 100),
+    TextbookProblem("hypersensitive", "Patterson & Rao", 3.3620563, small.hypersensitive, 100),
     TextbookProblem("jacobson_lele", "Jacobson & Lele; PSOPT", 0.16982, small.jacobson_lele, 20),
     TextbookProblem("largest_range", "Bryson & Ho; PROPT", 1.7127, flight.largest_range),
     TextbookProblem("missile", "Subchan & Zbikowski", 40.9121, flight.missile, 40),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi, radians, sin
+from math import cos, pi, radians, sin
 
 import pyomo.environ as pyo
 
@@ -26,14 +26,14 @@ def largest_range(mesh=None, elements=None):
 
 
 def rigid_body(mesh=None, elements=None):
-    """Turn an asymmetric body by 150 degrees in the shortest time: Betts 2010; the manual of PSOPT."""
+    """Turn an asymmetric body by 150 degrees in the shortest time: Betts 2010; the manual of PSOPT, also the guess."""
     m = pyo.ConcreteModel(name="reorientation of a rigid body")
     m.turn = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(10, 100), initial_guess=40), mesh=mesh, elements=elements)
     inertia = (5621.0, 4547.0, 2364.0)
     b.q = rcp.State(index=3, initial=0, final=[sin(radians(75)), 0, 0], bounds=(-1.1, 1.1))
-    b.scalar = rcp.Algebraic(bounds=(-1.1, 1.1), initial_guess=0.7)
+    b.scalar = rcp.Algebraic(bounds=(-1.1, 1.1), initial_guess=lambda s: 1 + (cos(radians(75)) - 1) * s)
     b.w = rcp.State(index=3, initial=0, final=0)
-    b.u = rcp.Control(index=3, bounds=(-50, 50))
+    b.u = rcp.Control(index=3, bounds=(-50, 50), initial_guess=50)
     b.initialize_straight_lines()
 
     @b.ode

@@ -10,7 +10,7 @@ import pyrobocop_pyomo as rcp
 
 
 def hypersensitive(mesh=None, elements=None):
-    """A long horizon with layers at both ends: Rao & Mease, J. Guidance 23 (2000); the manual of GPOPS-II."""
+    """A long horizon with layers at both ends: Patterson & Rao, ACM TOMS 41 (2014), doi:10.1145/2558904."""
     m = pyo.ConcreteModel(name="hypersensitive problem")
     m.p = b = rcp.PhaseBlock(duration=10000, mesh=mesh, elements=elements)
     b.x = rcp.State(initial=1, final=1.5, initial_guess=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 
 import pyrobocop_pyomo as rcp
 
-pytest.importorskip("matplotlib")
+Figure = pytest.importorskip("matplotlib.figure").Figure
 
 PATH = Path(__file__).parents[2] / "examples" / "truss_robot.py"
 
@@ -74,4 +75,15 @@ def test_the_truss_walks_and_motors_follow(truss, tmp_path):
     assert tracking.reached.sum(axis=1) == pytest.approx(truss.TUBE, abs=1e-9)
     assert all(np.abs(after - before).max() <= 2 * 0.04 + 1e-9 for before, after in pairwise(tracking.reached))
     assert tracking.progress > 0.8
+    figure = Figure(layout="constrained")
+    truss.draw(figure, m)
+    figure.savefig(tmp_path / "truss.png")
+    assert (tmp_path / "truss.png").stat().st_size > 10_000
     assert truss.animate(m, tmp_path / "truss.gif").stat().st_size > 10_000
+
+
+def test_the_script_reads_its_command_line():
+    asked = [sys.executable, "-W", "error", PATH, "--help"]
+    ended = subprocess.run(asked, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    assert "--coarse" in ended.stdout
