@@ -15,10 +15,9 @@ from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.equations_motion import phases_of_motion
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.settings import Settings
-from pyrobocop_pyomo.solving.starts import take_values_of_copy
+from pyrobocop_pyomo.solving.starts import copy_with_fewer_elements, take_values_of_copy
 
 from .planning_round import PlanningRound
 
@@ -76,18 +75,16 @@ def plan_on_fewer_elements(
     scenes = [block for block in blocks if isinstance(block, ObstacleAvoidanceBlockData)]
     separations = sum(len(block.separations) for block in scenes)
     pairs = separations + sum(len(block.record.pruned) for block in scenes)
-    if (separations < LEAST_SEPARATIONS and pairs < LEAST_PAIRS) or model.model() is not model:
+    if separations < LEAST_SEPARATIONS and pairs < LEAST_PAIRS:
         return None
-    long = [phase for phase in phases.values() if phase.grid.mesh.elements >= LEAST_ELEMENTS]
-    if not long or any(why_not_remeshed(phase) is not None for phase in long):
+    elements = {phase: phase.grid.mesh.elements for phase in phases.values()}
+    fewer = {phase: max(n // COARSER, LEAST_COARSE_ELEMENTS) for phase, n in elements.items() if n >= LEAST_ELEMENTS}
+    copy = copy_with_fewer_elements(model, fewer)
+    if copy is None:
         return None
     left = settings.deadline.left
     shorter = replace(settings, deadline=Deadline.after(None if left is None else 0.5 * left))
     try:
-        copy = model.clone()
-        twins = {id(phase): copy.find_component(phase) for phase in long}
-        fewer = {twin: max(twin.grid.mesh.elements // COARSER, LEAST_COARSE_ELEMENTS) for twin in twins.values()}
-        remesh_phases(fewer)
         result, rounds = planned(copy, shorter)
     except PyRobocopError as error:
         logger.info("'%s': no start on fewer elements: %s", model.name, error)
@@ -98,4 +95,4 @@ def plan_on_fewer_elements(
         raise KeyboardInterrupt
     if result.quality is Quality.INFEASIBLE:
         return None
-    return CoarsePlan(sum(twin.grid.mesh.elements for twin in twins.values()), rounds)
+    return CoarsePlan(sum(copy.find_component(phase).grid.mesh.elements for phase in fewer), rounds)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, TextIO
 
 from pyrobocop_pyomo.complementarity import Schedule
+from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -63,7 +64,6 @@ def solve(
     solution by recomputed residuals; together they may take twice its iterations, each at most 500:
 
     * "tighter": from a point that is solved by Ipopt's scaled tolerances only, with smaller ones;
-    * "typical sizes": divided by typical sizes, where these were too near to each other to do so at once;
     * "own units": with Ipopt's scaling instead of that by typical sizes;
     * "simulated": from the motion of the phases under the controls of the initial guess;
     * "elastic rows": all rows may be violated at a price first, then on from there; what has more equations than
@@ -72,7 +72,7 @@ def solve(
     * "adaptive": with Ipopt's adaptive barrier parameter;
     * "straight lines", "inside bounds": from states on lines between their ends, and from the middle of all bounds.
 
-    After local infeasibility only "typical sizes", "own units", "simulated", "elastic rows" and "straight lines"
+    After local infeasibility only "own units", "simulated", "elastic rows" and "straight lines"
     follow; after a limit that the caller set by ``options={"max_iter": ...}``, none. With obstacles, the recovery has
     starts of its own instead. An initial guess at which an expression has no value is left for one at which all have,
     and the result names it.
@@ -115,8 +115,8 @@ def solve(
         less, and 0 from 200 pairs.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
-        ``"executable"``. By default the best that is present; for models with obstacles and for those that repeat
-        large nonlinear rows ``"vectorised"``, which is faster there.
+        ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear
+        terms repeat few shapes, as all models on a mesh do; else the best that is present.
     options : mapping, optional
         Ipopt's options; they win over all that are set here, in every run.
     tee : bool or sequence of text streams
@@ -134,8 +134,7 @@ def solve(
         finer mesh where it has to. False for robots whose controller tracks the polynomials of the plan.
     scaling : bool, optional
         Let Ipopt see variables, rows and objective divided by their typical sizes, where the model has no pairs. By
-        default where these sizes are a factor of 10,000 apart or more, and as a second try elsewhere; not with
-        obstacles and regions, whose rows are of size one where lengths are.
+        default so, except with obstacles and regions, whose rows are of size one where lengths are.
         Values, residuals and multipliers come back in the model's units. A suffix ``scaling_factor`` of the model
         wins for what it names; with Ipopt's option ``nlp_scaling_method`` only that option scales.
 
@@ -181,6 +180,7 @@ def solve(
         raise ValueError(f"exploration = {exploration!r}; expected a multiple of the solve's time, 0 or more.")
     for phase in phases_of(model):
         phase.check()
+    refuse_inconsistent_units(model)
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
         warn_about_soft_clearance(block)

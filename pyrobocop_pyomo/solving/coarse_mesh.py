@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 _GLOBAL_VARIABLES = 100
 
 _GLOBAL, _GENERATED = -1, -2
+# From so many pairs on, a problem is solved on a coarse mesh of about so many elements first, where it can be.
+COARSENED_PAIRS, COARSE_ELEMENTS = 1000, 400
+
+
+def is_worth_coarsening(pairs: int) -> bool:
+    """Whether a problem with so many pairs is solved on a coarse mesh first."""
+    return pairs >= COARSENED_PAIRS
 
 
 def coarsen(compiled: CompiledModel, generated: Any, elements: int) -> AggregatedProgram | None:

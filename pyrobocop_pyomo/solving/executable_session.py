@@ -26,13 +26,14 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
 from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
-from .automatic_scaling import AutomaticScaling, sizes_to_scale_by
+from .automatic_scaling import AutomaticScaling, automatic_scaling
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
@@ -86,7 +87,7 @@ class ExecutableSession:
 
     approximate = False
 
-    def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = (), *, scaling: float | None = None) -> None:
+    def __init__(self, relaxed: RelaxedModel, output: Sequence[TextIO] = (), *, scaling: bool = False) -> None:
         path = find_ipopt_executable()
         if path is None:
             raise SolverNotFoundError(NO_IPOPT)
@@ -95,9 +96,9 @@ class ExecutableSession:
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
-        compiled = None if scaling is None else self.compiled()
+        compiled = self.compiled() if scaling else None
         # What the user says by a suffix of scaling is part of it.
-        self.scaling: AutomaticScaling | None = None if compiled is None else sizes_to_scale_by(compiled, scaling)
+        self.scaling: AutomaticScaling | None = None if compiled is None else automatic_scaling(compiled)
         names = {*_SUFFIXES} if self.scaling is not None else {*_SUFFIXES} - {"scaling_factor"}
         # Where the user has suffixes of the same names, theirs would be filled instead of ours.
         self._deactivated = [
@@ -166,7 +167,7 @@ class ExecutableSession:
                     tee=self._output,
                     load_solutions=False,
                     raise_exception_on_nonoptimal_result=False,
-                    solver_options={**options, **limit},
+                    solver_options={**with_linear_solver(options)[0], **limit},
                     writer_config=dict(WRITER_OPTIONS),
                 )
         except KeyboardInterrupt:

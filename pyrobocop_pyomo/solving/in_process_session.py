@@ -13,9 +13,11 @@ from pyomo.common.collections import ComponentMap
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.scaled_run import run_scaled
+from pyrobocop_pyomo.ipopt.standstill import Standstill
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.problem import violation
@@ -30,7 +32,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
 )
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
 
-from .automatic_scaling import AutomaticScaling, sizes_to_scale_by
+from .automatic_scaling import AutomaticScaling, automatic_scaling
 from .coarse_mesh import coarsen
 from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
@@ -50,7 +52,7 @@ class InProcessSession:
         Where Ipopt's log goes.
     on_iteration : callable, optional
         Told of each iteration.
-    scaling : float or None
+    scaling : bool
         Whether Ipopt sees the program in variables, rows and an objective of size one.
     """
 
@@ -61,7 +63,7 @@ class InProcessSession:
         output: Sequence[TextIO] = (),
         on_iteration: OnIteration | None = None,
         *,
-        scaling: float | None = None,
+        scaling: bool = False,
     ) -> None:
         self._relaxed, self._derivatives = relaxed, derivatives
         self._output, self._on_iteration = output, on_iteration
@@ -71,7 +73,7 @@ class InProcessSession:
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
-        self.scaling: AutomaticScaling | None = sizes_to_scale_by(self._compiled, scaling)
+        self.scaling: AutomaticScaling | None = automatic_scaling(self._compiled) if scaling else None
         self._scales = None if self.scaling is None else self.scaling.scales
 
     def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
@@ -113,7 +115,10 @@ class InProcessSession:
             elif self._relaxed.go_on_to(delta, None if start is None else self._row_multipliers(start)):
                 self._compiled.update()
                 self._nlp = self._compiled.nlp
-        outcome = self._solve(options, deadline, start, self._on_iteration)
+        standstill = Standstill(self._on_iteration)
+        outcome = self._solve(options, deadline, start, standstill)
+        if standstill.reached and outcome.status is IpoptStatus.STOPPED:
+            outcome = replace(outcome, status=IpoptStatus.TINY_STEP)
         return self._iterate("fixed delta" if delta is not None else "solve", delta, options, outcome)
 
     def _row_multipliers(self, start: Iterate) -> ComponentMap:
@@ -182,7 +187,7 @@ class InProcessSession:
             mu=outcome.mu,
             iterations=outcome.iterations,
             seconds=outcome.seconds,
-            options=dict(options),
+            options=_recorded(options, outcome),
             stationarity=stationarity,
             constraint_violation=violated,
             multipliers=point,
@@ -209,3 +214,9 @@ class InProcessSession:
 
     def close(self) -> None:
         """Nothing was put on the model."""
+
+
+def _recorded(options: Mapping[str, Any], outcome: IpoptOutcome) -> dict[str, Any]:
+    """Options of a run, with the linear solver where that was not Ipopt's own decision."""
+    solver = FELL_BACK if outcome.fell_back else outcome.linear_solver
+    return {**options, "linear_solver": solver} if solver else dict(options)

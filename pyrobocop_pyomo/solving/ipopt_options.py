@@ -23,7 +23,9 @@ from typing import Any
 IPOPT_MU_INIT = 0.1
 IPOPT_TOLERANCE = 1e-8
 
-DEFAULT = {"max_iter": 3000}
+# An objective that falls without end takes variables along. Ipopt would let them grow to 1e20, and crawls on from 1e18,
+# where their numbers have no digits left.
+DEFAULT = {"max_iter": 3000, "diverging_iterates_tol": 1e15}
 # Ipopt loosens all bounds a little by default, and the two sides of a pair could both become slightly negative.
 DEFAULT_WITH_PAIRS = {**DEFAULT, "bound_relax_factor": 0.0}
 
@@ -69,7 +71,7 @@ NEARLY_THERE = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 TIGHTER_TOLERANCES = {"tol": 1e-10, "constr_viol_tol": 1e-8, "s_max": 1e8, "bound_relax_factor": 1e-10}
 # A scaled program: typical sizes may be far above those of the solution, and tolerances relative to them be loose.
 # What cannot be solved so well counts as solved where it is solved to Ipopt's usual tolerance.
-SCALED = {"tol": 1e-10, "acceptable_tol": IPOPT_TOLERANCE, "bound_relax_factor": 1e-10}
+SCALED = {"tol": 1e-10, "compl_inf_tol": 1e-12, "acceptable_tol": IPOPT_TOLERANCE, "bound_relax_factor": 1e-10}
 # Margins and finer meshes move a plan by little. A larger barrier would outweigh a flat objective, and lead away.
 NEARLY_SAFE = FROM_COARSE_MESH
 # Ipopt refuses more equations than variables that it may move, even where they agree.

@@ -6,28 +6,41 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pyomo.common.collections import ComponentMap
+from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numeric_expr import SumExpression
 
 from pyrobocop_pyomo.complementarity import (
     CanonicalPair,
     PairResidual,
+    SidePart,
     active_sources,
     canonical_form,
     pair_residuals,
     side_values,
 )
-from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
+from pyrobocop_pyomo.programs.row_values import RowValues
 
-from .iterates import Iterate
+from .iterates import Iterate, Tolerances
 from .progress import Progress
+from .violations import Violation, violations_of_rows
 
 logger = logging.getLogger(__name__)
+
+# From so many terms on, a sum is evaluated as arrays.
+MANY_TERMS = 100
+# From so many pairs on, their sides are.
+MANY_PAIRS = 20
 
 
 class ModelCheck:
@@ -49,18 +62,17 @@ class ModelCheck:
 
     def __init__(self, model: Any) -> None:
         self.scales = ComponentMap()
-        self._constraints = list(model.component_data_objects(Constraint, active=True))
-        self.read_bounds()
-        self._bounded = [
-            variable
-            for variable in model.component_data_objects(Var, active=True)
-            if not variable.fixed and variable.bounds != (None, None)
-        ]
+        with PauseGC():  # many small objects, all of which live on
+            self._constraints = list(model.component_data_objects(Constraint, active=True))
+            self.read_bounds()
+            free = (variable for variable in model.component_data_objects(Var, active=True) if not variable.fixed)
+            self._bounded = VariableBounds(free)
         # What statements of complementarity say beside their pairs: equations, and sides that are at their bounds.
         self._relations = [relation for source in active_sources(model) for relation in canonical_form(source).rows]
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
+        self._terms: RowValues | None = None
 
     def read_bounds(self) -> None:
         """Read the bounds of the constraints again: mutable Params in them may have changed."""
@@ -68,30 +80,54 @@ class ModelCheck:
         self._rows = [
             (row, (body, lower, upper)) for row, (lower, body, upper) in rows if lower is not None or upper is not None
         ]
+        self._lower = np.array([-np.inf if bounds[1] is None else bounds[1] for _, bounds in self._rows], dtype=float)
+        self._upper = np.array([np.inf if bounds[2] is None else bounds[2] for _, bounds in self._rows], dtype=float)
+        self._bodies: RowValues | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        return number_or_nan(self._objective)
+        if not isinstance(self._objective, SumExpression) or self._objective.nargs() < MANY_TERMS:
+            return number_or_nan(self._objective)
+        # An integral is a sum of terms that are alike.
+        if self._terms is None or not self._terms.is_current:
+            self._terms = RowValues(list(self._objective.args))
+        return float(sum(self._terms.values().tolist()))
 
     def violation(self) -> float:
         """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
         return self.violations()[0]
 
+    def violated(self, tolerances: Tolerances) -> list[Violation]:
+        """Constraints and bounds that do not hold within the tolerance of feasibility, by name."""
+        rows = ((constraint, body, lower, upper) for constraint, (body, lower, upper) in self._rows)
+        bounded = ((data, data.value, data.lb, data.ub) for data in self._bounded.variables if data.value is not None)
+        return list(violations_of_rows(chain(rows, bounded), tolerances))
+
     def violations(self) -> tuple[float, float]:
         """Largest violation, and the largest where each is divided by its scale, if that is above 1."""
         worst = relative = 0.0
         scale_of = self.scales.get
-        for constraint, (body, lower, upper) in self._rows:
-            violation = bound_violation(number_or_nan(body), lower, upper)
-            worst, relative = max(worst, violation), max(relative, violation / max(1.0, scale_of(constraint, 1.0)))
+        if self._rows:
+            violations = self._row_violations()
+            worst = float(violations.max())
+            scales = [scale_of(row, 1.0) for row, _ in self._rows] if len(self.scales) else [1.0]
+            relative = float((violations / np.maximum(1.0, scales)).max())
         for relation in self._relations:
             violation = relation_violation(relation, unknown=float("inf"))
             worst, relative = max(worst, violation), max(relative, violation)
-        for variable in self._bounded:
-            if variable.value is not None:
-                violation = bound_violation(variable.value, variable.lb, variable.ub)
-                worst, relative = max(worst, violation), max(relative, violation / max(1.0, scale_of(variable, 1.0)))
+        of_variables = self._bounded.violations()
+        scales = [scale_of(variable, 1.0) for variable in self._bounded.variables] if len(self.scales) else [1.0]
+        worst = max(worst, float(of_variables.max(initial=0.0)))
+        relative = max(relative, float((of_variables / np.maximum(1.0, scales)).max(initial=0.0)))
         return worst, relative
+
+    def _row_violations(self) -> NDArray[np.float64]:
+        if self._bodies is None or not self._bodies.is_current:
+            self._bodies = RowValues([body for _, (body, _, _) in self._rows])
+        bodies = self._bodies.values()
+        with np.errstate(invalid="ignore"):
+            violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
+        return np.where(np.isnan(bodies), np.inf, violations)
 
 
 class IterateLog:
@@ -115,6 +151,7 @@ class IterateLog:
     def __init__(self, check: ModelCheck, progress: Progress) -> None:
         self._check, self._progress = check, progress
         self.pairs: Sequence[CanonicalPair] = ()
+        self._side_values: tuple[Sequence[CanonicalPair], RowValues] | None = None
         self.steps: list[Iterate] = []
         self.seconds = 0.0
 
@@ -139,14 +176,15 @@ class IterateLog:
             iterate = replace(iterate, **{name: getattr(at, name) for name in names})
         iterate = replace(iterate, number=len(self.steps))
         self.steps.append(iterate.record())
-        self._progress.line(str(iterate))
-        logger.info("%s", iterate)
+        line = iterate.line(pairs=bool(self.pairs))
+        self._progress.line(line)
+        logger.info("%s", line)
         return iterate
 
     def checked(self, iterate: Iterate, *, on_the_way: bool = False) -> Iterate:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
-        sides = np.array([side_values(pair) for pair in self.pairs]).reshape(-1, 2)
+        sides = self._sides()
         violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
         least_side = float(-sides.min(initial=0.0))
         checked = replace(
@@ -159,6 +197,20 @@ class IterateLog:
         )
         self.seconds += time.perf_counter() - started
         return checked
+
+    def _sides(self) -> NDArray[np.float64]:
+        """Values of both sides of each pair, shape (pairs, 2)."""
+        pairs = self.pairs
+        whole = all(part is SidePart.WHOLE for pair in pairs for part in (pair.a_part, pair.b_part))
+        if whole and len(pairs) >= MANY_PAIRS:
+            known = self._side_values
+            if known is None or known[0] is not pairs or not known[1].is_current:
+                known = self._side_values = (pairs, RowValues([side for pair in pairs for side in (pair.a, pair.b)]))
+            sides = known[1].values().reshape(-1, 2)
+            if not np.isnan(sides).any():
+                return sides
+        # One by one, which also says where there is no value.
+        return np.array([side_values(pair) for pair in pairs]).reshape(-1, 2)
 
     def residuals(self) -> list[PairResidual]:
         """The pairs at the model's current values."""

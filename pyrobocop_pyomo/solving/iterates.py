@@ -12,13 +12,19 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 
+_OF_PAIRS = ", and every pair is complementary"
+
 
 class Quality(enum.Enum):
     """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
 
-    OPTIMAL = "Feasible and stationary, and every pair is complementary, within the tolerances."
-    FEASIBLE = "Feasible, and every pair is complementary, but the point is not shown to be stationary."
+    OPTIMAL = f"Feasible and stationary{_OF_PAIRS}, within the tolerances."
+    FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be stationary."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
+
+    def sentence(self, *, pairs: bool) -> str:
+        """The value, or what is left of it for a model without pairs."""
+        return self.value if pairs else self.value.replace(" or complementarity", "").replace(_OF_PAIRS, "")
 
     @property
     def rank(self) -> int:
@@ -33,8 +39,15 @@ class StopReason(enum.Enum):
     ITERATION_LIMIT = "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}."
     TIME_LIMIT = "The time limit was reached. Raise time_limit."
     INTERRUPTED = "Ctrl-C interrupted the procedure."
-    INFEASIBLE = "Ipopt converged to a point of local infeasibility. Try another initial guess, or relax constraints."
-    FAILED = "Ipopt failed. Try another initial guess, another schedule or tee=True to see its log."
+    INFEASIBLE = (
+        "Ipopt converged to a point of local infeasibility: no point near it violates less. Relax what is not met, or "
+        "try another initial guess."
+    )
+    DIVERGED = (
+        "Variables grow without end: the objective may have no optimum. Bound what grows, or give it a cost; check the "
+        "sign of the objective."
+    )
+    FAILED = "Ipopt failed. Try another initial guess, or tee=True to see its log."
 
     @property
     def is_final(self) -> bool:
@@ -48,6 +61,7 @@ _STOP_REASONS = {
     IpoptStatus.ITERATION_LIMIT: StopReason.ITERATION_LIMIT,
     IpoptStatus.TIME_LIMIT: StopReason.TIME_LIMIT,
     IpoptStatus.INFEASIBLE: StopReason.INFEASIBLE,
+    IpoptStatus.DIVERGING: StopReason.DIVERGED,
 }
 
 
@@ -277,15 +291,21 @@ class Iterate:
             classify=_nothing_to_classify,
         )
 
-    def __str__(self) -> str:
+    def line(self, *, pairs: bool) -> str:
+        """A line of a table of runs, with what concerns pairs or without; see `step_header`."""
         delta = "-" if self.delta is None else f"{self.delta:.1e}"
+        status = "-" if self.status is None else self.status.name
+        product = f"{self.largest_product:>9.1e} " if pairs else ""
         return (
-            f"{self.label:<22} {delta:>8} {self.iterations:>6} {self.objective:>14.7g} "
-            f"{self.constraint_violation:>9.1e} {self.largest_product:>9.1e} {self.seconds:>8.2f}  "
-            f"{'-' if self.status is None else self.status.name}"
+            f"{self.label:<22} {f'{delta:>8} ' if pairs else ''}{self.iterations:>6} {self.objective:>14.7g} "
+            f"{self.constraint_violation:>9.1e} {product}{self.seconds:>8.2f}  {status}"
         )
 
+    def __str__(self) -> str:
+        return self.line(pairs=self.delta is not None)
 
-STEP_HEADER = (
-    f"{'step':<22} {'delta':>8} {'iter':>6} {'objective':>14} {'violation':>9} {'max a*b':>9} {'seconds':>8}  status"
-)
+
+def step_header(*, pairs: bool) -> str:
+    """The line above those of `Iterate.line`."""
+    delta, product = (f"{'delta':>8} ", f"{'max a*b':>9} ") if pairs else ("", "")
+    return f"{'step':<22} {delta}{'iter':>6} {'objective':>14} {'violation':>9} {product}{'seconds':>8}  status"

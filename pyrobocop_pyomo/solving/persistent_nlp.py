@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_r
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.ipopt.kept_problem import KeptProblem
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -99,6 +100,7 @@ class PersistentNLP:
         self.preparations = 0
         self._options = dict(options or {})
         self._barrier, self._quadratic = barrier, quadratic
+        self._kept = KeptProblem()
         self.prepare()
 
     def prepare(self) -> None:
@@ -220,6 +222,7 @@ class PersistentNLP:
         time_limit: float | None = None,
         tee: bool = False,
         on_iteration: OnIteration | None = None,
+        moved: Callable[[FloatArray], FloatArray] | None = None,
     ) -> IpoptOutcome:
         """Solve with the numbers that stand on the model now, and put the last point on it.
 
@@ -241,6 +244,8 @@ class PersistentNLP:
             Show Ipopt's log.
         on_iteration : callable, optional
             Called with the record of each iteration; stops Ipopt by returning False.
+        moved : callable, optional
+            From the values that stand on the model, in the order of `variables`, to those to start from.
 
         Returns
         -------
@@ -261,10 +266,12 @@ class PersistentNLP:
         if self._added is not None:
             self._added.read_fixed()
         here = self._compiled.nlp.x_start  # what stands on the model: the update has just read it
-        start = PrimalDualPoint(here)
+        start = PrimalDualPoint(here if moved is None else moved(here))
         purpose: dict[str, Any] = {}
         if warm and self._goes_on_from is not None:
-            start = replace(self._goes_on_from, x=self._warm_values(self._goes_on_from, here))
+            start = replace(
+                self._goes_on_from, x=self._warm_values(self._goes_on_from, here) if moved is None else start.x
+            )
             purpose = warm_start(mu)
         if mu_target is not None:
             # Without damping: it would move the solution by 1e-5 mu, and Ipopt would end in steps that are too small.
@@ -281,6 +288,7 @@ class PersistentNLP:
             deadline=Deadline.after(time_limit),
             on_iteration=on_iteration,
             output=[sys.stdout] if tee else [],
+            kept=self._kept,
         )
         stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT
         usable = self.outcome.status.solved or stopped

@@ -10,6 +10,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from .iterates import Iterate
 from .settings import Settings
 from .strategies import (
+    ADAPTIVE,
     DEFAULT_SEQUENCE,
     ELASTIC_ROWS,
     OWN_UNITS,
@@ -18,14 +19,15 @@ from .strategies import (
     SOLVE,
     STRAIGHT_LINES,
     TIGHTER,
-    TYPICAL_SIZES,
     Strategy,
 )
 
 # All that follows may take twice the iterations of the run that failed, but these in any case; one strategy, so many.
 LATER_ITERATIONS, LEAST_LATER_ITERATIONS, ITERATIONS_OF_ONE = 2.0, 1500, 500
 # Where the run ended locally infeasible, there may be no solution: only these follow.
-TRIES_IF_INFEASIBLE = (TYPICAL_SIZES, OWN_UNITS, SIMULATED, ELASTIC_ROWS, STRAIGHT_LINES)
+TRIES_IF_INFEASIBLE = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, STRAIGHT_LINES)
+# Where variables grow without end, rows that give way would let them grow the more.
+TRIES_IF_DIVERGING = (OWN_UNITS, SIMULATED, ADAPTIVE, STRAIGHT_LINES)
 # What another way to go cannot change.
 _HOPELESS = (
     IpoptStatus.INVALID_PROBLEM,
@@ -33,6 +35,7 @@ _HOPELESS = (
     IpoptStatus.OUT_OF_MEMORY,
     IpoptStatus.INTERNAL_ERROR,
 )
+_FOLLOWING = {IpoptStatus.INFEASIBLE: TRIES_IF_INFEASIBLE, IpoptStatus.DIVERGING: TRIES_IF_DIVERGING}
 
 
 class SecondTries:
@@ -73,9 +76,11 @@ class SecondTries:
             return ()
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
             return (ELASTIC_ROWS,)
-        following = TRIES_IF_INFEASIBLE if status is IpoptStatus.INFEASIBLE else SECOND_TRIES
-        if self._first.converged:
-            # Ipopt's tolerances are relative to its scaling; the residuals are not.
+        following = SECOND_TRIES if status is None else _FOLLOWING.get(status, SECOND_TRIES)
+        stuck = status is not IpoptStatus.DIVERGING and self._first.excess(self._settings.tolerances) <= 1.0
+        if self._first.converged or stuck:
+            # Ipopt's tolerances are relative to its scaling; the residuals are not. A run that came to a feasible
+            # point and no further often ends there within a few iterations of new multipliers.
             following = (TIGHTER, *following)
         # The caller's options win: a strategy that only sets them would be the first run again.
         return tuple(
@@ -83,12 +88,11 @@ class SecondTries:
             for strategy in following
             if (not strategy.options or any(name not in user for name in strategy.options))
             and not (strategy is OWN_UNITS and not self._scaled)  # how the first run went
-            and not (strategy is TYPICAL_SIZES and (self._scaled or not may_be_scaled(self._settings)))
         )
 
 
 def may_be_scaled(settings: Settings) -> bool:
-    """Whether typical sizes are not ruled out, by the caller or by a scaling of the caller's own."""
+    """Whether the caller rules out neither typical sizes nor sets a scaling of their own."""
     return settings.scaling is not False and "nlp_scaling_method" not in settings.options.user
 
 

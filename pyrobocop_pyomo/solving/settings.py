@@ -40,8 +40,7 @@ class Settings:
         Where Ipopt's log goes.
     progress : Progress
     scaling : bool or None
-        Whether programs without pairs are scaled by their bounds, initial values and derivatives; None where typical
-        sizes are far apart, and as a second try.
+        Whether programs without pairs are scaled by their bounds, initial values and derivatives; None for yes.
     """
 
     relaxation: Any

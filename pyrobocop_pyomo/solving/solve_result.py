@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from textwrap import shorten
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
@@ -16,10 +17,16 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 
 from .automatic_scaling import ScalingRecord
-from .iterates import STEP_HEADER, Iterate, Quality, Standing, StopReason
+from .iterates import Iterate, Quality, Standing, StopReason, step_header
 from .pair_report import ActiveSide, PairReport, pair_reports
 from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
 from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
+from .violations import Violation
+
+# So many components that are not met are named in a text.
+SHOWN_VIOLATIONS = 5
+# Why an error of the mesh is not known is said in so many characters; ``result.discretisation`` says all.
+REMARK_CHARACTERS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +61,8 @@ class SolveResult:
         Elapsed in recomputing residuals after each step.
     seconds : float
         Elapsed time in all, writing included.
+    violations : tuple of Violation
+        What an infeasible point does not meet: the worst of each component, the largest first.
     remarks : tuple of str
         What happened on the way that the user should know, such as an initial guess that could not be evaluated.
     safety : SafetyReport or None
@@ -85,6 +94,7 @@ class SolveResult:
     derivatives: str
     checking_seconds: float
     seconds: float
+    violations: tuple[Violation, ...] = ()
     remarks: tuple[str, ...] = ()
     safety: SafetyReport | None = None
     rounds: Sequence[Any] = ()
@@ -177,7 +187,8 @@ class SolveResult:
 
     def steps_table(self) -> str:
         """The runs as a table in text."""
-        return "\n".join([STEP_HEADER, *map(str, self.steps)])
+        pairs = bool(self.residuals)
+        return "\n".join([step_header(pairs=pairs), *(step.line(pairs=pairs) for step in self.steps)])
 
     def rounds_table(self) -> str:
         """The rounds of planning around obstacles as a table in text."""
@@ -264,30 +275,44 @@ class SolveResult:
                 f"{advice_on_motion(self.safety)}\n{self.safety}",
                 self,
             )
-        worst = max(self.residuals, key=lambda pair: abs(pair.product), default=None)
-        pair = "" if worst is None else f", complementarity {abs(worst.product):.1e} at '{worst.name}'"
         motion = "" if self.safety is None or self.safe else f" {advice_on_motion(self.safety)}"
+        unmet = "".join(f" {violation}." for violation in self.violations[:SHOWN_VIOLATIONS])
         raise SolveFailed(
-            f"'{self.name}': {self.stop_reason.value} {self.quality.value} Best point, kept on the model (step "
-            f"{self.best_step + 1} of {len(self.steps)}): constraints {self.constraint_violation:.1e}{pair}.{motion}"
+            f"'{self.name}': {self.stop_reason.value} {self._verdict} Best point, kept on the model (step "
+            f"{self.best_step + 1} of {len(self.steps)}): {self._residuals}.{unmet and f' Not met:{unmet}'}{motion}"
             + "".join(f" {remark}" for remark in self.remarks),
             self,
         )
 
-    def __str__(self) -> str:
+    @property
+    def _verdict(self) -> str:
+        return self.quality.sentence(pairs=bool(self.residuals))
+
+    @property
+    def _residuals(self) -> str:
         relative = self.best.relative_violation
         of_scale = "" if relative in (None, self.constraint_violation) else f" ({relative:.1e} of the rows' sizes)"
-        mesh = self.discretisation
+        pairs = f", max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}"
         stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
+        return f"constraints {self.constraint_violation:.1e}{of_scale}{pairs if self.residuals else ''}{stationarity}"
+
+    def __str__(self) -> str:
+        feasible = self.quality is not Quality.INFEASIBLE
+        mesh = self.discretisation if feasible else DiscretisationEstimate(self.objective, {})
+        unmet = [f"  {violation}" for violation in self.violations[:SHOWN_VIOLATIONS]]
+        if len(self.violations) > SHOWN_VIOLATIONS:
+            unmet.append(f"  ... and of {len(self.violations) - SHOWN_VIOLATIONS} more components")
         return "\n".join(
             [
                 f"{'NOT SAFE: ' if self.safe is False else ''}{'COARSE MESH: ' if mesh.is_large else ''}{self.name}: "
-                f"{self.quality.value}",
-                *(line for line in (mesh.sentence(), mesh.advice()) if line),
-                f"{self.stop_reason.value} {self.solver}, derivatives by {self.derivatives}.",
-                f"objective {self.objective:.8g}, constraints {self.constraint_violation:.1e}{of_scale}, "
-                f"max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}{stationarity}; "
+                f"{self._verdict}",
+                *(line for line in (mesh.sentence(), mesh.advice()) if line and feasible),
+                *(shorten(remark, REMARK_CHARACTERS, placeholder=" ...") for remark in mesh.remarks),
+                # A run that never began has neither.
+                self.stop_reason.value + (f" {self.solver}, derivatives by {self.derivatives}." if self.solver else ""),
+                f"objective {self.objective:.8g}, {self._residuals}; "
                 f"{self.iterations} iterations in {self.seconds:.2f} s",
+                *(["Not met, the worst of each component:", *unmet] if unmet else []),
                 *([] if self.scaling is None else [str(self.scaling)]),
                 *self.remarks,
                 *([pair_sentence(self.pairs, self.multipliers, self.certificate)] if self.residuals else []),

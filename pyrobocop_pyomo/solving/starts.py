@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 from pyomo.core.base.var import Var
@@ -76,12 +77,31 @@ def put_start(model: Any, start: StartingPoint) -> bool:
 
 def coarser_copy(model: Any) -> Any | None:
     """A copy with a quarter of the elements in each long phase; None where there is none or it cannot be made."""
-    long = [phase for phase in phases_of(model) if phase.grid.mesh.elements >= COARSER * LEAST_COARSE_ELEMENTS]
-    if not long or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in long):
+    elements = {phase: phase.grid.mesh.elements for phase in phases_of(model)}
+    return copy_with_fewer_elements(
+        model, {phase: n // COARSER for phase, n in elements.items() if n >= COARSER * LEAST_COARSE_ELEMENTS}
+    )
+
+
+def copy_with_fewer_elements(model: Any, elements: Mapping[Any, int]) -> Any | None:
+    """A copy of a model with other numbers of elements.
+
+    Parameters
+    ----------
+    model : Block
+    elements : mapping from PhaseBlock to int
+        Of the phases of the copy that get another mesh.
+
+    Returns
+    -------
+    Block or None
+        None where no phase is given, the model is part of another one, or a phase cannot have another mesh.
+    """
+    if not elements or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in elements):
         return None
     try:
         copy = model.clone()
-        remesh_phases({copy.find_component(phase): phase.grid.mesh.elements // COARSER for phase in long})
+        remesh_phases({copy.find_component(phase): number for phase, number in elements.items()})
     except PyRobocopError as error:
         logger.info("'%s': no copy with fewer elements: %s", model.name, error)
         return None

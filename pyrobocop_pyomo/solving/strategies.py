@@ -45,8 +45,6 @@ class Strategy:
         Without pairs: where it starts.
     elastic_rows : bool
         Without pairs: whether every row may be violated first, at a price.
-    typical_sizes : bool
-        Without pairs: whether the program is divided by typical sizes, however near to each other they are.
     """
 
     name: str
@@ -58,7 +56,6 @@ class Strategy:
     for_pairs: bool = True
     start: StartingPoint = StartingPoint.INITIAL_GUESS
     elastic_rows: bool = False
-    typical_sizes: bool = False
 
 
 # With delta = 2 mu the central path of a relaxed pair that nothing else decides has a * b = mu (minimise
@@ -83,13 +80,12 @@ SOLVE = Strategy("solve", None, for_pairs=False)
 TIGHTER = Strategy("tighter", None, for_pairs=False, start=StartingPoint.BEST)
 SIMULATED = Strategy("simulated", None, for_pairs=False, start=StartingPoint.SIMULATED)
 ELASTIC_ROWS = Strategy("elastic rows", None, for_pairs=False, elastic_rows=True)
-TYPICAL_SIZES = Strategy("typical sizes", None, for_pairs=False, typical_sizes=True)
 OWN_UNITS = Strategy("own units", None, for_pairs=False, options={"nlp_scaling_method": "gradient-based"})
 COARSE_MESH = Strategy("coarse mesh", None, for_pairs=False, start=StartingPoint.COARSE_MESH)
 ADAPTIVE = Strategy("adaptive", None, for_pairs=False, options={"mu_strategy": "adaptive"})
 STRAIGHT_LINES = Strategy("straight lines", None, for_pairs=False, start=StartingPoint.STRAIGHT_LINES)
 INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingPoint.INSIDE_BOUNDS)
-SECOND_TRIES = (TYPICAL_SIZES, OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
+SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
 
 STRATEGIES = {strategy.name: strategy for strategy in (*DEFAULT_SEQUENCE, SOLVE, TIGHTER, *SECOND_TRIES)}
 

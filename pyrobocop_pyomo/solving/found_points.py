@@ -1,0 +1,115 @@
+"""The points that the strategies of one solve ended at: which is the best, and whether it is enough."""
+
+from __future__ import annotations
+
+import logging
+
+from .iterates import Iterate, StopReason
+from .settings import Settings
+from .strategies import CONTINUATION, TIGHT, Strategy
+
+logger = logging.getLogger(__name__)
+
+# Up to here a second solve from the user's initial guess costs little, and finds the better optimum now and then.
+# Where it does, it is quick; where it is not, it rarely does.
+CROSS_CHECKED_PAIRS = 100
+# Objectives that differ by less, relative to their size, are those of one solution.
+SAME_OBJECTIVE = 1e-4
+
+
+class FoundPoints:
+    """What decides how a solve goes on.
+
+    Parameters
+    ----------
+    settings : Settings
+    sign : float
+        1 where the objective is minimised, -1 where it is maximised.
+
+    Attributes
+    ----------
+    best : Iterate or None
+    cut : StopReason or None
+        What ended the solve from outside: the clock, or Ctrl-C.
+    led_by_coarse_mesh : bool
+        Whether a certified point was reached from a coarse mesh.
+    """
+
+    def __init__(self, settings: Settings, sign: float) -> None:
+        self._settings, self._sign = settings, sign
+        self._all: list[Iterate] = []
+        self.best: Iterate | None = None
+        self.cut: StopReason | None = None
+        self.led_by_coarse_mesh = False
+
+    def keep(self, iterate: Iterate) -> None:
+        """Remember a point, and whether it is the best."""
+        self._all.append(iterate)
+        if self.best is None or self.is_better(iterate, self.best):
+            logger.info("strategy '%s' has the best point so far", iterate.strategy)
+            self.best = iterate
+
+    def is_better(self, first: Iterate, second: Iterate) -> bool:
+        """Whether the first of two points is the better one."""
+        return first.is_better_than(second, self._settings.tolerances, self._sign)
+
+    def is_certified(self, iterate: Iterate | None) -> bool:
+        """Whether there is such a point, and no further strategy is needed after it."""
+        return iterate is not None and iterate.is_certified(self._settings.tolerances, self._settings.polish)
+
+    def are_enough(self) -> bool:
+        """Whether there is a solution, or no time to look for one; the latter is noted."""
+        if self.cut is None and self._settings.deadline.has_passed and not self.is_certified(self.best):
+            self.cut = StopReason.TIME_LIMIT
+        return self.cut is not None or self.is_certified(self.best)
+
+    def leads_no_further(self, relaxed: Iterate) -> bool:
+        """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.
+
+        The products that are left flatter its objective: with them it falls, and does not rise.
+        """
+        best = self.best
+        if best is None or not self.is_certified(best):
+            return False
+        loss = self._sign * (relaxed.objective - best.objective)
+        feasible = relaxed.converged and relaxed.constraint_violation <= self._settings.tolerances.feasibility
+        return feasible and loss >= -SAME_OBJECTIVE * max(1.0, abs(best.objective))
+
+    def is_loose(self, iterate: Iterate) -> bool:
+        """Whether a point is feasible, but its pairs are not exact, and there is time to tighten them."""
+        tolerances = self._settings.tolerances
+        return (
+            self.cut is None
+            and iterate.excess(tolerances) <= 1.0
+            and not iterate.is_exact(tolerances)
+            and not self._settings.deadline.has_passed
+        )
+
+    def need(self, strategy: Strategy, pairs: int) -> bool:
+        """Whether a strategy is to be run, after what the others have found in a model with so many pairs."""
+        if self.best is None:
+            return True
+        settings = self._settings
+        if settings.deadline.has_passed:
+            if not self.is_certified(self.best):
+                self.cut = StopReason.TIME_LIMIT
+            return False
+        if not self.is_certified(self.best):
+            return True
+        small = pairs <= CROSS_CHECKED_PAIRS
+        if strategy is TIGHT:
+            return small or settings.strategies is not None
+        # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
+        # disagreed or the second one failed, the slow way down from delta = 1 is worth its time: it finds the better
+        # solution more often than not.
+        if self.led_by_coarse_mesh:
+            return False  # both ways were gone there
+        return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
+
+    def _disagree(self) -> bool:
+        """Whether the strategies so far have found different solutions, or one of them none."""
+        tolerances = self._settings.tolerances
+        feasible = [iterate.objective for iterate in self._all if iterate.excess(tolerances) <= 1.0]
+        if len(feasible) < len(self._all):
+            return True
+        return len(feasible) > 1 and max(feasible) - min(feasible) > SAME_OBJECTIVE * max(1.0, *map(abs, feasible))

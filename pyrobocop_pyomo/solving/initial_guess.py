@@ -1,0 +1,100 @@
+"""The user's initial guess, and the point that strategies start from where it has no value."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
+
+from .iterates import Iterate
+from .session import Session
+from .starts import defined_start
+
+logger = logging.getLogger(__name__)
+
+
+class InitialGuess:
+    """Where strategies start, and what is to be said about it.
+
+    Parameters
+    ----------
+    model : Block
+    values : VariableValues
+        The free variables, with the user's initial guess.
+
+    Attributes
+    ----------
+    variables : VariableValues
+        The same free variables, to read and write.
+    values : Values
+        As the user gave them.
+    start : Values
+        Where strategies start: the same, or a point nearby at which all expressions have values.
+    remarks : list of str
+        For the result.
+    """
+
+    def __init__(self, model: Any, values: VariableValues) -> None:
+        self._model, self.variables = model, values
+        self.values: Values = values.read()
+        self.start = self.values
+        self.remarks: list[str] = []
+        self._undefined_on_the_way = ""
+
+    def write(self) -> None:
+        """Put the user's values on the model."""
+        self.variables.write(self.values)
+
+    def write_start(self) -> None:
+        """Put the values on the model that strategies start from."""
+        self.variables.write(self.start)
+
+    def move(self) -> bool:
+        """Start elsewhere, where an expression has no value at the initial guess and such a point is found.
+
+        Returns
+        -------
+        bool
+            Whether the start has changed, and is on the model; asked a second time, it has not.
+        """
+        if self.start is not self.values:
+            return False
+        self.write()
+        remark = defined_start(self._model)
+        if not remark:
+            return False
+        logger.info("'%s': %s", self._model.name, remark)
+        self.remarks.append(remark)
+        self.start = self.variables.read()
+        return True
+
+    def note(self, iterate: Iterate, session: Session) -> None:
+        """Remember where a function had no value on the way to a point that is no solution."""
+        if iterate.converged or iterate.undefined_at is None:
+            return
+        compiled = session.compiled()
+        if compiled is None or compiled.nlp.n != iterate.undefined_at.size:
+            return
+        before = VariableValues(compiled.variables)
+        try:
+            compiled.load_point(iterate.undefined_at)
+            self._undefined_on_the_way = named_undefined_rows(self._model)
+        finally:
+            before.restore()
+
+    def explain(self) -> None:
+        """Add a remark on what has no value, where the initial guess has none, or a function had none on the way."""
+        self.write()
+        at_start = "" if self.remarks else named_undefined_rows(self._model)
+        if at_start:
+            self.remarks.append(
+                f"The initial guess could not be evaluated: {at_start}. Give another one, or keep the expression away "
+                "from there by bounds."
+            )
+        elif self._undefined_on_the_way:
+            self.remarks.append(
+                f"On the way an expression had no value: {self._undefined_on_the_way}. Bounds that keep it away from "
+                "there may help."
+            )

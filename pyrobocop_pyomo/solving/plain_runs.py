@@ -1,0 +1,137 @@
+"""Strategies for models without pairs: another start, elastic rows, fewer elements first."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
+
+from .found_points import FoundPoints
+from .ipopt_options import NEARLY_THERE, TIGHTER_TOLERANCES
+from .iterate_log import IterateLog
+from .iterates import Iterate, Quality, StopReason
+from .polished_runs import PolishedRuns
+from .progress import Progress
+from .second_tries import ITERATIONS_OF_ONE
+from .settings import Settings
+from .solve_result import SolveResult
+from .starts import coarser_copy, put_start, take_values_of_copy
+from .strategies import ADAPTIVE, SOLVE, StartingPoint, Strategy
+from .workplaces import Workplace
+
+logger = logging.getLogger(__name__)
+
+# What a unit of violation costs with elastic rows, in slopes of the objective.
+PENALTY = 1e3
+
+
+class PlainRuns:
+    """Runs for one solve.
+
+    Parameters
+    ----------
+    model : Block
+    settings : Settings
+    log : IterateLog
+    found : FoundPoints
+    runs : PolishedRuns
+    solve_copy : callable
+        ``solve_copy(copy, settings)`` solves another model.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        settings: Settings,
+        log: IterateLog,
+        found: FoundPoints,
+        runs: PolishedRuns,
+        solve_copy: Callable[[Any, Settings], SolveResult],
+    ) -> None:
+        self._model, self._settings, self._log, self._found = model, settings, log, found
+        self._runs, self._solve_copy = runs, solve_copy
+
+    def run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
+        """Run a strategy; None where it has no start of its own, or no program.
+
+        Parameters
+        ----------
+        place : Workplace
+        strategy : Strategy
+        keep : callable
+            Is given a point on the way that another run starts from.
+        """
+        if strategy is not SOLVE:
+            place.values.write(place.start)
+            if not self._put_start(place, strategy):
+                return None
+        if strategy.start in (StartingPoint.COARSE_MESH, StartingPoint.BEST):
+            tolerances = TIGHTER_TOLERANCES if strategy.start is StartingPoint.BEST else {}
+            strategy = replace(strategy, options={**NEARLY_THERE, **tolerances, **strategy.options})
+        if strategy.elastic_rows:
+            return self._run_elastic(place, strategy, keep)
+        return self._runs.run(place, strategy, strategy.name)
+
+    def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
+        if strategy.start is StartingPoint.COARSE_MESH:
+            return self._start_on_coarser_copy()
+        if strategy.start is not StartingPoint.BEST:
+            return put_start(self._model, strategy.start)
+        best = self._found.best
+        if best is None or best.values is None:
+            return False
+        place.values.write(best.values)
+        return True
+
+    def _run_elastic(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
+        """Let rows be violated at a price; from where that ends, go on with the rows as they are."""
+        session = place.session.with_elastic_rows(_penalty(place))
+        if session is None:
+            return None
+        elastic = self._runs.continuation(place, strategy, session).run(None, label=strategy.name)
+        if not elastic.excess(self._settings.tolerances) <= 1.0 and elastic.converged:
+            elastic = replace(elastic, stop_reason=StopReason.INFEASIBLE)
+        iterate = replace(elastic, strategy=strategy.name)
+        if self._found.is_certified(iterate) or iterate.stop_reason.is_final:
+            return iterate
+        keep(iterate)
+        on = replace(strategy, options={**NEARLY_THERE, **strategy.options})
+        return self._runs.run(place, on, "solve from there")
+
+    def _start_on_coarser_copy(self) -> bool:
+        """Solve a copy with fewer elements; its answer is the start. The copy keeps the user's variables out of it."""
+        copy = coarser_copy(self._model)
+        if copy is None:
+            return False
+        options = self._settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
+        settings = replace(self._settings, options=options, strategies=(SOLVE, ADAPTIVE), progress=Progress(False))
+        try:
+            result = self._solve_copy(copy, settings)
+        except PyRobocopError as error:
+            logger.info("'%s': no answer on fewer elements: %s", self._model.name, error)
+            return False
+        for step in result.steps:
+            self._log.steps.append(replace(step, label="coarse mesh", number=len(self._log.steps)))
+        if result.stop_reason.is_final:
+            self._found.cut = result.stop_reason
+        if result.quality is Quality.INFEASIBLE or self._found.cut is not None:
+            return False
+        take_values_of_copy(self._model, copy)
+        return True
+
+
+def _penalty(place: Workplace) -> float:
+    """Of a unit of violation, or of a row's scale: above what multipliers may be expected to be."""
+    if place.session.scaling is not None:
+        return PENALTY * place.session.scaling.scales.objective
+    compiled = place.session.compiled()
+    if compiled is None:
+        return PENALTY
+    try:
+        slope = float(abs(compiled.nlp.gradient(compiled.current_point())).max(initial=0.0))
+    except EvaluationError:
+        slope = 0.0
+    return PENALTY * max(1.0, slope)

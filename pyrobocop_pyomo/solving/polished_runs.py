@@ -1,0 +1,158 @@
+"""A strategy's schedule in a workplace, and the polish of where it ended."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from pyrobocop_pyomo.complementarity import Geometric
+from pyrobocop_pyomo.errors import EvaluationError
+from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+
+from .continuation import Continuation
+from .found_points import CROSS_CHECKED_PAIRS, FoundPoints
+from .ipopt_options import TIGHTENED, IpoptOptions
+from .iterate_log import IterateLog
+from .iterates import Iterate, StopReason
+from .polish import Exploration, Polish
+from .session import Session
+from .settings import Settings
+from .strategies import Strategy
+from .workplaces import Workplace
+
+logger = logging.getLogger(__name__)
+
+# Where the polish fails: a smaller delta makes the pairs nearly as exact as a branch would.
+TIGHTENED_SCHEDULE = Geometric(first=1e-10, factor=1e-2, last=1e-12)
+
+
+class PolishedRuns:
+    """Runs in one workplace or another, for one solve.
+
+    Parameters
+    ----------
+    settings : Settings
+    log : IterateLog
+    values : VariableValues
+        The user's variables.
+    found : FoundPoints
+    sign : float
+        1 where the objective is minimised, -1 where it is maximised.
+    exploration : Exploration
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        log: IterateLog,
+        values: VariableValues,
+        found: FoundPoints,
+        sign: float,
+        exploration: Exploration,
+    ) -> None:
+        self._settings, self._log, self._values, self._found = settings, log, values, found
+        self._sign, self._exploration = sign, exploration
+
+    def run(self, place: Workplace, strategy: Strategy, label: str = "solve") -> Iterate:
+        """Run the strategy's schedule and polish the best point of it."""
+        found, continuation = self._found, self.continuation(place, strategy)
+        relaxed = continuation.run(strategy.schedule, label=label, leads_no_further=found.leads_no_further)
+        if found.leads_no_further(continuation.last):
+            place.values.write(relaxed.values)
+            return replace(relaxed, strategy=strategy.name, values=self._values.read())
+        iterate = self._improved(place, strategy, relaxed, continuation)
+        if not (self._settings.polish and place.relaxed.shifted_rows and found.is_loose(iterate)):
+            return iterate
+        continuation = self.continuation(place, strategy)
+        tightened = continuation.run(TIGHTENED_SCHEDULE, start=relaxed, purpose=TIGHTENED)
+        tightened = self._improved(place, strategy, tightened, continuation)
+        return tightened if found.is_better(tightened, iterate) else iterate
+
+    def continuation(self, place: Workplace, strategy: Strategy, session: Session | None = None) -> Continuation:
+        """A strategy's runs from the point on the model, by the session of the workplace or by another one."""
+        return Continuation(
+            session or place.session,
+            self._log,
+            place.values,
+            self._settings,
+            self._sign,
+            self._options(place, strategy),
+            exact=not place.relaxed.shifted_rows,
+        )
+
+    def project(self, place: Workplace) -> Iterate | None:
+        """Look for a feasible branch near the best point; None where nothing can be polished."""
+        best, (polish, _) = self._found.best, self._polish(place)
+        if best is None or polish is None:
+            return None
+        self._values.write(best.values)
+        place.relaxed.start_lifted()
+        try:
+            return polish.project(best)
+        finally:
+            self._note_interruption(polish)
+
+    def explore(self, place: Workplace) -> Iterate | None:
+        """A better optimum beyond the best point; None where that is not certified, or nothing better was found."""
+        best = self._found.best
+        if best is None or self._found.cut is not None or best.certificate is not Certificate.PROVEN:
+            return None
+        try:
+            polish, _ = self._polish(place)
+            if polish is None:
+                return None
+            self._values.write(best.values)
+            place.relaxed.start_lifted()
+            explored = polish.explore(best)
+            self._note_interruption(polish)
+            return None if explored is best else explored
+        except KeyboardInterrupt:
+            self._found.cut = StopReason.INTERRUPTED
+        except EvaluationError as error:
+            logger.info("exploration ends: %s", error)
+        return None
+
+    def _improved(self, place: Workplace, strategy: Strategy, relaxed: Iterate, continuation: Continuation) -> Iterate:
+        """What a polish makes of the best relaxed point, in terms of the user's variables."""
+        place.values.write(relaxed.values)
+        iterate = replace(relaxed, strategy=strategy.name, values=self._values.read())
+        if continuation.last.stop_reason.is_final:
+            self._found.cut = continuation.last.stop_reason
+            return iterate
+        polish, compiled = self._polish(place)
+        if polish is None or compiled is None:
+            return iterate
+        try:
+            return polish.improve(iterate, place.session.primal_dual(relaxed, compiled))
+        finally:
+            self._note_interruption(polish)
+
+    def _polish(self, place: Workplace) -> tuple[Polish | None, Any]:
+        """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
+        if not self._settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
+            return None, None
+        if place.relaxed.has_penalty:
+            with place.relaxed.without_penalty():
+                compiled = place.session.compiled(anew=True)
+        else:
+            compiled = place.session.compiled()
+        if compiled is None:
+            return None, None
+        settings = replace(self._settings, options=place.options(self._settings))
+        return Polish(settings, place.relaxed, compiled, self._log, self._values, self._exploration), compiled
+
+    def _note_interruption(self, polish: Polish) -> None:
+        if polish.interrupted:
+            self._found.cut = StopReason.INTERRUPTED
+
+    def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
+        options: Mapping[str, Any] = strategy.options
+        small = len(place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
+        if self._settings.strategies is None and small and strategy.small_problem_iterations is not None:
+            # A small problem that takes longer does not get anywhere; the next strategy does.
+            options = {"max_iter": strategy.small_problem_iterations, **options}
+        return place.options(self._settings).with_strategy(options)

@@ -1,0 +1,120 @@
+"""What a point does not meet, by name: the worst row, bound or pair of each component."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.diagnosis.places import place_in_words
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
+from pyrobocop_pyomo.phases import phases_of
+
+from .iterates import Tolerances
+
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class Violation:
+    """The worst violation of one component.
+
+    Attributes
+    ----------
+    name : str
+        Of the row, variable or pair in the model.
+    where : str
+        The same in words, with the time.
+    what : str
+        The numbers.
+    amount : float
+        How far it is from being met; infinite where it has no value.
+    others : int
+        How many more of the same component are violated.
+    """
+
+    name: str
+    where: str
+    what: str
+    amount: float
+    others: int = 0
+
+    def __str__(self) -> str:
+        others = f" (and {self.others} more of it)" if self.others else ""
+        return f"{self.where}: {self.what}{others}"
+
+
+def violations_of_rows(rows: Iterable[tuple[Any, Any, Any, Any]], tolerances: Tolerances) -> Iterator[Violation]:
+    """Violations at the values that are on the model.
+
+    Parameters
+    ----------
+    rows : iterable of (component data, expression, lower, upper)
+        Constraints with their bodies, or variables; a bound may be None.
+    tolerances : Tolerances
+    """
+    for data, body, lower, upper in rows:
+        number = number_or_nan(body)
+        amount = bound_violation(number, lower, upper)
+        if not amount <= tolerances.feasibility:
+            what = "has no value" if number != number else f"{number:.6g} is {_wanted(number, lower, upper)}"
+            yield Violation(data.name, place_in_words(data), what, amount)
+
+
+def violations_of_pairs(residuals: Iterable[PairResidual], tolerances: Tolerances) -> Iterator[Violation]:
+    """Pairs whose sides are both positive, or negative; as `violations_of_rows`."""
+    for pair in residuals:
+        if max(pair.product / tolerances.product, -pair.natural / tolerances.feasibility) > 1.0:
+            amount = abs(pair.natural)
+            yield Violation(pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}", amount)
+
+
+def worst_of_each_component(violations: Iterable[Violation]) -> tuple[Violation, ...]:
+    """One violation per component, the worst first."""
+    worst: dict[str, Violation] = {}
+    for violation in violations:
+        component = violation.name.partition("[")[0]
+        other = worst.get(component)
+        if other is None:
+            worst[component] = violation
+        else:
+            larger = violation if violation.amount > other.amount else other
+            worst[component] = replace(larger, others=other.others + 1)
+    return tuple(sorted(worst.values(), key=lambda violation: -violation.amount))
+
+
+def _wanted(number: float, lower: float | None, upper: float | None) -> str:
+    """What a number has to be and is not."""
+    if lower is not None and lower == upper:
+        return f"not {upper:.6g}"
+    return f"not >= {lower:.6g}" if lower is not None and number < lower else f"not <= {upper:.6g}"
+
+
+def growing_variables(model: Any, least: float = 1e10) -> str:
+    """The components with the largest variables, in words; empty where none is as large as this."""
+    largest: dict[str, float] = {}
+    for data in model.component_data_objects(Var, active=True):
+        if data.value is not None and not data.fixed and abs(data.value) >= least:
+            name = data.parent_component().name
+            largest[name] = max(largest.get(name, 0.0), abs(data.value))
+    named = sorted(largest, key=lambda name: -largest[name])[:_NAMED]
+    return ", ".join(f"'{name}' ({largest[name]:.1e})" for name in named)
+
+
+def stages_that_miss_impacts(model: Any) -> str:
+    """What to say of phases with pairs whose elements have several stages; empty where there are none."""
+    names = [
+        f"'{phase.name}'"
+        for phase in phases_of(model)
+        if phase.grid.scheme.stages > 1 and any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True))
+    ]
+    if not names:
+        return ""
+    return (
+        f"Phase {', '.join(names)} has pairs and several stages per element, whose forces cannot make a velocity jump. "
+        "If there are impacts, take stages=1, or two phases with a jump between them."
+    )

@@ -1,0 +1,212 @@
+"""Where strategies run: the relaxed model, and a session of the first backend that takes it."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.common.collections import ComponentMap
+
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
+from pyrobocop_pyomo.ipopt.backends import Backend
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
+from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
+from pyrobocop_pyomo.programs.repetition import repeats_nonlinear_terms
+
+from .automatic_scaling import ScalingRecord
+from .coarse_mesh import is_worth_coarsening
+from .executable_session import ExecutableSession
+from .in_process_session import InProcessSession
+from .initial_guess import InitialGuess
+from .ipopt_options import DEFAULT_WITH_PAIRS, IpoptOptions
+from .iterate_log import ModelCheck
+from .iterates import step_header
+from .progress import Progress
+from .relaxed_model import RelaxedModel, relaxed_model
+from .second_tries import may_be_scaled
+from .session import OnIteration, Session
+from .settings import Settings
+from .strategies import PROJECTION, Strategy
+
+logger = logging.getLogger(__name__)
+
+# Nodes in the nonlinear terms of a model with pairs, from which on evaluation takes much of its time.
+LARGE_WITH_PAIRS = 30_000
+
+
+@dataclass(eq=False)
+class Workplace:
+    """A relaxed model with an open session.
+
+    Attributes
+    ----------
+    relaxation : object
+    relaxed : RelaxedModel
+    session : Session
+    values : VariableValues
+        The free variables, those that the relaxation generated among them.
+    start : Values
+        Where strategies start.
+    """
+
+    relaxation: Any
+    relaxed: RelaxedModel
+    session: Session
+    values: VariableValues
+    start: Values
+
+    def options(self, settings: Settings) -> IpoptOptions:
+        """Ipopt's options, those that pairs need by default among them."""
+        return settings.options.with_default(DEFAULT_WITH_PAIRS) if self.relaxed.pairs else settings.options
+
+
+class Workplaces:
+    """One workplace after the other, as strategies ask for other relaxations or backends fail.
+
+    Parameters
+    ----------
+    model : Block
+    settings : Settings
+    check : ModelCheck
+        Is told the scales of the program.
+    guess : InitialGuess
+
+    Attributes
+    ----------
+    place : Workplace or None
+        The one that is open.
+    decided_pairs : int
+        How many pairs the presolve has settled.
+    solver, derivatives : str
+        Of the last session.
+    scaling : ScalingRecord or None
+        Of the last session.
+    """
+
+    def __init__(self, model: Any, settings: Settings, check: ModelCheck, guess: InitialGuess) -> None:
+        self._model, self._settings, self._check, self._guess = model, settings, check, guess
+        self._backends = [settings.backend, *settings.fallbacks]
+        self._stack = contextlib.ExitStack()
+        self.place: Workplace | None = None
+        self.decided_pairs = 0
+        self.solver = self.derivatives = ""
+        self.scaling: ScalingRecord | None = None
+
+    def __enter__(self) -> Workplaces:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @property
+    def backend(self) -> Backend:
+        """The one that is tried first."""
+        return self._backends[0]
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs the open workplace has."""
+        return 0 if self.place is None else len(self.place.relaxed.pairs)
+
+    @property
+    def has_other_backends(self) -> bool:
+        """Whether another backend is left, for where this one fails."""
+        return len(self._backends) > 1
+
+    def use_other_backend(self) -> None:
+        """Leave for the next backend."""
+        del self._backends[0]
+        self._leave()
+
+    def restart(self) -> None:
+        """Take the values that are on the model for the start."""
+        if self.place is not None:
+            self.place.relaxed.start_lifted()
+            self.place.start = self.place.values.read()
+
+    def move_to(self, strategy: Strategy) -> Workplace:
+        """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
+        relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
+        place = self.place
+        same = place is not None and (strategy is PROJECTION or place.relaxation == relaxation)
+        if place is not None and same:
+            return place
+        self._leave()
+        self.place = self._stack.enter_context(self._opened(relaxation, strategy))
+        return self.place
+
+    def _leave(self) -> None:
+        self.place = None
+        self._stack.close()
+        self._guess.write_start()
+
+    @contextlib.contextmanager
+    def _opened(self, relaxation: Any, strategy: Strategy) -> Iterator[Workplace]:
+        delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
+        with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
+            self.decided_pairs = len(relaxed.decisions)
+            session = self._open_session(relaxed)
+            self.solver, self.derivatives = session.solver, session.derivatives
+            self.scaling = None if session.scaling is None else session.scaling.record
+            self._check.scales = ComponentMap() if session.scaling is None else session.scaling.by_component
+            values = VariableValues.of_free(self._model)
+            try:
+                yield Workplace(relaxation, relaxed, session, values, values.read())
+            finally:
+                session.close()
+
+    def _open_session(self, relaxed: RelaxedModel) -> Session:
+        """A session of the first backend that takes the model."""
+        name, progress = self._model.name, self._settings.progress
+        self._prefer_vectorised(relaxed)
+        while True:
+            try:
+                session = _session(self.backend, relaxed, self._settings)
+                break
+            except (ModelError, EvaluationError) as error:
+                if not self.has_other_backends:
+                    raise
+                logger.info("'%s': %s is not taken: %s", name, self.backend.value, error)
+                del self._backends[0]
+        logger.info("'%s': %s, derivatives by %s", name, session.solver, session.derivatives)
+        progress.line_once(f"{name}: {session.solver}, derivatives by {session.derivatives}")
+        progress.line(step_header(pairs=bool(relaxed.pairs)))
+        return session
+
+    def _prefer_vectorised(self, relaxed: RelaxedModel) -> None:
+        """Take the vectorised backend first, where the caller chose none and the model's terms repeat few shapes.
+
+        Also where a coarse mesh comes first: each of its iterations evaluates the functions of the whole mesh. Small
+        models with pairs gain too little: most of their time is not spent in evaluation.
+        """
+        vectorised = Backend.IN_PROCESS_VECTORISED
+        if self.solver or vectorised not in self._backends[1:]:
+            return  # decided by the first session, or by the caller
+        fewest = LARGE_WITH_PAIRS if relaxed.pairs else 0
+        if is_worth_coarsening(len(relaxed.pairs)) or repeats_nonlinear_terms(relaxed.model, fewest_nodes=fewest):
+            logger.info("'%s': its terms repeat few shapes: %s", self._model.name, vectorised.value)
+            self._backends.remove(vectorised)
+            self._backends.insert(0, vectorised)
+
+
+def _session(backend: Backend, relaxed: RelaxedModel, settings: Settings) -> Session:
+    # The products of pairs are bounded by delta in the units of the user.
+    scaling = not relaxed.pairs and may_be_scaled(settings)
+    if backend is Backend.EXECUTABLE:
+        return ExecutableSession(relaxed, settings.output, scaling=scaling)
+    live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
+    return InProcessSession(relaxed, backend.derivatives, settings.output, live, scaling=scaling)
+
+
+def _live_line(progress: Progress, name: str) -> OnIteration:
+    def show(record: IterationRecord) -> None:
+        if record.iteration % 10 == 0:
+            progress.live(
+                f"{name}: iteration {record.iteration}, mu {record.mu:.1e}, objective {record.objective:.6g}, "
+                f"infeasibility {record.primal_infeasibility:.1e}"
+            )
+
+    return show
