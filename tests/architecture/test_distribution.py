@@ -27,9 +27,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
     pytest.importorskip("build")
     # On a copy, because setuptools leaves its traces beside the sources.
     copy = tmp_path_factory.mktemp("distribution")
-    for name in ("pyproject.toml", "setup.cfg", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "setup.cfg", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
-    shutil.copytree(ROOT / "pyrobocop_pyomo", copy / "pyrobocop_pyomo", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "pyrobocop_pyomo", copy / "pyrobocop_pyomo", ignore=shutil.ignore_patterns("__pycache__", "*.so")
+    )
     # First a source distribution, then the wheel out of it; without isolation, which would download setuptools.
     command = [sys.executable, "-m", "build", "--no-isolation", str(copy)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -39,7 +41,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
 
 @pytest.mark.slow
 def test_wheel_holds_the_package_and_its_type_marker(wheel: ZipFile) -> None:
-    sources = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pyrobocop_pyomo").rglob("*.py")}
+    folder = ROOT / "pyrobocop_pyomo"
+    sources = {path.relative_to(ROOT).as_posix() for path in (*folder.rglob("*.py"), *folder.rglob("*.[ch]"))}
     packed = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert packed == sources | {"pyrobocop_pyomo/py.typed"}
 

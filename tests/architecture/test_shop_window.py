@@ -44,7 +44,7 @@ PUBLIC = {
     "geometry": "Pose SignedDistance cover_occupancy_grid cover_point_cloud decompose signed_distance",
     "groupings": "AllPairs Crossed Grouping PerElement PerPair PerPhase",
     "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_initial_guess",
-    "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable",
+    "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable linear_solver_options",
     "learning": "GaussianProcessMean",
     "mechanics": """
         AbsoluteValue CoulombFriction CoulombSlip DeadZone HardWall LimitSurface Maximum Minimum PhysicalScore
@@ -229,14 +229,14 @@ def test_the_first_solve_does_not_import_statistics() -> None:
 
 
 @pytest.mark.slow
-def test_import_costs_less_than_a_second_on_top_of_pyomo() -> None:
-    # Processor time, and the best of several runs: what else the machine does is not our cost.
+def test_import_costs_less_than_the_libraries_below_it() -> None:
+    # Processor time of both in one process: what else the machine does slows both.
     code = """
         import time
-        import pyomo.environ
-        before = time.process_time()
+        started = time.process_time()
+        import networkx, numpy, pyomo.environ, scipy.optimize
+        below = time.process_time()
         import pyrobocop_pyomo
-        print(time.process_time() - before)
+        print((time.process_time() - below) / (below - started))
     """
-    seconds = min(float(in_a_fresh_process(code).stdout) for _ in range(4))
-    assert seconds < 1.0
+    assert min(float(in_a_fresh_process(code).stdout) for _ in range(4)) < 1.0

@@ -14,7 +14,7 @@ from scipy import sparse
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.programs.aggregated_program import AggregatedProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.solving import procedure
+from pyrobocop_pyomo.solving import coarse_mesh, strategy_runs
 from pyrobocop_pyomo.solving.coarse_mesh import coarsen
 
 pytestmark = pytest.mark.casadi
@@ -120,8 +120,8 @@ def place(component: Any) -> tuple[str, Any]:
 
 def test_a_default_solve_goes_through_the_coarse_mesh_and_is_as_good(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = rcp.solve(pushed(120), progress=False)
-    monkeypatch.setattr(procedure, "COARSENED_PAIRS", 100)
-    monkeypatch.setattr(procedure, "COARSE_ELEMENTS", 30)
+    monkeypatch.setattr(coarse_mesh, "COARSENED_PAIRS", 100)
+    monkeypatch.setattr(coarse_mesh, "COARSE_ELEMENTS", 30)
     led = rcp.solve(pushed(120), progress=False)
     assert [step.label for step in led.steps].count("coarse mesh") >= 2
     assert led.solved
@@ -131,8 +131,8 @@ def test_a_default_solve_goes_through_the_coarse_mesh_and_is_as_good(monkeypatch
 
 
 def test_a_chosen_strategy_is_run_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(procedure, "COARSENED_PAIRS", 10)
-    monkeypatch.setattr(procedure, "COARSE_ELEMENTS", 10)
+    monkeypatch.setattr(coarse_mesh, "COARSENED_PAIRS", 10)
+    monkeypatch.setattr(coarse_mesh, "COARSE_ELEMENTS", 10)
     result = rcp.solve(pushed(40), strategies="barrier", progress=False)
     assert "coarse mesh" not in [step.label for step in result.steps]
 
@@ -151,9 +151,9 @@ def test_other_schemes_have_no_coarse_program(arguments: dict[str, Any]) -> None
 def test_a_coarse_mesh_that_leads_nowhere_costs_no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """The way from the user's initial guess is gone all the same."""
     plain = rcp.solve(pushed(60), polish=False, progress=False)
-    monkeypatch.setattr(procedure, "COARSENED_PAIRS", 10)
-    monkeypatch.setattr(procedure, "COARSE_ELEMENTS", 15)
-    monkeypatch.setattr(procedure, "FROM_COARSE_MESH", {"max_iter": 1})
+    monkeypatch.setattr(coarse_mesh, "COARSENED_PAIRS", 10)
+    monkeypatch.setattr(coarse_mesh, "COARSE_ELEMENTS", 15)
+    monkeypatch.setattr(strategy_runs, "FROM_COARSE_MESH", {"max_iter": 1})
     led = rcp.solve(pushed(60), polish=False, progress=False)
     assert led.solved
     assert led.objective == pytest.approx(plain.objective, rel=1e-5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import subprocess
 import sys
 import textwrap
@@ -122,7 +123,7 @@ def press(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
 
 def count_solves(monkeypatch: pytest.MonkeyPatch, name: str) -> list[Any]:
     """The results of all solves that a module makes."""
-    module = sys.modules[name]
+    module = importlib.import_module(name)
     results: list[Any] = []
     solve = module.solve
 

@@ -115,3 +115,19 @@ def test_pyomo_solvers_of_this_package_call_functions() -> None:
         m.cost = pyo.Objective(expr=SQUARE(m.x - 3) + 1)
         pyo.SolverFactory(name).solve(m)
         assert m.x.value == pytest.approx(3.0, abs=1e-6)
+
+
+@pytest.mark.casadi
+def test_a_fixed_end_beyond_a_table_is_told_in_the_result_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:
+    wind = rcp.Table([0, 1, 2, 3], [1.0, 1.2, 1.1, 1.3], name="wind")
+    m = pyo.ConcreteModel()
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=3)
+    b.x, b.u = rcp.State(initial=0, final=6, initial_guess=lambda t: 3 * t), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.u[t] * wind(b.x[t])})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    with caplog.at_level(logging.ERROR, logger="pyomo"):
+        result = rcp.solve(m)
+    assert not result.solved
+    assert "wind" in str(result)
+    assert "derivatives by ." not in str(result)
+    assert not caplog.records

@@ -208,12 +208,12 @@ def test_the_last_step_of_the_continuation_does_not_jump(name: str) -> None:
 
 def fail_runs(monkeypatch: pytest.MonkeyPatch, fails: Callable[[dict[str, Any]], bool]) -> None:
     """Stop a run of Ipopt in this process after its first iteration if its options say so."""
-    set_options = ipopt_run.set_options
+    limits = ipopt_run._time_limit
 
-    def failing(library: Any, problem: int, options: Any, **rest: Any) -> None:
-        set_options(library, problem, {**options, "max_iter": 1} if fails(dict(options)) else options, **rest)
+    def failing(options: Any, deadline: Any) -> dict[str, float]:
+        return limits(options, deadline) | ({"max_iter": 1} if fails(dict(options)) else {})
 
-    monkeypatch.setattr(ipopt_run, "set_options", failing)
+    monkeypatch.setattr(ipopt_run, "_time_limit", failing)
 
 
 def is_warm(options: dict[str, Any]) -> bool:

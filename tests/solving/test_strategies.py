@@ -15,7 +15,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.solving import procedure
+from pyrobocop_pyomo.solving import workplaces
 from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
 from pyrobocop_pyomo.solving.strategies import DEFAULT_SEQUENCE
 
@@ -245,7 +245,7 @@ def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, m
         if record.iteration == 3 and iterations.count(0) == 2:  # in the second run: one point is there already
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(procedure, "_live_line", lambda *arguments: press)
+    monkeypatch.setattr(workplaces, "_live_line", lambda *arguments: press)
     m = mpcc_problem("bard1").build()
     before = everything(m)
     result = rcp.solve(m, backend=backend, strategies="continuation")

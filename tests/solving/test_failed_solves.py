@@ -1,0 +1,140 @@
+"""A solve that fails names what is not met, where and by how much; its remedy works when it is followed."""
+
+from __future__ import annotations
+
+import logging
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.common.errors import InfeasibleConstraintException
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason, Tolerances
+from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
+
+pytestmark = pytest.mark.ipopt
+
+
+def cart(duration: float = 3.0, force: float | None = 2.0) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="cart")
+    m.p = b = rcp.PhaseBlock(duration=duration, elements=5)
+    b.x = rcp.State(initial=0, final=1)
+    b.v = rcp.State(initial=0, final=0)
+    b.u = rcp.Control(bounds=(None, None) if force is None else (-force, force))
+
+    @b.ode
+    def motion(b, t):
+        return {b.x: b.v[t], b.v: b.u[t]}
+
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    return m
+
+
+def test_what_cannot_be_met_is_named_with_its_time_and_size():
+    result = rcp.solve(cart(duration=0.5))
+    assert result.quality is Quality.INFEASIBLE
+    assert result.stop_reason is StopReason.INFEASIBLE
+    (worst, *_) = result.violations
+    assert worst.amount == pytest.approx(result.constraint_violation, rel=1e-6)
+    assert "'x' of phase 'p' at t = " in worst.where
+    text = str(result)
+    assert str(worst) in text
+    assert "Relax what is not met" in text
+    for word in ("COARSE MESH", "complementarity", "max a*b", "delta"):  # it has no pairs, and no solution to refine
+        assert word not in text
+    with pytest.raises(SolveFailed, match="Not met: equation of 'x' of phase 'p' at t = "):
+        result.raise_for_status()
+    assert rcp.solve(cart(duration=3.0)).solved
+
+
+def test_a_solution_violates_nothing():
+    assert rcp.solve(cart()).violations == ()
+
+
+def test_variables_that_grow_without_end_are_named():
+    m = cart(force=None)
+    m.p.x[3.0].unfix()
+    m.del_component(m.effort)
+    m.far = pyo.Objective(expr=m.p.x[3.0], sense=pyo.maximize)
+    result = rcp.solve(m)
+    assert result.stop_reason is StopReason.DIVERGED
+    assert result.iterations < 500
+    assert any("What grows: " in remark and "'p.u'" in remark for remark in result.remarks)
+    for control in m.p.u.values():
+        control.setlb(-2.0)
+        control.setub(2.0)
+    assert rcp.solve(m).solved
+
+
+def test_fixed_values_that_violate_a_constraint_are_refused_by_name():
+    m = cart()
+
+    @m.p.constraint
+    def wall(b, t):
+        return b.x[t] ** 2 + b.v[t] ** 2 <= 0.9
+
+    with pytest.raises(ContradictionError, match=r"'wall' by 0\.1 at t = 3.*leave one of them free") as refused:
+        rcp.solve(m)
+    assert isinstance(refused.value, InfeasibleConstraintException)
+    m.p.x[3.0].unfix()
+    assert rcp.solve(m).solved
+
+
+def test_a_row_outside_phases_that_no_variable_can_mend_is_refused_by_name():
+    m = pyo.ConcreteModel(name="two rows")
+    m.x = pyo.Var(bounds=(0, 1))
+    m.y = pyo.Var(initialize=2.0)
+    m.y.fix()
+    m.low = pyo.Constraint(expr=m.y <= 1)
+    m.o = pyo.Objective(expr=m.x)
+    with pytest.raises(ContradictionError, match=r"'low' holds no variable that may move and is violated by 1\."):
+        rcp.solve(m)
+
+
+@pytest.mark.asl
+def test_an_expression_without_a_value_is_named_once(caplog):
+    m = cart()
+
+    @m.p.constraint
+    def far(b, t):
+        return pyo.log(b.x[t] - 2.0) <= 5.0
+
+    with caplog.at_level(logging.WARNING):
+        result = rcp.solve(m)
+    assert not result.solved
+    assert "log" in str(result)
+    assert not [record for record in caplog.records if "Exception encountered" in record.getMessage()]
+
+
+def test_pairs_are_named_by_component_the_worst_first():
+    residual = rcp.complementarity.PairResidual
+    pairs = [residual("p.touch[1]", 0.1, 0.2), residual("p.touch[2]", 0.0, 3.0), residual("p.touch[3]", 0.4, 0.5)]
+    (worst,) = worst_of_each_component(violations_of_pairs(pairs, Tolerances()))
+    assert (worst.name, worst.others) == ("p.touch[3]", 1)
+    assert str(worst) == "pair 'p.touch[3]': sides 0.4 and 0.5 (and 1 more of it)"
+
+
+def test_stages_that_cannot_make_a_jump_are_named():
+    def drop(stages: int) -> pyo.ConcreteModel:
+        m = pyo.ConcreteModel(name="drop")
+        m.fall = b = rcp.PhaseBlock(duration=1.0, elements=10, stages=stages)
+        b.x = rcp.State(initial=1.0)
+        b.v = rcp.State(initial=0)
+        b.force = rcp.Algebraic(bounds=(0, None))
+
+        @b.ode
+        def newton(b, t):
+            return {b.x: b.v[t], b.v: b.force[t] - 9.81}
+
+        @b.complementarity
+        def floor(b, t):
+            return rcp.complements(b.x[t] >= 0, b.force[t] >= 0)
+
+        m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2))
+        return m
+
+    result = rcp.solve(drop(stages=3), strategies="tight", options={"max_iter": 5})
+    assert result.quality is Quality.INFEASIBLE
+    assert any("'fall'" in remark and "stages=1" in remark for remark in result.remarks)
+    assert rcp.solve(drop(stages=1)).solved
