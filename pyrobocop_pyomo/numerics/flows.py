@@ -79,11 +79,12 @@ def integrate_flows(
     found = _march(rates, varied, scales, samples, tolerance)
     if found is None:
         return None
-    paths, error = found
+    paths, error, stiff = found
     slopes = (paths[-1][:, 1:, :] - paths[-1][:, :1, :]) / steps[None, :, None]
     local = paths[:, :, 0, :]
     first = starts[0] if first is None else first
-    return Flows(_by_element(local), _from_first_start(rates, starts, local, slopes, scales, tolerance, first), error)
+    whole = _from_first_start(rates, starts, local, slopes, scales, tolerance, first, stiff=stiff)
+    return Flows(_by_element(local), whole, error)
 
 
 def integrate_elements(
@@ -106,9 +107,21 @@ def _by_element(paths: Array) -> Array:
 
 
 def _from_first_start(
-    rates: Rates, starts: Array, paths: Array, slopes: Array, scales: Array, tolerance: float, first: Array
+    rates: Rates,
+    starts: Array,
+    paths: Array,
+    slopes: Array,
+    scales: Array,
+    tolerance: float,
+    first: Array,
+    *,
+    stiff: bool,
 ) -> Array | None:
-    """Newton's method for the starts at which the ends of elements meet; `slopes` are those of the first sweep."""
+    """Newton's method for the starts at which the ends of elements meet; `slopes` are those of the first sweep.
+
+    Where the motion of each element was not stiff, that from the first start is at most unstable: implicit steps
+    would follow it far away, at great cost.
+    """
     now = starts.T.copy()
     for _ in range(_SWEEPS):
         gaps = paths[-1][:, :-1] - now[:, 1:]
@@ -122,7 +135,7 @@ def _from_first_start(
         now = now + changes
         # What grows far beyond the plan is followed relative to its own size.
         scales = np.maximum(scales, np.abs(now).max(axis=1))
-        found = _march(rates, now[:, None, :], scales, len(paths) - 1, tolerance)
+        found = _march(rates, now[:, None, :], scales, len(paths) - 1, tolerance, may_be_stiff=stiff)
         if found is None:
             return None
         paths = found[0][:, :, 0, :]
@@ -132,9 +145,14 @@ def _from_first_start(
     return None
 
 
-def _march(rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float) -> tuple[Array, float] | None:
-    """States (k, n, variants, N) at the samples, with halved steps until they no longer change, and the error left."""
-    steps, looked_stiff = _FIRST_STEPS, False
+def _march(
+    rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float, *, may_be_stiff: bool = True
+) -> tuple[Array, float, bool] | None:
+    """States (k, n, variants, N) at the samples, with halved steps until they no longer change.
+
+    Also the error left, and whether implicit steps were needed.
+    """
+    steps, looked_stiff = _FIRST_STEPS, not may_be_stiff
     with np.errstate(all="ignore"):
         coarse = _runge_kutta(rates, starts, samples, steps)
         while steps < _MOST_STEPS:
@@ -143,14 +161,15 @@ def _march(rates: Rates, starts: Array, scales: Array, samples: int, tolerance: 
             correction = (fine - coarse) / _ORDER_FACTOR
             error = float((np.abs(correction).max(axis=(0, 2, 3)) / scales).max())
             if error <= tolerance:
-                return fine + correction, error
+                return fine + correction, error, False
             if not looked_stiff and steps >= _STIFF_STEPS and not error <= 1.0:
                 looked_stiff = True
                 found = march_implicitly(rates, starts, scales, samples, tolerance)
                 if found is not None:
-                    return found
+                    return *found, True
             coarse = fine
-    return None if looked_stiff else march_implicitly(rates, starts, scales, samples, tolerance)
+    found = None if looked_stiff else march_implicitly(rates, starts, scales, samples, tolerance)
+    return None if found is None else (*found, True)
 
 
 def _runge_kutta(rates: Rates, states: Array, samples: int, steps: int) -> Array:
