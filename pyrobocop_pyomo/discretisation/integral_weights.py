@@ -47,7 +47,8 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
         return {id(phase): [] for phase in phases}
     terms = [(1.0, data.expr) for data in model.component_data_objects(Objective, active=True)]
     terms += [(-found.of_row(row), row.body) for row in _own_rows(model, phases, found)]
-    reading = [(weight, expression) for weight, expression in terms if _reads(expression, wanted)]
+    reads = _Reading(wanted)
+    reading = [(weight, expression) for weight, expression in terms if reads.one_in(expression)]
     slopes = [(weight, _slopes(expression, members)) for weight, expression in reading]
     return {
         key: [sum(weight * of[id(member)] for weight, of in slopes) for member in of_phase]
@@ -96,16 +97,34 @@ def _own_rows(model: Any, phases: Sequence[Any], found: RowMultipliers) -> Itera
                 yield row
 
 
-def _reads(expression: Any, wanted: set[int]) -> bool:
-    """Whether an expression holds one of the members; what is in other integrals is not looked through."""
-    stack = [expression]
-    while stack:
-        node = stack.pop()
-        if id(node) in wanted:
-            return True
-        if node.__class__ not in native_numeric_types and node.is_expression_type():
-            stack.extend(node.args)
-    return False
+class _Reading:
+    """Finds out whether expressions hold one of some nodes; what several of them share is looked through once.
+
+    Parameters
+    ----------
+    wanted : set of int
+        Ids of the nodes.
+    """
+
+    def __init__(self, wanted: set[int]) -> None:
+        self._wanted = wanted
+        self._without: dict[int, Any] = {}  # nodes that Pyomo makes for the moment have to live on to keep their ids
+
+    def one_in(self, expression: Any) -> bool:
+        """Whether an expression does; what is in other integrals is not looked through."""
+        wanted, without = self._wanted, self._without
+        pending, seen = [expression], {}
+        while pending:
+            node = pending.pop()
+            key = id(node)
+            if key in wanted:
+                return True
+            if node.__class__ not in native_numeric_types and key not in without and key not in seen:
+                seen[key] = node
+                if node.is_expression_type():
+                    pending.extend(node.args)
+        without.update(seen)
+        return False
 
 
 def _slope(expression: Any, member: Any) -> float:

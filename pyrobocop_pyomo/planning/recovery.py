@@ -89,8 +89,7 @@ class Recovery:
         self._was_cut_short = False
 
     def steps(self) -> Iterator[Callable[[], SolveResult]]:
-        """What solves from each start; the caller stops asking when a plan is good enough."""
-        self._start()
+        """What solves from each start, after `start`; the caller stops asking when a plan is good enough."""
         cars = [(block, car) for block in self._blocks if (car := recognised_car(block)) is not None]
         # The path of a car comes close to obstacles, and is a good start nevertheless.
         no_manoeuvres = not cars or (self._overlaps_deeply() and all(map(can_turn_at_both_ends, self._blocks)))
@@ -100,7 +99,7 @@ class Recovery:
             yield partial(self._from_here, "led around all obstacles")
         others = any(block.separations for block in self._blocks)
         enough = MOST_ITERATIONS_OF_A_CAR if cars else MOST_ITERATIONS
-        yield partial(self._from_initial_guess, enough if others else None)
+        yield partial(self._from_initial_guess, enough if others else None, is_at_start=not in_the_way)
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
             return
@@ -121,7 +120,7 @@ class Recovery:
         if self._was_cut_short:
             yield self._from_initial_guess
 
-    def _start(self, directions: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
+    def start(self, directions: Mapping[ObstacleAvoidanceBlockData, Any] | None = None) -> None:
         """Back to the initial guess, with separations that start there."""
         self._initial.restore()
         for region in self._regions:
@@ -131,8 +130,9 @@ class Recovery:
             clear_margins(block)
             block.initialize(directions={**self._directions[block], **(directions or {}).get(block, {})})
 
-    def _from_initial_guess(self, most_iterations: int | None = None) -> SolveResult:
-        self._start()
+    def _from_initial_guess(self, most_iterations: int | None = None, *, is_at_start: bool = False) -> SolveResult:
+        if not is_at_start:
+            self.start()
         if most_iterations == MOST_ITERATIONS_OF_A_CAR and self._overlaps_deeply():
             most_iterations = MOST_ITERATIONS_IN_OVERLAP
         again = ", to the end" if self._was_cut_short else ""
@@ -197,14 +197,14 @@ class Recovery:
         return self._planning.solve("new planes, at the last point", most_iterations=MOST_ITERATIONS)
 
     def _other_norm(self) -> SolveResult:
-        self._start()
+        self.start()
         for block in self._blocks:
             if block.record.formulation.norms:
                 block.set_norm("ball" if block.record.norm_now == "sphere" else "sphere")
         return self._planning.solve("other norm of the normals", most_iterations=MOST_ITERATIONS)
 
     def _growing_clearance(self) -> SolveResult:
-        self._start()
+        self.start()
         try:
             for factor in CLEARANCE_FACTORS:
                 for block in self._blocks:
@@ -224,7 +224,7 @@ class Recovery:
 
     def _giving_way(self) -> SolveResult:
         with softened(self._model, self._blocks, SOFTNESS_WEIGHT):
-            self._start()
+            self.start()
             self._planning.solve("planes that give way", relaxed=True, most_iterations=MOST_ITERATIONS)
         for block in self._blocks:
             block.initialize()
@@ -233,7 +233,7 @@ class Recovery:
     def _other_side(self, turn: float) -> SolveResult:
         """Let the two bodies with the largest violation pass each other on another side."""
         block, pair, direction = self._most_in_the_way()
-        self._start({block: {pair: _turned(direction, turn)}})
+        self.start({block: {pair: _turned(direction, turn)}})
         purpose = f"'{pair[0]}' past '{pair[1]}', {turn:.0f} degrees round"
         return self._planning.solve(purpose, most_iterations=MOST_ITERATIONS)
 
@@ -246,7 +246,7 @@ class Recovery:
         }
         block, (first, second, start) = min(gaps, key=gaps.__getitem__)
         at_last_point = _normal(block, first, second, start)
-        self._start()
+        self.start()
         # The broad phase may leave out at the initial guess what is in the way now.
         normal = _normal(block, first, second, start) if (first, second, start) in block.separations else at_last_point
         parts = block.record.scene.parts

@@ -126,8 +126,11 @@ class SafePlanning:
 
     def _plan(self) -> None:
         recovery = Recovery(self._model, self._blocks, self._regions, self)
-        if not self._is_start and self._from_fewer_elements() and self._is_good_enough:
-            return
+        recovery.start()
+        if not self._is_start and self._from_fewer_elements():
+            if self._is_good_enough:
+                return
+            recovery.start()
         for step in recovery.steps():
             result = step()
             if result.quality is not Quality.INFEASIBLE and not self._is_any_start:
@@ -139,8 +142,6 @@ class SafePlanning:
 
     def _from_fewer_elements(self) -> bool:
         """Start from a plan on a copy with fewer elements, where that pays; returns whether there was one."""
-        for block in self._blocks:
-            block.initialize()
         coarse = plan_on_fewer_elements(self._model, [*self._blocks, *self._regions], self._settings, self._planned)
         if coarse is None:
             return False
@@ -201,7 +202,9 @@ class SafePlanning:
             settings = replace(settings, options=settings.options.with_default({"max_iter": most_iterations}))
         self._began = VariableValues.of_free(self._model)
         result = solve_model(self._model, settings)
-        self._reports = [block.verify(equations=self._equations) for block in (*self._blocks, *self._regions)]
+        # After the time limit a plan that is not feasible is not integrated: its equations do not hold.
+        equations = self._equations and not (result.quality is Quality.INFEASIBLE and settings.deadline.has_passed)
+        self._reports = [block.verify(equations=equations) for block in (*self._blocks, *self._regions)]
         report = joined_report(self._reports)
         made = PlanningRound.now(purpose, self._model, self._blocks, self._regions, result, report)
         self.rounds.append(made)

@@ -6,7 +6,6 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from pyrobocop_pyomo.complementarity import (
     SidePart,
     active_sources,
     canonical_form,
-    pair_residuals,
     side_values,
 )
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
@@ -33,7 +31,7 @@ from pyrobocop_pyomo.programs.row_values import RowValues
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
-from .violations import Violation, violations_of_rows
+from .violations import Violation, worst_row_of_each_component
 
 logger = logging.getLogger(__name__)
 
@@ -98,10 +96,12 @@ class ModelCheck:
         return self.violations()[0]
 
     def violated(self, tolerances: Tolerances) -> list[Violation]:
-        """Constraints and bounds that do not hold within the tolerance of feasibility, by name."""
-        rows = ((constraint, body, lower, upper) for constraint, (body, lower, upper) in self._rows)
-        bounded = ((data, data.value, data.lb, data.ub) for data in self._bounded.variables if data.value is not None)
-        return list(violations_of_rows(chain(rows, bounded), tolerances))
+        """Constraints and bounds that do not hold within the tolerance of feasibility, the worst of each component."""
+        rows = np.flatnonzero(self._row_violations() > tolerances.feasibility) if self._rows else ()
+        bounded = np.flatnonzero(self._bounded.violations() > tolerances.feasibility)
+        violated = [(row, *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
+        violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
+        return list(worst_row_of_each_component(violated))
 
     def violations(self) -> tuple[float, float]:
         """Largest violation, and the largest where each is divided by its scale, if that is above 1."""
@@ -214,4 +214,4 @@ class IterateLog:
 
     def residuals(self) -> list[PairResidual]:
         """The pairs at the model's current values."""
-        return pair_residuals(self.pairs)
+        return [PairResidual(pair.name, *sides) for pair, sides in zip(self.pairs, self._sides().tolist(), strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 from pyomo.core.base.var import Var
@@ -48,25 +49,27 @@ class Violation:
         return f"{self.where}: {self.what}{others}"
 
 
-def violations_of_rows(rows: Iterable[tuple[Any, Any, Any, Any]], tolerances: Tolerances) -> Iterator[Violation]:
-    """Violations at the values that are on the model.
+def worst_row_of_each_component(rows: Iterable[tuple[Any, Any, Any, Any]]) -> Iterator[Violation]:
+    """One violation per component, at the values that are on the model.
 
     Parameters
     ----------
     rows : iterable of (component data, expression, lower, upper)
-        Constraints with their bodies, or variables; a bound may be None.
-    tolerances : Tolerances
+        Violated constraints with their bodies, or violated variables; a bound may be None.
     """
+    of_component: dict[int, list[tuple[float, float, Any, Any, Any]]] = {}
     for data, body, lower, upper in rows:
         number = number_or_nan(body)
-        amount = bound_violation(number, lower, upper)
-        if not amount <= tolerances.feasibility:
-            what = "has no value" if number != number else f"{number:.6g} is {_wanted(number, lower, upper)}"
-            yield Violation(data.name, place_in_words(data), what, amount)
+        violated = (bound_violation(number, lower, upper), number, data, lower, upper)
+        of_component.setdefault(id(data.parent_component()), []).append(violated)
+    for several in of_component.values():
+        amount, number, data, lower, upper = max(several, key=itemgetter(0))
+        what = "has no value" if number != number else f"{number:.6g} is {_wanted(number, lower, upper)}"
+        yield Violation(data.name, place_in_words(data), what, amount, others=len(several) - 1)
 
 
 def violations_of_pairs(residuals: Iterable[PairResidual], tolerances: Tolerances) -> Iterator[Violation]:
-    """Pairs whose sides are both positive, or negative; as `violations_of_rows`."""
+    """Pairs whose sides are both positive, or negative."""
     for pair in residuals:
         if max(pair.product / tolerances.product, -pair.natural / tolerances.feasibility) > 1.0:
             amount = abs(pair.natural)
@@ -77,13 +80,13 @@ def worst_of_each_component(violations: Iterable[Violation]) -> tuple[Violation,
     """One violation per component, the worst first."""
     worst: dict[str, Violation] = {}
     for violation in violations:
-        component = violation.name.partition("[")[0]
+        component = violation.name.rpartition("[")[0] if violation.name.endswith("]") else violation.name
         other = worst.get(component)
         if other is None:
             worst[component] = violation
         else:
             larger = violation if violation.amount > other.amount else other
-            worst[component] = replace(larger, others=other.others + 1)
+            worst[component] = replace(larger, others=other.others + violation.others + 1)
     return tuple(sorted(worst.values(), key=lambda violation: -violation.amount))
 
 

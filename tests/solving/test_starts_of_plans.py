@@ -57,7 +57,9 @@ class Fails:
 
 def told(model: pyo.ConcreteModel) -> dict[str, float]:
     planning = Fails(model)
-    for step in Recovery(model, [model.move.avoid], [], planning).steps():
+    recovery = Recovery(model, [model.move.avoid], [], planning)
+    recovery.start()
+    for step in recovery.steps():
         step()
     return planning.told
 
@@ -82,7 +84,9 @@ def test_margins_of_another_motion_are_forgotten() -> None:
     m = through_a_wall()
     index = m.move.avoid.separations.first()
     recovery = Recovery(m, [m.move.avoid], [], Fails(m))
+    m.move.avoid.set_margin(*index, 0.3)
+    recovery.start()
     for step, _ in zip(recovery.steps(), range(2), strict=False):
-        m.move.avoid.set_margin(*index, 0.3)
         step()
         assert pyo.value(m.move.avoid.margin[index]) == 0.0
+        m.move.avoid.set_margin(*index, 0.3)
