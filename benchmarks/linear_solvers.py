@@ -1,10 +1,11 @@
 """The linear solver of this package and Ipopt's MUMPS on the same sixty problems.
 
-    python benchmarks/linear_solvers.py [--quick] [--only NAME ...]
+    python benchmarks/linear_solvers.py [--quick] [--only NAME ...] [--always]
 
 Problems of textbooks, examples with contact and obstacles, nonsmooth problems, programs with pairs, and the cart-pole
 in growing numbers of elements, each solved by `solve` with defaults, without exploration (whose budget is time). Shown
-for MUMPS and for the solver of this package: iterations of all runs of Ipopt, CPU seconds that Ipopt spent on linear
+for MUMPS and for what `solve` takes by default, which is the solver of this package (ldl) where no dense part of the
+system is too large, with `--always` in all: iterations of all runs of Ipopt, CPU seconds that Ipopt spent on linear
 systems (its own "PDSystemSolverTotal"), and the objective. Two answers are alike where both are solved and the
 objectives agree to 1e-6; chaotic runs of nonconvex problems end in different optima, by the least change of rounding.
 """
@@ -74,10 +75,12 @@ def problems() -> dict[str, Callable[[], pyo.ConcreteModel]]:
     return found
 
 
-def solve(model: pyo.ConcreteModel, linear_solver: str) -> Ended:
-    """One solve with a linear solver."""
+def solve(model: pyo.ConcreteModel, linear_solver: str | None) -> Ended:
+    """One solve with a linear solver, or with that of the defaults."""
     log = io.StringIO()
-    options = {"linear_solver": linear_solver, "print_timing_statistics": "yes", "print_level": 3}
+    options = {"print_timing_statistics": "yes", "print_level": 3}
+    if linear_solver is not None:
+        options["linear_solver"] = linear_solver
     try:
         result = rcp.solve(model, options=options, tee=[log], exploration=0, progress=False)
     except rcp.errors.PyRobocopError:
@@ -105,6 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="two problems")
     parser.add_argument("--only", nargs="+", help="these problems")
+    parser.add_argument("--always", action="store_true", help="ldl also where MUMPS would be taken")
     arguments = parser.parse_args()
     chosen = arguments.only or (QUICK if arguments.quick else None)
     table, ratios, verdicts = Table(COLUMNS), [], []
@@ -113,7 +117,7 @@ def main() -> None:
         if chosen is not None and name not in chosen:
             continue
         show_progress(name)
-        ended = [solve(build(), linear_solver) for linear_solver in ("mumps", "ldl")]
+        ended = [solve(build(), linear_solver) for linear_solver in ("mumps", "ldl" if arguments.always else None)]
         mumps, own = ended
         ratio = own.seconds / mumps.seconds if mumps.seconds >= MEASURABLE else None
         said = verdict(mumps, own)

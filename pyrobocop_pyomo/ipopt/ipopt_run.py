@@ -55,8 +55,8 @@ def run_ipopt(
         The problem.
     options : mapping of str to str, int, float or bool
         Ipopt's options. Multipliers are used when ``warm_start_init_point`` is ``"yes"`` among them. With
-        ``linear_solver="ldl"``, Ipopt uses the linear solver of this package; where such a run fails, MUMPS has a try
-        from the same start.
+        ``linear_solver="ldl"``, and by default where it suits the program, Ipopt uses the linear solver of this
+        package; where such a run fails, MUMPS has a try from the same start.
     start : PrimalDualPoint, optional
         First point and multipliers, by default ``nlp.x_start`` and those of `PrimalDualPoint.complete`.
     deadline : Deadline
@@ -78,7 +78,7 @@ def run_ipopt(
     Raises
     ------
     SolverNotFoundError
-        When there is no Ipopt library, or no linear solver of this package where it is asked for.
+        When there is no Ipopt library, or no linear solver of this package where it is requested.
     SolverOptionError
         For an option that Ipopt does not know, or a value that it refuses.
     Exception
@@ -115,7 +115,7 @@ def _run_once(
     on_iteration: Callable[[IterationRecord], bool | None] | None,
     output: Sequence[TextIO],
 ) -> IpoptOutcome:
-    library = load_ipopt_library()
+    library = (None if kept is None else kept.library) or load_ipopt_library()
     start = PrimalDualPoint(nlp.x_start) if start is None else start
     multipliers = start.complete(nlp)
     point, row_multipliers = _vector(start.x, nlp.n, "x"), _vector(multipliers[0], nlp.m, "g_multipliers")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Mapping
 from typing import Any
@@ -27,12 +28,15 @@ IN_DOUBT = (
     IpoptStatus.OUT_OF_MEMORY,
 )
 # Whether programs that suit it get the solver of this package where options say nothing.
-BY_DEFAULT = False
+BY_DEFAULT = True
 # Rows of a dense front up to which it is at least as fast as MUMPS with its BLAS (benchmarks/linear_solvers.py).
 LARGEST_FRONT = 150
 # Systems with so few entries, and so few in a row, have no such front: to order them would take longer than a step.
 FEW_ENTRIES, THIN = 20_000, 10
 FALL_BACK = {"linear_solver": "mumps"}
+# Predictions of the program's structures that were asked for last.
+_MOST_KEPT = 64
+_predicted: dict[bytes, FactorSize] = {}
 # What records of a run say where that happened.
 FELL_BACK = "mumps, after ldl failed"
 
@@ -80,9 +84,9 @@ def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None 
     Raises
     ------
     SolverNotFoundError
-        When it is asked for and not there.
+        When it is requested and not there.
     SolverOptionError
-        When it is asked for together with another library.
+        When it is requested together with another library.
     """
     resolved = dict(options)
     if "linear_solver" not in resolved and "hsllib" not in resolved and nlp is not None and BY_DEFAULT and suits(nlp):
@@ -112,11 +116,23 @@ def suits(nlp: NonlinearProgram) -> bool:
 
 
 def predicted_factor(nlp: NonlinearProgram) -> FactorSize | None:
-    """Size of the factor of Ipopt's linear systems, from the structure of the derivatives; None without the solver."""
+    """Size of the factor of Ipopt's linear systems, from the structure of the derivatives; None without the solver.
+
+    Kept for further programs with the same structure.
+    """
     if nlp.n == 0 or find_linear_solver() is None:
         return None
     hessian, jacobian = nlp.hessian_structure, nlp.jacobian_structure
-    diagonal = np.arange(nlp.n)
-    rows = np.concatenate([np.asarray(hessian[0]), diagonal, np.asarray(jacobian[0]) + nlp.n])
-    columns = np.concatenate([np.asarray(hessian[1]), diagonal, np.asarray(jacobian[1])])
-    return SymmetricFactorisation(nlp.n + nlp.m, rows, columns).size_of_factor(np.ones(rows.size))
+    digest = hashlib.blake2b(np.array([nlp.n, nlp.m, hessian[0].size]).tobytes(), digest_size=16)
+    for indices in (*hessian, *jacobian):
+        digest.update(np.ascontiguousarray(indices, np.int32).tobytes())
+    key = digest.digest()
+    if key not in _predicted:
+        diagonal = np.arange(nlp.n)
+        rows = np.concatenate([np.asarray(hessian[0]), diagonal, np.asarray(jacobian[0]) + nlp.n])
+        columns = np.concatenate([np.asarray(hessian[1]), diagonal, np.asarray(jacobian[1])])
+        found = SymmetricFactorisation(nlp.n + nlp.m, rows, columns).size_of_factor(np.ones(rows.size))
+        if len(_predicted) >= _MOST_KEPT:
+            _predicted.clear()
+        _predicted[key] = found
+    return _predicted[key]

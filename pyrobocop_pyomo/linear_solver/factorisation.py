@@ -18,6 +18,8 @@ IntArray = np.ndarray[Any, np.dtype[np.int32]]
 
 # Flags of MA27's convention.
 _SHORT_INTEGERS, _SHORT_REALS, _SINGULAR = -3, -4, -5
+# Where the caller says whether negative eigenvalues are to be told even of a singular matrix, as Ipopt likes it.
+_COUNT_FIRST = 29
 _LARGEST = np.iinfo(np.int32).max
 # As Ipopt does it: proposed lengths are multiplied by five, lengths that were too short at least by two.
 _SPARE, _GROWTH = 5, 2
@@ -114,6 +116,7 @@ class SymmetricFactorisation:
         self._info, self._front = np.zeros(20, np.int32), np.zeros(1, np.int32)
         self._steps, self._integers, self._reals = np.zeros(1, np.int32), np.zeros(1, np.int32), np.zeros(0)
         self._functions.ma27id_(_address(self._options), _address(self._tolerances))
+        self._options[_COUNT_FIRST] = 0
         zero, work = np.zeros(1, np.int32), np.zeros(1)
         self._call(
             "ma27ad_", self._size, self._count, self._rows, self._columns, self._integers, self._length(self._integers),

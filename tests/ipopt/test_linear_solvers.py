@@ -15,6 +15,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
 from pyrobocop_pyomo.linear_solver import find_linear_solver
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 
 needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="there is no C compiler")
 
@@ -98,6 +99,35 @@ def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
 
 
 @needs_the_solver
+@pytest.mark.executable
+def test_mumps_has_a_try_where_a_process_fails(monkeypatch):
+    used = []
+    once = ExecutableSession._run_process
+
+    def failing(session, options, deadline):
+        used.append(options["linear_solver"])
+        status, iterations = once(session, options, deadline)
+        return (status if used[-1] == "mumps" else IpoptStatus.STEP_FAILED), iterations
+
+    monkeypatch.setattr(ExecutableSession, "_run_process", failing)
+    model = hock_schittkowski_71()[0]
+    result = rcp.solve(model, backend="executable", options={"linear_solver": "ldl"})
+    assert used == ["ma27", "mumps"]
+    assert result.solved
+    assert any("MUMPS solved them again" in remark for remark in result.remarks)
+    assert pyo.value(model.cost) == pytest.approx(17.0140172, rel=1e-6)
+
+
+@needs_the_solver
+@pytest.mark.casadi
+def test_what_is_predicted_is_kept_for_the_same_structure(monkeypatch):
+    first, second, other = (CompiledModel(swing(elements), "vectorised").nlp for elements in (20, 20, 21))
+    monkeypatch.setattr(linear_solvers, "_predicted", {})
+    assert predicted_factor(first) is predicted_factor(second)
+    assert predicted_factor(other) != predicted_factor(first)
+
+
+@needs_the_solver
 @pytest.mark.casadi
 def test_the_size_of_the_factor_decides(monkeypatch):
     thin = CompiledModel(swing(), "vectorised").nlp
@@ -114,7 +144,6 @@ def test_the_size_of_the_factor_decides(monkeypatch):
     assert predicted_factor(nlp).largest_front == 30
     assert not suits(nlp)
     assert suits(thin)
-    monkeypatch.setattr(linear_solvers, "BY_DEFAULT", True)
     assert with_linear_solver({"tol": 1e-6}, thin)[0]["linear_solver"] == "ma27"
     assert with_linear_solver({"tol": 1e-6}, nlp) == ({"tol": 1e-6}, False)
     for own in ({"linear_solver": "mumps"}, {"hsllib": "libhsl.so"}, {"linear_solver": "ma57", "hsllib": "libhsl.so"}):

@@ -8,44 +8,13 @@ import sys
 
 import numpy as np
 import pytest
+from harness.dense_inertia import check
 from harness.random_matrices import Matrix, kkt_matrix, trajectory_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import SingularMatrix, SolverNotFoundError
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation, find_linear_solver
-
-ROUNDED = 1e-11  # smallest eigenvalue of a matrix with unit rows that is told from zero
-
-
-def equilibrated_eigenvalues(full: np.ndarray) -> np.ndarray | None:
-    """Eigenvalues with the same signs, of a matrix whose rows have a largest entry of one; None with a zero row."""
-    if len(full) and not np.abs(full).max(axis=0).all():
-        return None
-    for _ in range(4):
-        factors = 1 / np.sqrt(np.abs(full).max(axis=0))
-        full = full * factors[:, None] * factors
-    return np.linalg.eigvalsh(full)
-
-
-def check(matrix: Matrix, solver: SymmetricFactorisation, rng: np.random.Generator) -> str:
-    """Compare a factorisation with dense algebra; tells what kind of matrix it was."""
-    full = matrix.dense()
-    eigenvalues = equilibrated_eigenvalues(full)
-    try:
-        found = solver.factor(matrix.values)
-    except SingularMatrix:
-        assert eigenvalues is None or np.abs(eigenvalues).min() < ROUNDED
-        return "singular"
-    assert eigenvalues is not None
-    if np.abs(eigenvalues).min() < ROUNDED:
-        return "nearly singular"
-    assert found.negative == (eigenvalues < 0).sum()
-    b = full @ rng.normal(size=matrix.n)
-    x = solver.solve(b)
-    x += solver.solve(b - full @ x)  # as Ipopt does it: pivots may be as small as 1e-8 of their column
-    assert np.abs(full @ x - b).max() <= 1e-10 * (np.abs(full).max() * np.abs(x).max() + np.abs(b).max())
-    return "regular"
 
 
 def test_inertia_of_a_thousand_random_matrices(library):
@@ -245,3 +214,53 @@ def test_where_the_solver_is_looked_for(library, monkeypatch, tmp_path):
     monkeypatch.setenv("PYROBOCOP_LINEAR_SOLVER", str(tmp_path / "gone"))
     with pytest.raises(SolverNotFoundError, match="no such file"):
         find_linear_solver()
+
+
+def test_a_plan_that_is_kept_changes_nothing(library):
+    """Structures come and go; whether the plan was made or found, the answer has the same bits."""
+    rng = np.random.default_rng(7)
+    matrices = [trajectory_matrix(rng, 20 + 3 * number) for number in range(12)]  # more than are kept
+
+    def answers() -> list[bytes]:
+        found = []
+        for matrix in matrices:
+            solver = SymmetricFactorisation(*matrix[:3], library)
+            solver.factor(matrix.values)
+            found.append(solver.solve(np.ones(matrix.n)).tobytes())
+        return found
+
+    first = answers()
+    assert answers() == first
+    assert answers()[::-1] == first[::-1]
+    again = SymmetricFactorisation(*matrices[-1][:3], library)
+    again.factor(matrices[-1].values)  # is kept now
+    assert again.solve(np.ones(matrices[-1].n)).tobytes() == first[-1]
+
+
+@pytest.mark.parametrize("part", [1e-16, 1e-15])
+def test_what_rounding_leaves_is_no_eigenvalue(library, part):
+    """Two rows that are the same but for rounding, beside large terms that cancel."""
+    full = np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 3.0, 3.0 + part], [1.0, 3.0, 0, 0], [1.0, 3.0 + part, 0, 0]])
+    i, j = np.triu_indices(4)
+    with pytest.raises(SingularMatrix):
+        SymmetricFactorisation(4, i, j, library).factor(full[i, j])
+
+
+def test_rows_that_are_combinations_of_others_are_found(library):
+    """As rows of a program depend on each other, with few exceptions: what is left of a pivot hangs on rounding."""
+    rng = np.random.default_rng(8)
+    found = 0
+    for _ in range(200):
+        variables, rows = int(rng.integers(3, 12)), int(rng.integers(1, 4))
+        jacobian = np.linalg.qr(rng.normal(size=(variables, rows)))[0].T
+        jacobian = np.vstack([jacobian, rng.uniform(0.5, 1.0, size=rows) @ jacobian])
+        n = variables + rows + 1
+        full = np.zeros((n, n))
+        full[:variables, :variables] = np.diag(rng.uniform(1.0, 2.0, size=variables))
+        full[:variables, variables:] = jacobian.T
+        i, j = np.triu_indices(n)
+        try:
+            SymmetricFactorisation(n, i, j, library).factor(full[i, j])
+        except SingularMatrix:
+            found += 1
+    assert found >= 190

@@ -237,7 +237,7 @@ void free_plan(plan *made)
 }
 
 /* The integer arrays of a plan, in the order in which they are stored. */
-enum { HEADER = 16 };
+enum { HEADER = 16, AT_NEGATIVE = 8 };
 
 static void lay_out(plan *p, int *at)
 {
@@ -259,20 +259,37 @@ static int64_t array_length(const plan *p)
 
 int64_t plan_length(const plan *made) { return HEADER + array_length(made); }
 
+int copy_plan(const plan *made, plan *copied)
+{
+    const size_t length = sizeof(int) * (size_t)array_length(made);
+    int *arrays = malloc(length);
+    if (arrays == NULL) return 0;
+    memcpy(arrays, made->first, length);
+    *copied = *made;
+    lay_out(copied, arrays);
+    return 1;
+}
+
 void store_plan(const plan *made, int *integers)
 {
     const int header[] = {made->n, made->nz, made->fronts, made->below, made->taken, made->largest, made->reals,
-                          made->integers, made->refused};
+                          made->integers, made->negative, made->used};
     memcpy(integers, header, sizeof header);
     memcpy(integers + HEADER - 4, &made->expected.operations, sizeof(double));
     memcpy(integers + HEADER - 2, &made->expected.entries, sizeof(double));
     memcpy(integers + HEADER, made->first, sizeof(int) * (size_t)array_length(made));
 }
 
+void keep_negative(int *integers, int negative, int used)
+{
+    integers[AT_NEGATIVE] = negative;
+    integers[AT_NEGATIVE + 1] = used;
+}
+
 void view_plan(int *integers, plan *seen)
 {
     int *const to[] = {&seen->n, &seen->nz, &seen->fronts, &seen->below, &seen->taken, &seen->largest, &seen->reals,
-                       &seen->integers, &seen->refused};
+                       &seen->integers, &seen->negative, &seen->used};
     for (size_t k = 0; k < sizeof to / sizeof *to; k++) *to[k] = integers[k];
     memcpy(&seen->expected.operations, integers + HEADER - 4, sizeof(double));
     memcpy(&seen->expected.entries, integers + HEADER - 2, sizeof(double));
@@ -290,10 +307,10 @@ static enum outcome foresee_lengths(plan *p, const int *above)
     p->largest = 0;
     for (int f = 0; f < p->fronts; f++) {
         const double columns = p->first[f + 1] - p->first[f], below = p->rows_start[f + 1] - p->rows_start[f];
-        const double size = columns + below;
+        const double size = columns + below, stride = stride_of((int)size);
         if (size > p->largest) p->largest = (int)size;
-        if (factor + size * size + handed > peak) peak = factor + size * size + handed;
-        factor += size * columns;
+        if (factor + (size + 1.0) * stride + handed > peak) peak = factor + (size + 1.0) * stride + handed;
+        factor += stride * columns;
         handed -= block[f];
         held -= 3.0 * p->children[f];
         if (above[f] >= 0) {
@@ -356,7 +373,7 @@ static void find_places(plan *p, const int *row, const int *column, const int *p
         }
     for (int f = 0; f < p->fronts; f++) {
         const int first = p->first[f], columns = p->first[f + 1] - first;
-        const int size = columns + p->rows_start[f + 1] - p->rows_start[f];
+        const int stride = stride_of(columns + p->rows_start[f + 1] - p->rows_start[f]);
         for (int k = 0; k < columns; k++) where[p->order[first + k]] = k;
         for (int k = p->rows_start[f]; k < p->rows_start[f + 1]; k++)
             where[p->rows[k]] = columns + k - p->rows_start[f];
@@ -364,7 +381,7 @@ static void find_places(plan *p, const int *row, const int *column, const int *p
             for (int k = p->rows_start[c]; k < p->rows_start[c + 1]; k++) p->place[k] = where[p->rows[k]];
         for (int k = p->entry_start[f]; k < p->entry_start[f + 1]; k++) {
             const int a = where[row[p->entry[k]] - 1], b = where[column[p->entry[k]] - 1];
-            p->target[k] = (a < b ? a : b) * size + (a < b ? b : a);
+            p->target[k] = (a < b ? a : b) * stride + (a < b ? b : a);
         }
     }
 }
@@ -432,12 +449,12 @@ enum outcome make_plan(int n, int nz, const int *row, const int *column, const i
     made->n = n;
     made->nz = nz;
     made->fronts = fronts;
-    made->refused = 0;
+    made->negative = made->used = 0;
     int64_t below = 0, taken = 0;
     for (int k = 0; k < fronts; k++) below += size[walked[sibling[k]]] - columns[walked[sibling[k]]];
     for (int k = 0; k < nz; k++) taken += inside(n, row[k], column[k]);
     for (int k = 0; k < fronts; k++)
-        if (size[walked[sibling[k]]] > 46340) answer = TOO_LARGE; /* whose square is no int any more */
+        if (size[walked[sibling[k]]] > 46336) answer = TOO_LARGE; /* whose square is no int any more */
     if (below > INT32_MAX / 4) answer = TOO_LARGE;
     if (answer != DONE) goto end;
     made->below = (int)below;

@@ -331,6 +331,8 @@ static const double WEAK_DIAGONAL = 1e-3;
 static const double WEAK_PARTNER = 1e-3;
 /* Ties cost fill; without them pivots are delayed, which costs more. So an order without ties must be this much better. */
 static const double CLEARLY_CHEAPER = 0.5;
+/* With so few multiplications for each row, half of them would be lost in all that a factorisation does beside them. */
+static const double CHEAP = 100.0;
 
 /* Rows sorted by the number of their neighbours. */
 static void sort_by_degree(const graph *g, int *sorted, int *bucket)
@@ -404,10 +406,9 @@ static void take_from_other(ties *t, int i)
     }
 }
 
-/* Partners of the rows with a weak diagonal; returns the number of pairs. */
-static int tie(ties *t, const int *sorted)
+/* Partners of the rows with a weak diagonal. */
+static void tie(ties *t, const int *sorted)
 {
-    int pairs = 0;
     const graph *g = t->g;
     for (int i = 0; i < g->nodes; i++) {
         t->partner[i] = ALONE;
@@ -421,11 +422,9 @@ static int tie(ties *t, const int *sorted)
         const int chosen = free_neighbour(t, i);
         if (chosen == ALONE) continue;
         pair_up(t, i, chosen);
-        pairs++;
     }
     for (int s = 0; s < g->nodes; s++)
         if (t->partner[sorted[s]] == ALONE && is_weak(t, sorted[s])) take_from_other(t, sorted[s]);
-    return pairs;
 }
 
 /* The graph in which each pair is one node. `node[i]` is the node of row i, `leader` the first row of each node. */
@@ -478,34 +477,48 @@ static enum outcome price(const graph *g, const int *order, int *memory, expense
     return elimination_tree(g, order, memory, memory + n, memory + 2 * (size_t)n, sum);
 }
 
-enum outcome order_matrix(int n, int nz, const int *row, const int *column, const double *value, int may_leave,
-                          int *order, char *tied)
+enum outcome tie_matrix(int n, int nz, const int *row, const int *column, const double *value, graph *g, int *partner)
 {
-    graph g = {0, NULL, NULL}, small = {0, NULL, NULL};
     double *magnitude = NULL, *diagonal = NULL;
-    expense paired_sum, plain_sum;
-    enum outcome answer = matrix_graph(n, nz, row, column, value, &g, &magnitude, &diagonal);
+    const enum outcome answer = matrix_graph(n, nz, row, column, value, g, &magnitude, &diagonal);
     if (answer != DONE) return answer;
-    int *memory = malloc(sizeof(int) * (9 * (size_t)n + 2));
+    int *memory = malloc(sizeof(int) * (2 * (size_t)n + 1));
     double *largest = malloc(sizeof(double) * ((size_t)n + 1));
-    if (memory == NULL || largest == NULL) {
-        answer = OUT_OF_MEMORY;
-        goto end;
-    }
-    int *partner = memory, *node = partner + n, *leader = node + n, *weight = leader + n, *plain = weight + n;
+    const int enough = memory != NULL && largest != NULL;
+    if (enough) {
+        sort_by_degree(g, memory, memory + n);
+        ties t = {g, magnitude, diagonal, largest, partner};
+        tie(&t, memory);
+    } else
+        free_graph(g);
+    free(memory);
+    free(largest);
+    free(magnitude);
+    free(diagonal);
+    return enough ? DONE : OUT_OF_MEMORY;
+}
+
+enum outcome order_tied(const graph *g, const int *partner, int may_leave, int *order, char *tied)
+{
+    const int n = g->nodes;
+    graph small = {0, NULL, NULL};
+    expense paired_sum, plain_sum;
+    enum outcome answer = DONE;
+    int *memory = calloc(8 * (size_t)n + 2, sizeof(int)), pairs = 0;
+    if (memory == NULL) return OUT_OF_MEMORY;
+    int *node = memory, *leader = node + n, *weight = leader + n, *plain = weight + n;
     int *scratch = plain + n; /* 3 n + 1, and one n at the end for the order of the nodes */
     int *nodes_order = scratch + 3 * (size_t)n + 1;
     memset(tied, 0, (size_t)n);
-    for (int i = 0; i < n; i++) weight[i] = 1;
-    answer = order_by_degree(&g, weight, plain);
-    if (answer != DONE) goto end;
-    sort_by_degree(&g, scratch, scratch + n);
-    ties t = {&g, magnitude, diagonal, largest, partner};
-    if (tie(&t, scratch) == 0) {
-        memcpy(order, plain, sizeof(int) * (size_t)n);
+    for (int i = 0; i < n; i++) {
+        weight[i] = 1;
+        pairs += partner[i] != ALONE;
+    }
+    if (pairs == 0) {
+        answer = order_by_degree(g, weight, order);
         goto end;
     }
-    answer = compress(&g, partner, node, leader, weight, &small);
+    answer = compress(g, partner, node, leader, weight, &small);
     if (answer == DONE) answer = order_by_degree(&small, weight, nodes_order);
     if (answer != DONE) goto end;
     for (int v = 0, k = 0; v < small.nodes; v++) {
@@ -516,18 +529,17 @@ enum outcome order_matrix(int n, int nz, const int *row, const int *column, cons
             order[k++] = partner[i];
         }
     }
-    answer = price(&g, order, scratch, &paired_sum);
-    if (answer == DONE) answer = price(&g, plain, scratch, &plain_sum);
-    if (answer == DONE && may_leave && plain_sum.operations < CLEARLY_CHEAPER * paired_sum.operations) {
+    answer = price(g, order, scratch, &paired_sum);
+    if (answer != DONE || !may_leave || paired_sum.operations <= CHEAP * n) goto end;
+    for (int i = 0; i < n; i++) weight[i] = 1;
+    answer = order_by_degree(g, weight, plain);
+    if (answer == DONE) answer = price(g, plain, scratch, &plain_sum);
+    if (answer == DONE && plain_sum.operations < CLEARLY_CHEAPER * paired_sum.operations) {
         memcpy(order, plain, sizeof(int) * (size_t)n);
         memset(tied, 0, (size_t)n);
     }
 end:
     free(memory);
-    free(largest);
-    free(magnitude);
-    free(diagonal);
     free_graph(&small);
-    free_graph(&g);
     return answer;
 }

@@ -44,6 +44,7 @@ static void try_matrix(uint64_t *state)
         j[k] = 1 + (i[k] > n ? below(state, n) : below(state, rows));
     }
     ma27id_(icntl, cntl);
+    icntl[29] = 0; /* singular matrices are told as such */
     cntl[0] = 1e-8;
     ma27ad_(&rows, &nz, i, j, nothing, &one, keep, spare, &steps, &flag, icntl, cntl, info, &operations);
     int la = nz, liw = 1; /* as short as can be, so that every length is asked for */
