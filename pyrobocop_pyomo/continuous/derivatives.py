@@ -13,7 +13,7 @@ by whatever solver, and used in further rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,8 @@ from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression
+from pyomo.core.base.expression import Expression, ExpressionData
+from pyomo.core.base.initializer import Initializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
@@ -29,14 +30,15 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
-from pyrobocop_pyomo.modeling.bulk_parts import new_row
+from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
-from .record import Discretisation, Substitution
+from .line_ends import closing_rows, rows_from_left
+from .record import Discretisation, LineEnds, Substitution, open_sets
 from .row_variables import RowVariables, row_variables
-from .structure import PAIRS, Axis, Spot, axis_on, variables_of_row
+from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -75,7 +77,9 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred:
         Leave the rows to `finish_rows`, which writes those that no substitution has written before.
     """
     homes: dict[int, Any] = {}
+    open_ids = open_sets(continuous_sets(spots))
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
+    discretisation.joints.clear()
     discretisation.deferred.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
@@ -83,7 +87,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred:
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation, deferred)
+            _add_rows(home, levels[-2], levels[-1], discretisation, deferred, open_ids)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -115,26 +119,90 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, deferred: bool) -> None:
+def _add_rows(
+    home: Any, state: Any, rate: Any, discretisation: Discretisation, deferred: bool, open_ids: set[int]
+) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
     rows = Constraint(rate.index_set())
     home.add_component(unique_component_name(home, rate.local_name), rows)
     discretisation.rows[rate] = rows
-    if deferred:
-        discretisation.deferred.append((state, rate))
-    joints = None
+    joints = closing = None
     if not grid.scheme.end_is_a_node:
         joints = Constraint(rate.index_set())
         home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
-    for others in _others(rate, axis, grid.times[0]):
-        states, rates = _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points)
+        discretisation.joints.append(joints)
+    known = discretisation.ends.get(rate)
+    if known is not None:
+        closing = Constraint(rate.index_set())
+        home.add_component(unique_component_name(home, f"{rate.local_name}_closing"), closing)
+        deferred = False
+    if deferred:
+        discretisation.deferred.append((state, rate))
+    lines = _others(rate, axis, grid.times[0])
+    for others in lines:
+        ends = discretisation.ends_of(rate, others)
+        times = grid.times[:-1] if ends.from_left else grid.points
+        states, rates = _along(state, axis, others, grid.times), _along(rate, axis, others, times)
         if not deferred:
-            _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others)
+            _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others, ends.from_left)
         if joints is not None:
             for time, row in continuity_rows(states, grid):
                 joints.add(axis.join(others, time), row)
-        _initialise_rates(states, rates, discretisation)
+        if closing is not None:
+            for time, row in closing_rows(rates, grid, ends.without):
+                new_row(closing, axis.join(others, time), row)
+        if not ends.from_left:
+            _initialise_rates(states, rates, discretisation)
+    if any(other != axis and id(other.domain) in open_ids for other in axes_of(rate)):
+        # Where pyomo.dae discretises the other set later, it asks the rule for rows on the new lines.
+        for kind, constraint in (("rows", rows), ("joints", joints), ("closing", closing)):
+            if constraint is not None:
+                ends = LineEnds() if known is None else known.elsewhere
+                constraint._rule = Initializer(RowsOfNewLines(state, rate, grid, axis, lines, ends, kind))
+
+
+class RowsOfNewLines:
+    """A rule that gives the rows of a derivative for indices of another continuous set that are new.
+
+    Parameters
+    ----------
+    state, rate : Var
+    grid : Grid
+    axis : Axis
+        Of the set that the grid is on.
+    lines : iterable of index
+        Indices of the other sets that have their rows already.
+    ends : LineEnds
+    kind : str
+        "rows", "joints" or "closing".
+    """
+
+    def __init__(
+        self, state: Any, rate: Any, grid: Grid, axis: Axis, lines: Iterable[Any], ends: LineEnds, kind: str
+    ) -> None:
+        self._state, self._rate, self._grid, self._axis = state, rate, grid, axis
+        self._known, self._ends, self._kind = frozenset(lines), ends, kind
+        self._line: tuple[Any, dict[float, Any]] = (self, {})
+
+    def __call__(self, block: Any, *index: Any) -> Any:
+        """The row at an index; `Constraint.Skip` where the grid has none."""
+        others, time = self._axis.others(index), self._axis.time(index)
+        if others in self._known:
+            return Constraint.Skip
+        if self._line[0] != others:
+            self._line = (others, dict(self._rows_of(others)))
+        return self._line[1].get(time, Constraint.Skip)
+
+    def _rows_of(self, others: Any) -> Iterable[tuple[float, Any]]:
+        states = _along(self._state, self._axis, others, self._grid.times)
+        if self._kind == "joints":
+            return continuity_rows(states, self._grid)
+        rates = _along(self._rate, self._axis, others, self._grid.times)
+        if self._kind == "closing":
+            return closing_rows(rates, self._grid, self._ends.without)
+        make = rows_from_left if self._ends.from_left else collocation_rows
+        return make(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
 
 
 def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
@@ -145,7 +213,7 @@ def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: M
     for others in dict.fromkeys(axis.others(index) for index in sides):
         states = _along(state, axis, others, grid.times)
         rates = {time: sides[axis.join(others, time)] for time in grid.points}
-        _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others)
+        _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others, False)
     discretisation.deferred = [waiting for waiting in discretisation.deferred if waiting[1] is not rate]
     return rows.parent_block()
 
@@ -156,8 +224,10 @@ def finish_rows(discretisation: Discretisation) -> None:
         rewrite_rows(discretisation, state, rate, rate)
 
 
-def _write(rows: Any, states: Any, rates: Any, grid: Grid, widths: list[Any], axis: Axis, others: Any) -> None:
-    for time, row in collocation_rows(states, rates, grid, widths):
+def _write(
+    rows: Any, states: Any, rates: Any, grid: Grid, widths: list[Any], axis: Axis, others: Any, from_left: bool
+) -> None:
+    for time, row in (rows_from_left if from_left else collocation_rows)(states, rates, grid, widths):
         new_row(rows, axis.join(others, time), row)
 
 
@@ -198,12 +268,15 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
             set_initial_value(rates[time], slope)
 
 
-def explicit_candidates(discretisation: Discretisation) -> dict[int, Any]:
+def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> dict[int, Any]:
     """The derivatives that a right-hand side may replace, by their ids."""
     candidates = {
         id(data): data
         for _, derivative in discretisation.derivatives
         if isinstance(derivative, DerivativeVar) and not derivative.is_reference()
+        if derivative not in discretisation.ends
+        # On a set that is still to be discretised there will be more of them.
+        if not any(id(axis.domain) in open_ids for axis in axes_of(derivative))
         for data in derivative.values()
         if not data.fixed and data.lower is None and data.upper is None
     }
@@ -214,7 +287,7 @@ def explicit_candidates(discretisation: Discretisation) -> dict[int, Any]:
 
 def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
     """Replace all derivatives that are given explicitly by their right-hand sides."""
-    candidates = explicit_candidates(discretisation)
+    candidates = explicit_candidates(discretisation, open_sets(continuous_sets(found)))
     own = {id(rows) for rows in discretisation.generated_constraints()}
     explicit = _explicit_rows(found, candidates, own, discretisation.in_rows)
     for state, derivative in list(discretisation.derivatives):
@@ -286,5 +359,5 @@ def _substitute(
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
     for index, side in sides.items():
-        expression._setitem_when_not_present(index, side)  # the indices are those of the derivative
+        put_part(expression, index, ExpressionData(side, expression))  # the indices are those of the derivative
     discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))

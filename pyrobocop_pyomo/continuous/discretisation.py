@@ -92,27 +92,26 @@ def _discretise(
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     try:
         domain.update(sorted({*grid.times, *grid.points}.difference(points)))
+        domain._fe = list(grid.mesh.boundaries)  # rules may ask for the element of a point
         expand(found, domain)
         found = list(spots(root))
         _inherit(found, discretisation)
         record.discretisations[domain] = discretisation
         everything = discretisations_on(root)
-        for one in everything:
-            remove_collocation(one)
-        if previous is not None:
-            previous.give_to(found, discretisation)
-        for one in everything:
-            # With one set nobody reads the rows before the substitution, which writes most of them anew.
-            add_collocation(one, found, deferred=len(everything) == 1)
-        if previous is not None:
-            previous.give_to(list(spots(root)), discretisation)
+        _write_rows(everything, found, discretisation, previous)
         for one in everything:
             for integral in integrals_along(found, one.domain):
                 integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
             possible_sum.check(domain)
         absent_values = AbsentValues(list(spots(root)), everything)
-        absent_values.deactivate_rows(discretisation.deactivated)
+        if not absent_values.deactivate_rows(discretisation.deactivated):
+            # Equations are missing at ends of the sets: what holds where is another question with other rows.
+            while discretisation.deactivated:
+                discretisation.deactivated.pop().activate()
+            _write_rows(everything, found, discretisation, previous)
+            absent_values = AbsentValues(list(spots(root)), everything)
+            absent_values.deactivate_rows(discretisation.deactivated)
         discretisation.cleared = absent_values.clear_variables()
         if len(everything) == 1:
             discretisation.in_rows = absent_values.in_rows
@@ -121,6 +120,21 @@ def _discretise(
         undo_discretisation(discretisation)
         raise
     return discretisation
+
+
+def _write_rows(
+    everything: list[Discretisation], found: list[Spot], discretisation: Discretisation, previous: PreviousValues | None
+) -> None:
+    """Write the rows of all discretised sets; the newest starts from the values on its previous mesh."""
+    for one in everything:
+        remove_collocation(one)
+    if previous is not None:
+        previous.give_to(found, discretisation)
+    for one in everything:
+        # With one set nobody reads the rows before the substitution, which writes most of them anew.
+        add_collocation(one, found, deferred=len(everything) == 1)
+    if previous is not None:
+        previous.give_to(list(spots(discretisation.domain.model())), discretisation)
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
@@ -145,6 +159,7 @@ def undo_discretisation(discretisation: Discretisation) -> None:
                 del spot.component._data[index]
     for time in [time for time in domain if time not in kept]:
         domain.discard(time)
+    domain._fe = sorted(kept)
     discretisation_record_of(domain).discretisations.pop(domain, None)
 
 
@@ -211,8 +226,6 @@ def finalise(discretisation: Discretisation) -> None:
     found = list(spots(domain.model()))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)
-    boundaries = set(discretisation.grid.mesh.boundaries)
-    domain._fe = [time for time in domain if time in boundaries]
     domain.get_discretization_info().update(
         scheme=DAE_NAMES.get(family, scheme.name),
         nfe=discretisation.grid.mesh.elements,

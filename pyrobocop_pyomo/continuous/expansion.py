@@ -20,18 +20,20 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import Block
-from pyomo.core.base.constraint import Constraint, ConstraintList
+from pyomo.core.base.constraint import Constraint, ConstraintData, ConstraintList
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.set import Set, SetOf
 from pyomo.core.base.suffix import Suffix
-from pyomo.core.base.var import Var
+from pyomo.core.base.var import Var, VarData
+from pyomo.core.expr import EqualityExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.dae import DerivativeVar, Integral
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.modeling.bulk_parts import copy_variable, new_row
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 
 from .structure import PAIRS, Spot, axis_on
@@ -91,9 +93,12 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 if index not in component._data and (ctype is not Var or axis.others(index) in known)
             ]
             with _naming(component) as place:
-                for index in missing:
+                alike = 1 if ctype in (Var, DerivativeVar) and _says_the_same_everywhere(component) else len(missing)
+                for index in missing[:alike]:
                     place.index = index
                     create(component, index)
+                if missing[alike:]:
+                    copy_variable(component._data[missing[0]], missing[alike:])
             for index in missing:
                 if all_inactive and ctype is not Param and index in component._data and hasattr(component, "active"):
                     _deactivate(component._data[index])
@@ -129,7 +134,11 @@ def _by_asking(component: Any, index: Any) -> None:
 
 
 def _row(component: Any, index: Any) -> None:
-    component._setitem_when_not_present(index, component._rule(component.parent_block(), index))
+    row = component._rule(component.parent_block(), index)
+    if row.__class__ is EqualityExpression and component._ComponentDataClass is ConstraintData:
+        new_row(component, index, row)
+    else:
+        component._setitem_when_not_present(index, row)
 
 
 def _expression(component: Any, index: Any) -> None:
@@ -154,6 +163,12 @@ def _parameter(component: Any, index: Any) -> None:
         component._setitem_when_not_present(index, value)
     finally:
         component._constructed = True
+
+
+def _says_the_same_everywhere(component: Any) -> bool:
+    """Whether the declaration of a variable has no rule that looks at the index."""
+    rules = component._rule_init, component._rule_bounds, component._rule_domain
+    return component._ComponentDataClass is VarData and all(rule is None or rule.constant() for rule in rules)
 
 
 def _variable(component: Any, index: Any) -> None:

@@ -17,6 +17,7 @@ from pyrobocop_pyomo.errors import MeshError, TranscriptionError
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
 
 from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
+from .fewer_points import add_interpolation
 from .record import discretisation_of
 from .structure import axes_of, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
@@ -96,6 +97,35 @@ class Collocation(Transformation):
                 finalise(discretisation)
         for domain in domains:
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
+
+    def reduce_collocation_points(self, instance: Any, var: Any = None, ncp: int = 1, contset: Any = None) -> Any:
+        """Give a control fewer free values per element than the states have, as in ``dae.collocation``.
+
+        Parameters
+        ----------
+        instance : ConcreteModel or Block
+            The discretised model; a constraint that is named after the variable, ``u_interpolation_constraints``, is
+            added to it.
+        var : Var
+            A control or algebraic that is indexed by the set.
+        ncp : int
+            How many values stay free in each element. With 1 the variable is constant there, with 2 linear. The last
+            points are free, and the others follow by interpolation.
+        contset : ContinuousSet
+            A set that this transformation has discretised.
+
+        Returns
+        -------
+        ConcreteModel or Block
+            The instance.
+
+        Raises
+        ------
+        TranscriptionError
+            When the set is not discretised, the variable is a state or not indexed by it, or ``ncp`` does not fit.
+        """
+        add_interpolation(instance, var, ncp, contset)
+        return instance
 
 
 def _discretise(domain: Any, discretisation: Any, points: tuple[float, ...], grid: Any, substitutes: bool) -> None:

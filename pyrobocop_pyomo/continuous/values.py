@@ -56,6 +56,8 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
     for family, is_state, data in families(found, discretisation):
         times = discretisation.grid.times if is_state else discretisation.grid.points
         missing = next((data[time] for time in times if time in data and data[time].value is None), None)
+        if missing is not None and isinstance(missing.parent_component(), DerivativeVar):
+            continue  # along space, where no row gives it
         if missing is not None:
             raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it an initial value.")
         if all(time in data for time in times):

@@ -70,5 +70,8 @@ def test_right_models_have_no_finding() -> None:
 def test_the_catalogue_is_large_and_covers_all_who_speak() -> None:
     assert len(WRONG_MODELS) >= 45
     assert {wrong.found_by for wrong in WRONG_MODELS.values()} == {"statement", "check", "diagnose"}
-    # What measurements see is asked by `estimate`, which has data.
-    assert {wrong.expected for wrong in WRONG_MODELS.values()} >= set(Subject) - {Subject.IDENTIFIABILITY}
+    # What measurements see is found by `estimate`, which has data; an outcome, by a solve.
+    assert {wrong.expected for wrong in WRONG_MODELS.values()} >= set(Subject) - {
+        Subject.IDENTIFIABILITY,
+        Subject.OUTCOME,
+    }

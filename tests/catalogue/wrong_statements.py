@@ -112,7 +112,7 @@ def name_taken(m: Any) -> Mistake:
 # -------------------------------------------------------------------- statements
 
 
-@refused_at_once(TranscriptionError, "ode 'forgetful' returned a NoneType at t = .* Is the return statement missing")
+@refused_at_once(TranscriptionError, "ode 'forgetful' returned nothing at t = .* Is the return statement missing")
 def rule_returning_none(m: Any) -> Mistake:
     b = pushed(m)
     b.y = rcp.State(initial=0)
