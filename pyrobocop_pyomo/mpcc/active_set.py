@@ -25,13 +25,16 @@ from .lpec import Descent, steepest_branch
 from .multipliers import opposing_multipliers
 from .problem import ComplementarityProgram, violation
 
+# A linear program goes on from the basis of the last one: so many take about as long as one iteration of Ipopt.
+NODES_PER_ITERATION = 10
+
 
 class Certificate(enum.Enum):
     """What is known about first-order descent at a point; the value is a sentence."""
 
     PROVEN = "B-stationary: no branch through the point has a direction of descent."
     DESCENT = "Not B-stationary: another branch through the point descends, but no better point was reached along it."
-    UNKNOWN = "Not examined, or the linear program with complementarity constraints was not solved in time."
+    UNKNOWN = "Not examined, or the search for a branch that descends ended at a limit of time or of linear programs."
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +107,11 @@ class Limits:
     exploring_nodes : int
         Of the search tree, for one linear program of that search: its answer is not to depend on the machine.
     exploring_gap : float
-        Relative distance from its optimum at which such a program may stop: it is asked for a direction, no proof.
+        Relative distance from its optimum at which such a program may stop: a direction is wanted, no proof.
+    descent_gap : float
+        The same for a program that says whether any branch descends: a direction nearly as good leads on too.
+    descent_nodes : int
+        Most linear programs for that question; without an answer the certificate is unknown.
     exploring_iterations : int
         For one branch of that search.
     polishing_iterations : int
@@ -122,6 +129,8 @@ class Limits:
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
     exploring_nodes: int = 200
     exploring_gap: float = 1e-2
+    descent_gap: float = 0.3
+    descent_nodes: int = 500
     exploring_iterations: int = 200
     polishing_iterations: int = 300
 
@@ -165,6 +174,12 @@ class ActiveSetSearch:
         Whether Ctrl-C ended the search; the best point until then is what it returned.
     linear_seconds : float
         Elapsed in linear programs since this was last set to zero.
+    undecided : int
+        Number of pairs that could choose a side where the last search for descent ended at a limit; 0 where it ended
+        by itself.
+    work_left : float
+        Iterations of Ipopt that an exploration may still take, with linear programs counted as parts of one: the same
+        on every machine.
     """
 
     program: ComplementarityProgram
@@ -176,6 +191,8 @@ class ActiveSetSearch:
     certified: BranchPoint | None = None
     interrupted: bool = False
     linear_seconds: float = 0.0
+    work_left: float = np.inf
+    undecided: int = 0
     _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
     def polish(self, start: BranchPoint) -> BranchPoint:
@@ -206,7 +223,9 @@ class ActiveSetSearch:
                 best = self._go("projection", nearby.branch, best, start.x + nearby.step) or best
         return best
 
-    def explore(self, start: BranchPoint, explored: ExploredBranches, deadline: Deadline) -> BranchPoint:
+    def explore(
+        self, start: BranchPoint, explored: ExploredBranches, deadline: Deadline, work: float = np.inf
+    ) -> BranchPoint:
         """Try the branches that look best from a B-stationary point when the trust region reaches far.
 
         Where objective and rows are linear, the linear program with a large enough trust region knows the global
@@ -219,8 +238,11 @@ class ActiveSetSearch:
             What need not be tried again; grows.
         deadline : Deadline
             Of the exploration.
+        work : float
+            Most iterations of Ipopt, and parts of one for linear programs; `work_left` says how many were left in the
+            end.
         """
-        within, self.deadline = self.deadline, deadline
+        within, self.deadline, self.work_left = self.deadline, deadline, work
         try:
             best: BranchPoint | None = start
             while best is not None and best.branch is not None and best.branch.key() not in explored.exhausted:
@@ -239,9 +261,8 @@ class ActiveSetSearch:
         for radius in self.limits.exploring_radii:
             if self._late():
                 return None
-            nearby = self._steepest(
-                point, radius, node_limit=self.limits.exploring_nodes, gap=self.limits.exploring_gap
-            )
+            nodes, gap = self.limits.exploring_nodes, self.limits.exploring_gap
+            nearby = self._steepest(point, radius, node_limit=nodes, gap=gap, by_binaries=True)
             if nearby is None or nearby.branch.key() in tried or self._late():
                 continue
             tried.add(nearby.branch.key())
@@ -262,7 +283,7 @@ class ActiveSetSearch:
             return None
         started = time.perf_counter()
         try:
-            return steepest_branch(self.program, point, radius, time_limit=limit, **choices)
+            return steepest_branch(self.program, point, radius, time_limit=limit, on_nodes=self._count_nodes, **choices)
         except KeyboardInterrupt:
             self.interrupted = True
             return None
@@ -306,7 +327,7 @@ class ActiveSetSearch:
 
     def descend(self, start: BranchPoint) -> BranchPoint:
         """Follow descending branches from a point that solves its own, until there is none; sets `certificate`."""
-        self.certificate = Certificate.UNKNOWN
+        self.certificate, self.undecided = Certificate.UNKNOWN, 0
         best, radius = start, self.limits.radius
         if best.branch is None or best.violation > self.limits.feasibility:
             return best
@@ -316,12 +337,22 @@ class ActiveSetSearch:
         for _ in range(self.limits.rounds):
             if self._late():
                 return best
-            descent, gain = self._descent(point, best, radius)
+            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
+            # An interior-point solution is a little away from its bounds, and the linear program would gain that
+            # distance in any branch: what counts is what another branch gains beyond this one.
+            descent = self._steepest(
+                point,
+                radius,
+                stay=best.branch,
+                least_gain=self.limits.descent * scale,
+                gap=self.limits.descent_gap,
+                node_limit=self.limits.descent_nodes,
+            )
             if descent is None:
                 return best
-            scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
-            if gain <= self.limits.descent * scale:
+            if descent.gain <= self.limits.descent * scale:
                 self.certificate = Certificate.PROVEN if descent.proven else Certificate.UNKNOWN
+                self.undecided = 0 if descent.proven else descent.open_pairs
                 self.certified = best if descent.proven else self.certified
                 return best
             self.certificate = Certificate.DESCENT
@@ -341,26 +372,14 @@ class ActiveSetSearch:
                     return best
         return best
 
-    def _descent(self, point: Linearisation, best: BranchPoint, radius: float) -> tuple[Descent | None, float]:
-        """The best branch, and by how much its decrease exceeds that of staying in the branch.
-
-        An interior-point solution is a little away from its bounds, and the linear program would gain that distance
-        in any branch.
-        """
-        anywhere = self._steepest(point, radius)
-        if anywhere is None:
-            return None, 0.0
-        if not anywhere.open_pairs:
-            return anywhere, 0.0
-        here = self._steepest(point, radius, branch=best.branch)
-        return anywhere, anywhere.decrease - (0.0 if here is None else here.decrease)
-
     def _go(self, purpose: str, branch: Branch, start: BranchPoint, x: FloatArray) -> BranchPoint | None:
         """Solve a branch; None where its answer may not replace the start."""
         nlp = restricted(self.program, branch)
         limits = self.limits
         iterations = limits.exploring_iterations if purpose == "explore" else limits.polishing_iterations
+        iterations = int(min(iterations, self.work_left))
         outcome = self.solve(nlp, replace(start.point, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
+        self._count_work(outcome.iterations)
         self.interrupted |= outcome.status is IpoptStatus.INTERRUPTED
         if not np.isfinite(outcome.x).all():
             return None
@@ -387,5 +406,11 @@ class ActiveSetSearch:
     def _improves(self, found: BranchPoint, best: BranchPoint) -> bool:
         return found.objective < best.objective - self.limits.objective * max(1.0, abs(best.objective))
 
+    def _count_work(self, iterations: float) -> None:
+        self.work_left -= iterations
+
+    def _count_nodes(self, nodes: int) -> None:
+        self._count_work(nodes / NODES_PER_ITERATION)
+
     def _late(self) -> bool:
-        return self.interrupted or self.deadline.has_passed
+        return self.interrupted or self.deadline.has_passed or self.work_left < 1.0

@@ -26,7 +26,7 @@ def minimise(
     time_limit: float,
     node_limit: int | None = None,
     gap: float = 1e-6,
-) -> tuple[FloatArray | None, bool]:
+) -> tuple[FloatArray | None, bool, int]:
     """Minimise ``cost @ x``.
 
     Parameters
@@ -48,6 +48,8 @@ def minimise(
         The best point found.
     bool
         Whether it is the optimum, to the solver's tolerances.
+    int
+        Nodes of the search tree; at least 1.
     """
     rows = [scipy.optimize.LinearConstraint(*some) for some in constraints if some[0].shape[0]]
     # HiGHS now and then prints a line, whatever its options are.
@@ -59,4 +61,4 @@ def minimise(
             constraints=rows or None,
             options={"time_limit": time_limit, "mip_rel_gap": gap, "node_limit": node_limit},
         )
-    return result.x, result.status == 0
+    return result.x, result.status == 0, max(1, int(result.mip_node_count or 0))

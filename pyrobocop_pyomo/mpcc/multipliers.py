@@ -6,18 +6,21 @@ they are looked for among all: by a linear program for W and S, with a binary or
 
 from __future__ import annotations
 
+import functools
 import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pyrobocop_pyomo.ipopt.c_output import c_output_captured
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, lagrangian_residual
 
 from .branch import Branch, restricted
+from .linear_programs import LinearProgram
 from .linearisation import Linearisation
 from .mixed_integer import minimise
 from .multiplier_columns import active_bounds, active_rows, residual_columns, row_activity, rows_of_sides, side_columns
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
 # Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
 # as good as dependent, and a mixed-integer program could not tell such a number from its own tolerance.
 LARGEST_MULTIPLIER = 1e5
+# Multipliers that leave no more than this part of the tolerance need not be the best ones.
+NEARLY = 0.1
 
 
 class MultiplierProblem:
@@ -72,6 +77,8 @@ class MultiplierProblem:
             side_columns(program.b, self._b_pairs, point.nlp.n),
             residual_columns(point.nlp.n),
         ]
+        self._columns = scipy.sparse.block_array([[block.columns for block in blocks[:-1]]], format="csr")
+        self._weights = np.concatenate([block.weight for block in blocks[:-1]]) / self._scale
         columns = [sign * block.columns for block in blocks for sign in (1.0, -1.0)]
         self._matrix = scipy.sparse.block_array([[*columns, scipy.sparse.csr_array((point.nlp.n, 1))]], format="csr")
         parts = [part for block in blocks for part in (block.positive, block.negative)]
@@ -93,27 +100,62 @@ class MultiplierProblem:
     def find(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
         """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
         asked, right, binaries, upper = self._signs(kind)
-        values, proven = self._solved(asked, right, binaries, upper, time_limit)
-        if values is not None and binaries:
+        if binaries:
+            values, proven = self._solved(asked, right, binaries, upper, time_limit)
+            if values is None or not proven:
+                return None
             # To a mixed-integer program a binary of 1e-6 is zero, and times a large bound it is not. So the choice is
             # taken from it, and the multipliers from the linear program that is left.
             width = upper.size
             room = right - asked[:, width:] @ np.round(values[width:])
             closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
             upper[closed] = 0.0
-            values, proven = self._solved(asked[:0, :width], right[:0], 0, upper, time_limit)
-        if values is None or not proven:
+        with c_output_captured():
+            _, values = self._linear.solve(upper=upper, time_limit=time_limit)
+        if values is None:
             return None
         signed = [values[self._parts[2 * i]] - values[self._parts[2 * i + 1]] for i in range(4)]
-        nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
-        rows = np.zeros(self._point.nlp.m)
-        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
-        return Multipliers(kind, nu, xi, rows, float(values[self._upper.size - 1]))
+        return self._found(kind, signed, float(values[-1]))
+
+    def find_nearly(self, kind: Stationarity, time_limit: float = 5.0) -> Multipliers | None:
+        """Look for the multipliers of W or S that leave the least sum of residuals; None where HiGHS gives none.
+
+        The dual of that program is the steepest step within the cone of what is active, which has as many columns as
+        there are variables, and takes a fraction of the time. Where its residual is small enough, nothing is left to be
+        asked; where it is not, others may have a smaller largest one.
+        """
+        _, _, binaries, upper = self._signs(kind)
+        assert not binaries, "choices of signs have no dual"
+        positive, negative = (np.concatenate([upper[part] for part in self._parts[first:8:2]]) for first in (0, 1))
+        distance = self._weights * self._scale
+        steps = LinearProgram(
+            self._point.gradient,
+            -np.ones(self._point.nlp.n),
+            np.ones(self._point.nlp.n),
+            [
+                (
+                    self._columns.T.tocsr(),
+                    np.where(negative > 0.0, -distance, -np.inf),
+                    np.where(positive > 0.0, distance, np.inf),
+                )
+            ],
+        )
+        with c_output_captured():
+            duals = steps.row_duals(time_limit=time_limit)
+        if duals is None:
+            return None
+        found = np.clip(-duals, -negative, positive)
+        residuals = np.concatenate(
+            [(self._point.gradient + self._columns @ found) / self._scale, self._weights * found]
+        )
+        ends = np.cumsum([0, *(part.stop - part.start for part in self._parts[:8:2])])
+        signed = [found[start:end] for start, end in itertools.pairwise(ends)]
+        return self._found(kind, signed, float(np.abs(residuals).max(initial=0.0)))
 
     def _solved(
         self, asked: csr_array, right: FloatArray, binaries: int, upper: FloatArray, time_limit: float
     ) -> tuple[FloatArray | None, bool]:
-        """Minimise the largest residual."""
+        """Minimise the largest residual, where signs ask for choices."""
         width = upper.size
         equations, residuals = (
             scipy.sparse.block_array([[matrix, scipy.sparse.csr_array((matrix.shape[0], binaries))]], format="csr")
@@ -121,7 +163,7 @@ class MultiplierProblem:
         )
         largest = np.zeros(width + binaries)
         largest[width - 1] = 1.0
-        return minimise(
+        found, proven, _ = minimise(
             largest,
             np.zeros(width + binaries),
             np.concatenate([upper, np.ones(binaries)]),
@@ -133,6 +175,25 @@ class MultiplierProblem:
             ],
             time_limit,
         )
+        return found, proven
+
+    @functools.cached_property
+    def _linear(self) -> LinearProgram:
+        """What all kinds have in common: they differ by the bounds of multipliers."""
+        largest = np.zeros(self._upper.size)
+        largest[-1] = 1.0
+        return LinearProgram(
+            largest,
+            np.zeros(self._upper.size),
+            self._upper,
+            [(self._matrix, -self._point.gradient, -self._point.gradient), (self._residuals, -np.inf, 0.0)],
+        )
+
+    def _found(self, kind: Stationarity, signed: list[FloatArray], residual: float) -> Multipliers:
+        nu, xi = np.zeros(self._program.pairs), np.zeros(self._program.pairs)
+        rows = np.zeros(self._point.nlp.m)
+        rows[self._row_numbers], nu[self._a_pairs], xi[self._b_pairs] = signed[0], signed[2], signed[3]
+        return Multipliers(kind, nu, xi, rows, residual)
 
     def _signs(self, kind: Stationarity) -> tuple[csr_array, FloatArray, int, FloatArray]:
         """The signs that a kind asks for: ``matrix @ unknowns <= right``, number of binaries, bounds of the others."""
@@ -296,12 +357,20 @@ def classify(
         assert left is not None
         return problem.find(kind, left) if left > 0.0 else None
 
+    # Most points are strongly stationary, and then nothing else has to be asked.
+    left = deadline.within(time_limit).left
+    assert left is not None
+    strong = problem.find_nearly(Stationarity.S, left) if left > 0.0 else None
+    if strong is None or not strong.residual <= NEARLY * tolerance:
+        strong = find(Stationarity.S)
+    if strong is not None and strong.residual <= tolerance:
+        return strong
     weak = find(Stationarity.W)
     if weak is None:
         return None
     if not weak.residual <= tolerance:
         return replace(weak, kind=Stationarity.NONE)
-    for kind in (Stationarity.S, Stationarity.M, Stationarity.C, Stationarity.A):
+    for kind in (Stationarity.M, Stationarity.C, Stationarity.A):
         found = find(kind)
         if found is not None and found.residual <= tolerance:
             return found

@@ -1,7 +1,7 @@
 """How a solution moves with its data: derivatives of a strictly complementary point by one factorisation.
 
 The active constraints are found from distances and multipliers, the point is refined by Newton's method on them, and
-the refined point is asked whether the active set is beyond doubt. Then the implicit function theorem gives the rest.
+the refined point shows whether the active set is beyond doubt. Then the implicit function theorem gives the rest.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 
@@ -29,7 +30,7 @@ class Stationarity(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Multipliers:
+class Multipliers(Presented):
     """Multipliers of the strongest kind of stationarity, or the nearest to weak stationarity where there are none.
 
     Attributes
@@ -49,3 +50,6 @@ class Multipliers:
     xi: FloatArray
     rows: FloatArray
     residual: float
+
+    def _summary(self) -> str:
+        return f"{self.kind.value}, residual {self.residual:.1e}, {len(self.nu)} pairs"

@@ -38,11 +38,15 @@ POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
 # Up to here exploration may take as long as the rest of the solve by default. The more pairs, the less a look beyond
-# the nearest solution pays: at twice as many there is none, unless it is asked for.
+# the nearest solution pays: at twice as many there is none, unless it is requested.
 EXPLORED_PAIRS = 100
 # By default it may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
 # on which of them the machine was busy in.
 EXPLORED_SECONDS = 1.0
+# By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
+# one, but so many in any case: unlike seconds, these are the same on every machine.
+EXPLORED_WORK = 300
+EXPLORED_WORK_SHARE = 1.0
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
 LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
@@ -59,6 +63,10 @@ class Exploration:
         When the solve started, on the clock `time.perf_counter`.
     seconds : float
         Elapsed in exploring.
+    work : float
+        Iterations of Ipopt and linear programs of exploring.
+    explored_iterations : int
+        Of Ipopt, in exploring.
     branches : ExploredBranches
         What need not be tried again.
     unsolved : set
@@ -68,15 +76,34 @@ class Exploration:
     factor: float | None
     started: float
     seconds: float = 0.0
+    work: float = 0.0
+    explored_iterations: int = 0
     branches: ExploredBranches = field(default_factory=ExploredBranches)
     unsolved: set[bytes] = field(default_factory=set)
 
     def budget(self, pairs: int) -> float:
         """Seconds that may be spent from now on in a problem with so many pairs."""
         elsewhere = time.perf_counter() - self.started - self.seconds
-        factor = min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
+        factor = self._share(pairs)
         least = EXPLORED_SECONDS if self.factor is None else 0.0
         return max(least, factor * elsewhere) - self.seconds if factor > 0.0 else 0.0
+
+    def work_within(self, pairs: int, iterations: int) -> float:
+        """Iterations and linear programs that may be spent from now on; as many as one likes where a factor is given.
+
+        Parameters
+        ----------
+        pairs : int
+        iterations : int
+            Of Ipopt, in all runs so far.
+        """
+        if self.factor is not None:
+            return np.inf
+        elsewhere = iterations - self.explored_iterations
+        return self._share(pairs) * max(EXPLORED_WORK, EXPLORED_WORK_SHARE * elsewhere) - self.work
+
+    def _share(self, pairs: int) -> float:
+        return min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor
 
 
 class Polish:
@@ -174,17 +201,22 @@ class Polish:
         prepare()
         budget = self._exploration.budget(self._program.pairs)
         deadline = self._settings.deadline.within(budget)
-        if deadline.has_passed:
+        iterations = self._iterations()
+        work = self._exploration.work_within(self._program.pairs, iterations)
+        if deadline.has_passed or work < 1.0:
             return iterate
         self._settings.progress.live(f"exploring other branches, at most {deadline.left:.1f} s")
         started = time.perf_counter()
         x = self._compiled.current_point()
         start = BranchPoint.at(self._program, PrimalDualPoint(x), nearest_branch(self._program, x))
         try:
-            found = self._search.explore(start, self._exploration.branches, deadline)
+            found = self._search.explore(start, self._exploration.branches, deadline, work)
             self._add_linear_programs("explore", found)
         finally:
             self._exploration.seconds += time.perf_counter() - started
+            self._exploration.work += work - self._search.work_left if np.isfinite(work) else 0.0
+            self._exploration.explored_iterations += self._iterations() - iterations
+            self._search.work_left = np.inf
         return iterate if found is start else self._examined(iterate, found, start)
 
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
@@ -301,9 +333,14 @@ class Polish:
         if seconds > 0.0:
             self._compiled.load_point(at.x)
             label = f"{purpose} (linear)"
+            if purpose == "certificate" and self._search.undecided:
+                label = f"{purpose} (linear, {self._search.undecided} pairs undecided)"
             known = self._solved.get(id(at), (None, None))[0]
             step = Iterate(label=label, delta=None, mu=None, status=None, iterations=0, seconds=seconds)
             self._log.add(step, at=known)
+
+    def _iterations(self) -> int:
+        return sum(step.iterations for step in self._log.steps)
 
     def _linear_seconds(self) -> float:
         seconds, self._search.linear_seconds = self._search.linear_seconds, 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import itertools
 import sys
@@ -13,10 +14,10 @@ import pytest
 from pyomo.contrib.solver.solvers.ipopt import Ipopt
 
 from pyrobocop_pyomo.ipopt import ipopt_run
-from pyrobocop_pyomo.mpcc import mixed_integer
+from pyrobocop_pyomo.mpcc import linear_programs, mixed_integer
+from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch
 
 Options = dict[str, Any]
-SIGNATURE = inspect.signature(mixed_integer.minimise)
 
 
 def observe_options(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
@@ -57,7 +58,7 @@ def interrupt_run(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
 
 
 class LinearProgram(NamedTuple):
-    """One that is about to be solved; those of the exploration have a limit of nodes."""
+    """One that is about to be solved: for the exploration, or for anything else."""
 
     number: int
     time_limit: float
@@ -66,15 +67,27 @@ class LinearProgram(NamedTuple):
 
 def before_linear_programs(monkeypatch: pytest.MonkeyPatch, act: Callable[[LinearProgram], object]) -> None:
     """Call `act` before each linear program, numbered from 0; what it raises comes from there."""
-    minimise = mixed_integer.minimise
-    numbers = itertools.count()
+    numbers, exploring = itertools.count(), [False]
+    explored_from = ActiveSetSearch._explored_from
 
-    def acting(*arguments: Any, **rest: Any) -> Any:
-        given = SIGNATURE.bind(*arguments, **rest).arguments
-        act(LinearProgram(next(numbers), given["time_limit"], given.get("node_limit") is not None))
-        return minimise(*arguments, **rest)
+    def exploring_from(*arguments: Any) -> Any:
+        exploring[0] = True
+        try:
+            return explored_from(*arguments)
+        finally:
+            exploring[0] = False
 
-    _replace_minimise(monkeypatch, acting)
+    def acting(old: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(old)
+        def act_and_solve(*arguments: Any, **rest: Any) -> Any:
+            limit = inspect.signature(old).bind(*arguments, **rest).arguments["time_limit"]
+            act(LinearProgram(next(numbers), limit, exploring[0]))
+            return old(*arguments, **rest)
+
+        return act_and_solve
+
+    monkeypatch.setattr(ActiveSetSearch, "_explored_from", exploring_from)
+    _replace_solvers(monkeypatch, acting)
 
 
 def count_linear_programs(monkeypatch: pytest.MonkeyPatch) -> list[LinearProgram]:
@@ -87,20 +100,25 @@ def count_linear_programs(monkeypatch: pytest.MonkeyPatch) -> list[LinearProgram
 def slow_linear_programs(monkeypatch: pytest.MonkeyPatch, longest: float) -> None:
     """Let each linear program use its whole time limit, at most `longest` seconds, and find nothing."""
 
-    def sleeping(*arguments: Any, **rest: Any) -> tuple[None, bool]:
-        limit = SIGNATURE.bind(*arguments, **rest).arguments["time_limit"]
-        time.sleep(max(0.0, min(limit, longest)))
-        return None, False
+    def sleeping(old: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(old)
+        def sleep(*arguments: Any, **rest: Any) -> tuple[Any, ...]:
+            limit = inspect.signature(old).bind(*arguments, **rest).arguments["time_limit"]
+            time.sleep(max(0.0, min(limit, longest)))
+            return (None, False, 1) if old.__name__ == "minimise" else (linear_programs.LinearStatus.STOPPED, None)
 
-    _replace_minimise(monkeypatch, sleeping)
+        return sleep
+
+    _replace_solvers(monkeypatch, sleeping)
 
 
-def _replace_minimise(monkeypatch: pytest.MonkeyPatch, new: Any) -> None:
-    """Replace the solver of linear programs in every module of the package that has imported it."""
+def _replace_solvers(monkeypatch: pytest.MonkeyPatch, new: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
+    """Replace what solves linear programs, with binaries and without, in every module that has imported it."""
     old = mixed_integer.minimise
     for name, module in list(sys.modules.items()):
         if name.startswith("pyrobocop_pyomo") and getattr(module, "minimise", None) is old:
-            monkeypatch.setattr(module, "minimise", new)
+            monkeypatch.setattr(module, "minimise", new(old))
+    monkeypatch.setattr(linear_programs.LinearProgram, "solve", new(linear_programs.LinearProgram.solve))
 
 
 def use_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:

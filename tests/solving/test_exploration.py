@@ -28,8 +28,8 @@ pytestmark = pytest.mark.casadi
 
 solve = partial(rcp.solve, progress=False)
 UNLIMITED = float("inf")
-# Explored with success: from 1.62 the search finds 1.525, and there is more to look at.
-EXPLORED = "crossed qpec 4x8"
+# Its linear programs name several branches that are worth a run.
+EXPLORED = "crossed qpec 2x4"
 
 
 def labels(result: Any) -> list[str]:
@@ -93,7 +93,8 @@ def test_slow_linear_programs_do_not_make_the_solve_slow(monkeypatch: pytest.Mon
     result = solve(crossed_pairs(30))
     assert result.objective == pytest.approx(plain.objective, rel=1e-6)
     spent = sum(step.seconds for step in explored(result))
-    assert time.perf_counter() - started <= 2.0 * (result.seconds - spent) + 1.0
+    elsewhere = result.seconds - spent
+    assert time.perf_counter() - started <= elsewhere + max(EXPLORED_SECONDS, elsewhere) + 0.5
     assert spent <= max(EXPLORED_SECONDS, result.seconds - spent) + 0.5
 
 
