@@ -5,6 +5,7 @@ What nearly every script uses is here. The rest is in namespaces: `drawing`, `en
 `results`, `robots`, `schedules`, `schemes` and `studies`.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from pyrobocop_pyomo.continuous import dae_trajectory
 from pyrobocop_pyomo.diagnosis import diagnose
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
 from pyrobocop_pyomo.links import Link
+from pyrobocop_pyomo.modeling import similar_names as _similar_names
 from pyrobocop_pyomo.modeling.expression_arrays import array
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.motion import Body, TablePath
@@ -143,7 +145,8 @@ def __getattr__(name: str) -> Any:
     if name in _NAMESPACES_ON_DEMAND:
         return import_module(f"{__name__}.{name}")
     if name not in _HOMES_ON_DEMAND:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        where = _similar_names.where_it_is(name, sys.modules[__name__], __all__)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{where}")
     found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)
     return found
 

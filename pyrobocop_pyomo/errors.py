@@ -19,6 +19,7 @@
     │   ├── FunctionError                a function in Python whose arrays have a wrong shape, or a wrong derivative
     │   ├── EstimationError              data, outputs or parameters that do not fit together
     │   │   └── NotIdentifiable          parameters that the measurements do not see
+    │   ├── KeywordError (TypeError)     a keyword that a function does not have
     │   ├── TeamError                    a team whose agents, shared quantities or graph do not fit together
     │   ├── ContradictionError           fixed values that violate a constraint, whatever the free ones are
     │   └── ComplementarityError         a pair that cannot be brought into 0 <= a ⟂ b >= 0
@@ -99,7 +100,7 @@ class GeometryError(ModelError):
 
 
 class ProblemClassError(ModelError):
-    """A class with PyRoboCOP's methods lacks one of them, contradicts itself, or fails when a method is asked."""
+    """A class with PyRoboCOP's methods lacks one of them, contradicts itself, or fails when a method is evaluated."""
 
 
 class ObstacleError(ModelError):
@@ -126,6 +127,10 @@ class NotIdentifiable(EstimationError):
     def __init__(self, message: str, diagnosis: object = None) -> None:
         super().__init__(message)
         self.diagnosis = diagnosis
+
+
+class KeywordError(ModelError, TypeError):
+    """A function was given a keyword that it does not have; the message names the nearest one."""
 
 
 class TeamError(ModelError):

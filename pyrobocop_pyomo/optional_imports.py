@@ -7,6 +7,7 @@ use raises a `ModuleNotFoundError` that names the extra to install.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import sys
 from importlib.machinery import PathFinder
@@ -30,6 +31,10 @@ matplotlib, matplotlib_available = attempt_import(
 # Not loaded with Matplotlib, so that each is deferred on its own.
 art3d, _ = attempt_import("mpl_toolkits.mplot3d.art3d", error_message=_remedy("Matplotlib", "plot"))
 animation, _ = attempt_import("matplotlib.animation", error_message=_remedy("Matplotlib", "plot"))
+# With it functions travel to other processes as they are, without a module that these could import.
+cloudpickle, cloudpickle_available = attempt_import(
+    "cloudpickle", error_message=_remedy("cloudpickle", "dask"), catch_exceptions=(ImportError,)
+)
 distributed, distributed_available = attempt_import("distributed", error_message=_remedy("Dask distributed", "dask"))
 # Without an MPI library, mpi4py raises a RuntimeError. Its import initialises MPI.
 mpi, mpi_available = attempt_import(
@@ -77,3 +82,15 @@ scipy, _ = attempt_import(
         "special",
     ],
 )
+
+
+@functools.cache
+def highs_bindings() -> ModuleType | None:
+    """The classes of HiGHS: those of highspy, or else those that SciPy brings; None where neither can be had."""
+    # Neither name is public: other versions may have them elsewhere.
+    for name in ("highspy._core", "scipy.optimize._highspy._core"):
+        try:
+            return importlib.import_module(name)
+        except ImportError:
+            continue
+    return None

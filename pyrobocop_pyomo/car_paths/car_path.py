@@ -17,18 +17,19 @@ from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.phases.horizon import horizon_fraction
+from pyrobocop_pyomo.presentation import Presented, path_picture, sparkline
 
 from .car_kinematics import follow_arc
 
 Function = Callable[[float], float]
 
 QUANTITIES = ("x", "y", "theta", "v", "steering", "acceleration", "steering_rate")
-# Share of the duration over which a jump of the steering is spread where a rate is asked for.
+# Share of the duration over which a jump of the steering is spread where a rate is requested.
 BLEND = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class CarPath:
+class CarPath(Presented):
     """Poses of a car from its start to its goal; between two of them it follows an arc with constant steering.
 
     Attributes
@@ -108,7 +109,7 @@ class CarPath:
             As for `timed`.
         names : dict of str to str, optional
             What the phase calls each of ``x``, ``y``, ``theta``, ``v`` (negative backwards), ``steering``,
-            ``acceleration`` and ``steering_rate``, as far as it has them; by default the same. Where a rate is asked
+            ``acceleration`` and ``steering_rate``, as far as it has them; by default the same. Where a rate is given
             for, jumps of the steering are spread over a twentieth of the duration.
 
         Returns
@@ -135,12 +136,15 @@ class CarPath:
         curvatures = self.directions[:-1] * np.diff(self.poses[:, 2]) / np.where(lengths > 0, lengths, 1.0)
         return follow_arc(self.poses[i], on_arc, curvatures[i])
 
+    def _html_parts(self) -> list[str]:
+        return [path_picture(self.poses[:, :2])]
+
     def __str__(self) -> str:
         return f"path of a car: length {self.length:.4g}, {self.cusps} cusp{'' if self.cusps == 1 else 's'}"
 
 
 @dataclass(frozen=True, eq=False)
-class CarTiming:
+class CarTiming(Presented):
     """How far a car has driven over time: it stops at ends and cusps, and its acceleration is piecewise constant.
 
     Attributes
@@ -219,6 +223,12 @@ class CarTiming:
         times = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.accelerations) - 1)
         return i, times - self.times[i]
+
+    def _summary(self) -> str:
+        return f"{len(self.times)} times, {self.times[-1]:.4g} s, length {self.arc_lengths[-1]:.4g}"
+
+    def _html_parts(self) -> list[str]:
+        return [sparkline(self.times, self.speeds)]
 
 
 def _initial_guess(

@@ -83,7 +83,7 @@ def hybrid_a_star(
     Returns
     -------
     CarPath
-        The same whenever it is asked for.
+        The same whenever it is requested.
 
     Raises
     ------
@@ -242,6 +242,6 @@ def _check_end(
             how = f"overlaps it by {-distance:.6g}" if distance < 0 else f"is only {distance:.6g} away from it"
             raise InitialGuessError(
                 f"hybrid_a_star: at the {which} ({pose[0]:g}, {pose[1]:g}, {pose[2]:g}) '{body.name}' collides with "
-                f"'{obstacle.name}': it {how}, and a clearance of {clearance:g} is asked for. Move the {which}, or ask "
+                f"'{obstacle.name}': it {how}, and a clearance of {clearance:g} is required. Move the {which}, or ask "
                 "for less."
             )

@@ -16,6 +16,7 @@ from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.geometry import Polytope, decompose
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import shapely
+from pyrobocop_pyomo.presentation import Presented, outline_picture
 
 # Corners of an outline that are nearer to its hull than this many units of length make it no less convex.
 NEARLY_CONVEX = 1e-6
@@ -61,7 +62,7 @@ class ParkingCar:
 
 
 @dataclass(frozen=True, eq=False)
-class ParkingCase:
+class ParkingCase(Presented):
     """Where a car starts, where it parks, and what it keeps clear of; relative to the place where it starts.
 
     Attributes
@@ -154,6 +155,9 @@ class ParkingCase:
     def parts(self) -> dict[str, Polytope]:
         """All convex parts by name."""
         return {part.name: part for parts in self.obstacles.values() for part in parts}
+
+    def _html_parts(self) -> list[str]:
+        return [outline_picture([part.vertices for parts in self.obstacles.values() for part in parts], size=200)]
 
     def __str__(self) -> str:
         return (

@@ -12,8 +12,10 @@ from pyomo.core.base.global_set import UnindexedComponent_index
 from pyomo.core.base.indexed_component import ActiveIndexedComponent, UnindexedComponent_set
 from pyomo.core.base.initializer import Initializer
 from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.said_once import say_once
 
 from .sides import check_sides
 from .statement import Complements, check_families, is_family_pair, member
@@ -100,9 +102,11 @@ class ComplementarityData(ActiveComponentData):
             (first, second), bounds = pair, [None, None]
         else:
             length = f" of length {len(pair)}" if isinstance(pair, (tuple, list)) else ""
+            product = isinstance(pair, RelationalExpression)
             raise ComplementarityError(
                 f"'{self.name}': expected complements(first, second) or a 2-tuple of sides, "
                 f"found {type(pair).__name__}{length}."
+                + (" A product a * b == 0 is stated by its factors: complements(a >= 0, b >= 0)." if product else "")
             )
         choices = (bounds[0], bounds[1])
         check_sides(first, second, choices, self)
@@ -213,10 +217,11 @@ class Complementarity(ActiveIndexedComponent):
             elif self.index_set().isfinite():
                 for index in self.index_set():
                     self._setitem_when_not_present(index, self._pair_at(index))
-        except ComplementarityError:
+        except ComplementarityError as error:
             # Half a component would be relaxed without its other half by whoever goes on after the refusal.
             if block is not None:
                 block.del_component(self)
+            say_once(error)
             raise
         finally:
             timer.report()

@@ -193,7 +193,7 @@ def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
 
     None for all other sides, and for bounds that are different parameters: these may change places.
     """
-    # The classes are compared first since this is asked for each pair, and nearly always in vain.
+    # The classes are compared first since this is evaluated for each pair, and nearly always in vain.
     if a.body.__class__ is not b.body.__class__ or (a.lower is None) != (b.lower is None):
         return None
     if not same_expression(a.body, b.body):

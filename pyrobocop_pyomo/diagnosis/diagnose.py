@@ -1,4 +1,4 @@
-"""`diagnose`: what is wrong with a model, before a solver is asked."""
+"""`diagnose`: what is wrong with a model, before it is solved."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import Control, phases_of
 
 from .determinacy import appearance_findings, dependence_findings
+from .difficult_forms import form_findings
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
 from .linearised_rows import LinearisedRows
 from .scaling import scaling_advice
-from .statements import statement_findings, unit_findings
+from .statements import misplaced_findings, objective_findings, statement_findings, unit_findings
 from .structure import structural_findings
 from .values import boundary_findings, data_findings, decided_findings, rate_findings, row_findings, values_missing
 
@@ -50,7 +51,10 @@ def diagnose(model: Any) -> Diagnosis:
         )
     phases = phases_of(model)
     remarks: list[str] = []
-    findings: list[Finding] = list(statement_findings(model))
+    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model)]
+    if model is model.model():  # what solves a part of it may have its objective elsewhere
+        findings += objective_findings(model)
+    findings += form_findings(model)
     for phase in phases:
         findings += structural_findings(phase)
         findings += rate_findings(phase)

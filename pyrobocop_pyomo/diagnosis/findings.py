@@ -10,6 +10,7 @@ from typing import Any
 from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
 
 
 class Severity(Enum):
@@ -32,11 +33,12 @@ class Subject(Enum):
     DATA = "numbers"
     UNITS = "units"
     SCALING = "scaling"
+    OUTCOME = "outcome of the solve"
     IDENTIFIABILITY = "what measurements see"
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Presented):
     """One thing that is wrong, or could be better.
 
     Attributes
@@ -65,7 +67,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class DegreesOfFreedom:
+class DegreesOfFreedom(Presented):
     """Counts of a phase or of a whole model.
 
     Attributes
@@ -103,7 +105,7 @@ class DegreesOfFreedom:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Presented):
     """What was found in a model; printing it shows everything.
 
     Attributes
@@ -176,12 +178,17 @@ class Diagnosis:
                 suffix.setdefault(data, factor)
         return suffix
 
+    def _html_parts(self) -> list[str]:
+        rows = [(one.severity.value, one.subject.value, one.message, one.remedy) for one in self.findings]
+        found = [table(("severity", "about", "finding", "remedy"), rows)] if rows else []
+        return [*found, disclosed_text("as text", str(self))]
+
     def __str__(self) -> str:
         worst = f"{len(self.errors)} errors, {len(self.findings) - len(self.errors)} other findings"
         lines = [f"Diagnosis of '{self.name}': {worst}", *(f"  {counts}" for counts in self.degrees_of_freedom)]
         for finding in self.findings:
             lines += [
                 f"- {finding.severity.value}, {finding.subject.value}: {finding.message}",
-                f"    {finding.remedy}",
+                *([f"    {finding.remedy}"] if finding.remedy else []),
             ]
         return "\n".join([*lines, *(f"  not checked: {remark}" for remark in self.remarks)])

@@ -6,17 +6,20 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Any
 
-from pyomo.core.base.block import Block
+from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyomo.util.check_units import assert_units_consistent
 
-from pyrobocop_pyomo.complementarity import canonical_form
+from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
-from pyrobocop_pyomo.errors import ComplementarityError, TranscriptionError
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
+from pyrobocop_pyomo.modeling.expressions import holds_variable
+from pyrobocop_pyomo.phases import Control, phases_of
+from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .findings import Finding, Severity, Subject
@@ -64,6 +67,88 @@ def statement_findings(block: Any) -> Iterator[Finding]:
 
 def _error(message: str, names: tuple[str, ...], remedy: str) -> Finding:
     return Finding(Severity.ERROR, Subject.STATEMENT, message, names, remedy)
+
+
+def misplaced_findings(block: Any) -> Iterator[Finding]:
+    """Declarations and pairs that were assigned to a block that does nothing with them."""
+    for part in block.block_data_objects(active=True, descend_into=Block):
+        for name, held in vars(part).items():
+            if isinstance(held, Declaration):
+                yield _error(
+                    f"'{name}' (declared at {held.declared_at}) is a {type(held).__name__} on '{part.name}', which is "
+                    "no phase: nothing was made of it.",
+                    (part.name,),
+                    f"Assign it to a phase: m.p = rcp.PhaseBlock(...), m.p.{name} = rcp.{type(held).__name__}(...).",
+                )
+            elif isinstance(held, Complements):
+                yield _error(
+                    f"'{name}' on '{part.name}' is a pair that no component holds: nothing was made of it.",
+                    (part.name,),
+                    f"Write m.{name} = rcp.Complementarity(expr=rcp.complements(...)).",
+                )
+
+
+def objective_findings(model: Any) -> Iterator[Finding]:
+    """A model whose controls are free and that has no objective."""
+    objectives = list(model.component_data_objects(Objective, active=True, descend_into=Block))
+    if objectives:
+        for objective in objectives:
+            if not holds_variable(objective.expr) and not _is_zero(objective.expr):
+                yield Finding(
+                    Severity.WARNING,
+                    Subject.STATEMENT,
+                    f"objective '{objective.name}' is the number {value(objective.expr, exception=False)}: it holds no "
+                    "variable.",
+                    (objective.name,),
+                    "A variable that is called, as x(), or read by .value or pyo.value is its present value: write x.",
+                )
+        return
+    controls = [
+        f"{phase.name}.{name}"
+        for phase in phases_of(model)
+        for name in phase.record.names(Control)
+        if not all(data.fixed for data in phase.record.nodes(name).variables(phase))
+    ]
+    if controls:
+        others = model.model().component_data_objects(Objective, active=True, descend_into=Block)
+        elsewhere = next((data.name for data in others), None)
+        yield Finding(
+            Severity.ADVICE,
+            Subject.STATEMENT,
+            f"'{model.name}' has no objective, while {', '.join(map(repr, controls[:3]))} may be chosen: any values "
+            "that meet the constraints are an answer.",
+            tuple(controls),
+            f"The objective '{elsewhere}' stands outside of it: solve the model that holds both."
+            if elsewhere
+            else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)).",
+        )
+
+
+def _is_zero(expression: Any) -> bool:
+    """Whether an objective says that nothing is to be small, as where only feasibility matters."""
+    return expression.__class__ in native_numeric_types and expression == 0
+
+
+def refuse_misplaced(model: Any) -> None:
+    """Refuse a model with declarations or pairs on a block that does nothing with them.
+
+    Parameters
+    ----------
+    model : Block
+
+    Raises
+    ------
+    ModelError
+        When it is no model, or holds such a declaration.
+    """
+    if not isinstance(model, BlockData):
+        raise ModelError(
+            f"{model!r:.80} is no model. Give solve a ConcreteModel or one of its blocks: rcp.solve(m)."
+            if not hasattr(model, "create_instance") or hasattr(model, "component_map")
+            else f"'{model}' is not built yet: rcp.solve(model.create_instance(data))."
+        )
+    for finding in misplaced_findings(model):
+        raise DeclarationError(f"{finding.message} {finding.remedy}")
 
 
 def unit_findings(block: Any) -> Iterator[Finding]:

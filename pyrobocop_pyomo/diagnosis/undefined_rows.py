@@ -16,7 +16,7 @@ from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
-from .places import at_time, place_in_words
+from .places import at_point, place_in_words
 
 # So often are all expressions gone through, until each has a value.
 _SWEEPS = 10
@@ -86,7 +86,7 @@ def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
     for phase in phases_of(model):
         for state, rates in phase.record.rates.items():
             for time, rate in rates.items():
-                yield f"rate of '{state}' of phase '{phase.name}'{at_time(phase, time)}", rate
+                yield f"right-hand side of '{state}' of phase '{phase.name}'{at_point(phase, time)}", rate
         rows = (phase.component(name) for name in phase.record.generated_rows)
         generated.update(id(component) for component in rows if component is not None)
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):

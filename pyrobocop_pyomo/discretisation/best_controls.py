@@ -29,7 +29,7 @@ Values = Mapping[str, Array]
 
 
 class Instants(Protocol):
-    """Where the integrand is asked for; arrays have the shape ``(q, N)``."""
+    """Where the integrand is evaluated; arrays have the shape ``(q, N)``."""
 
     def integrand(self, given: Values, *, apart: bool = False) -> Array:
         """With some values replaced, in the sign of a minimum; `apart` leaves out rows that controls can meet."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.presentation import Presented
 
 # Relative to the objective, and to the size of each state: what is above is said before anything else.
 SMALL_OBJECTIVE_ERROR = 1e-3
@@ -20,7 +21,7 @@ _MOST_ADVISED = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseEstimate:
+class PhaseEstimate(Presented):
     """Of one phase, element by element.
 
     Attributes
@@ -63,9 +64,13 @@ class PhaseEstimate:
         """Largest error of the motion, as a part of the size of the state."""
         return None if self.motion is None else float(self.motion.max(initial=0.0))
 
+    def _summary(self) -> str:
+        largest = "not known" if self.largest is None else f"{self.largest:.1e}"
+        return f"'{self.name}': largest error of the motion {largest}"
+
 
 @dataclass(frozen=True, eq=False)
-class DiscretisationEstimate:
+class DiscretisationEstimate(Presented):
     """Estimated errors that the mesh makes: of the motion, and of the objective.
 
     The error of the objective is that against the optimum of the continuous problem, to leading order; see the page on

@@ -150,7 +150,7 @@ class PhaseLagrangian:
         lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
         bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
         if not np.isfinite(bound).all():
-            raise TrajectoryError("the equations have no finite value between the points.")
+            raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, widths * bound
 
 

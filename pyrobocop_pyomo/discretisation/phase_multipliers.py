@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -74,25 +74,28 @@ def phase_multipliers(phase: Any, found: RowMultipliers, widths: Array) -> Phase
         if name not in record.equation_of:
             continue
         if name in record.kept_derivatives:
-            rows = phase.component(f"{name}_equation")
-            costates[name] = _at_points(grid, {t: _of(found, rows[t]) for t in grid.points}) / weights
+            of_row = _by_index(found, phase.component(f"{name}_equation"))
+            costates[name] = _at_points(grid, of_row) / weights
             continue
-        rows = phase.component(f"{name}_collocation")
-        at_rows = np.array([[_of(found, rows[times[r]]) for r in scheme.row_stages] for times in grid.stage_times])
+        of_row = _by_index(found, phase.component(f"{name}_collocation"))
+        at_rows = np.array([[of_row[times[r]] for r in scheme.row_stages] for times in grid.stage_times])
         costates[name] = at_rows @ scheme.F / scheme.b
         if not scheme.end_is_a_node:
-            ends = phase.component(f"{name}_continuity")
-            at_ends = np.array([_of(found, ends[end]) for end in grid.mesh.boundaries[1:]])
+            of_end = _by_index(found, phase.component(f"{name}_continuity"))
+            at_ends = np.array([of_end[end] for end in grid.mesh.boundaries[1:]])
             starts[name] = -(at_rows @ scheme.D[:, 0]) - at_ends * scheme.end_weights[0]
     rows_of = [entry for kind in ("constraint", "residual") for entry in _rows(phase, found, kind, grid, weights)]
     room = {name: _room(phase, name, grid) for name in record.names(Control)}
     return PhaseMultipliers(costates, starts, rows_of, _bounds(phase, found, grid, weights), room)
 
 
-def _of(found: RowMultipliers, row: Any) -> float:
-    if id(row) not in found.rows:
-        raise TrajectoryError(f"'{row.name}' has no multiplier.")
-    return found.rows[id(row)]
+def _by_index(found: RowMultipliers, rows: Any) -> dict[Any, float]:
+    known = found.rows
+    by_index = {index: known.get(id(row)) for index, row in rows.items()}
+    if None in by_index.values():
+        missing = next(rows[index] for index, number in by_index.items() if number is None)
+        raise TrajectoryError(f"'{missing.name}' has no multiplier.")
+    return cast("dict[Any, float]", by_index)
 
 
 def _weights(grid: Grid, widths: Array) -> Array:
@@ -135,7 +138,7 @@ def _bounds(phase: Any, found: RowMultipliers, grid: Grid, weights: Array) -> li
                     continue
                 by_time = {time: known.get(id(variables[time]), 0.0) for time in grid.points}
                 if ends:
-                    by_time[grid.points[-1]] = 0.0  # what is asked for at the end restrains nothing before
+                    by_time[grid.points[-1]] = 0.0  # what is required at the end restrains nothing before
                 if any(abs(number) > _NONE for number in by_time.values()):
                     entries.append((name, side, _at_points(grid, by_time) / weights))
     return entries

@@ -15,9 +15,10 @@ from uuid import uuid4
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import distributed, distributed_available
+from pyrobocop_pyomo.studies.worker_pool import available_cores
 
 from .engine import Engine, Exchange
-from .process_engine import UNPROTECTED, available_cores
+from .process_engine import UNPROTECTED
 from .sending import build_request
 from .worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
 

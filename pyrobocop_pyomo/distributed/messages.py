@@ -88,7 +88,7 @@ class ProblemFacts:
 
 @dataclass(frozen=True)
 class Order:
-    """What an agent is asked to solve in a round.
+    """What an agent is told to solve in a round.
 
     The agent minimises its own objective plus ``linear @ v`` plus ``v @ W @ v / 2`` in its shared values v, with W the
     penalties times their factors.

@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
+from pyrobocop_pyomo.studies.worker_pool import available_cores
 
 from .engine import Engine, Exchange
 from .sending import build_request
@@ -22,11 +23,6 @@ from .worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
 SINGLE_THREADED = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 _READY = "ready"
 _SECONDS_TO_END = 2.0
-
-
-def available_cores() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class ProcessEngine(Engine):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.presentation import Presented
 
 
 class PlanScore(Protocol):
@@ -24,7 +25,7 @@ class PlanScore(Protocol):
 
 
 @dataclass(frozen=True)
-class Round:
+class Round(Presented):
     """One round, in numbers.
 
     Attributes
@@ -80,3 +81,8 @@ class Round:
         of_robots = [seconds for name, (_, _, seconds) in self.reports.items() if name != self.hub]
         of_hub = self.reports[self.hub][2] if self.hub is not None and self.hub in self.reports else 0.0
         return max(of_robots, default=0.0) + of_hub
+
+    def _summary(self) -> str:
+        return (
+            f"{self.number}: objective {self.objective:.6g}, {len(self.reports)} reports, {len(self.failures)} failures"
+        )

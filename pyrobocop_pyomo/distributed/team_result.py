@@ -12,13 +12,15 @@ import numpy as np
 from pyrobocop_pyomo.errors import TeamFailed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.plotting import AnimationFile, animation_file
+from pyrobocop_pyomo.presentation import Presented
 
 from .coordination import Plans
 from .rounds import PlanScore, Round
 
 
 @dataclass(frozen=True)
-class TeamResult:
+class TeamResult(Presented):
     """The plan of a team.
 
     Success is the physical score of the combined plan, and never a status of a solver. Where a team has no physics, it
@@ -106,13 +108,13 @@ class TeamResult:
         if not self.success:
             raise TeamFailed(f"the team found no plan that holds.\n{self}", self)
 
-    def animate(self, path: str | Path, **options: Any) -> Path:
-        """Write an animation of the plan, drawn by the team's physics.
+    def animate(self, path: str | Path | None = None, **options: Any) -> AnimationFile:
+        """Write an animation of the plan, drawn by the team's physics; in a notebook, what is returned plays.
 
         Parameters
         ----------
-        path : str or Path
-            Such as ``"rod.gif"``.
+        path : str or Path, optional
+            Such as ``"rod.gif"``, or ``"rod.mp4"`` where ffmpeg is there; a temporary GIF by default.
         **options
             Of the ``animate`` of the physics.
 
@@ -124,8 +126,9 @@ class TeamResult:
         animate = getattr(self.physics, "animate", None)
         if animate is None or not self.plans:
             raise TeamFailed("there is nothing to animate: the team has no physics that can draw its plan, or no plan.")
-        animate(self.plans, path, **options)
-        return Path(path)
+        target = animation_file(None) if path is None else path
+        # A user's own physics need not say where it wrote.
+        return AnimationFile(animate(self.plans, target, **options) or target)
 
     def __str__(self) -> str:
         last = self.rounds[-1]

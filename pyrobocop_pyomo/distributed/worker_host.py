@@ -16,7 +16,7 @@ PROTOCOL = 5  # of pickle: the same everywhere, so that counted bytes can be com
 
 
 class HostedProblem(Protocol):
-    """What an agent is where it is solved: a deterministic function of its state and of what it is asked."""
+    """What an agent is where it is solved: a deterministic function of its state and of what it is told."""
 
     def facts(self) -> Any:
         """What the coordinator has to know once it is built; can be pickled."""
@@ -44,7 +44,7 @@ class HostedSpec(Protocol):
 
 @dataclass(frozen=True)
 class Request:
-    """What one agent is asked to do.
+    """What one agent is told to do.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class WorkerHost:
         self._problems: dict[str, HostedProblem] = {}
 
     def answer(self, request: Request) -> Answer:
-        """Do what is asked."""
+        """Do what is required."""
         try:
             task: Callable[..., Any] = getattr(self, request.task)
             value = pickle.dumps(task(request.agent, *pickle.loads(request.payload)), PROTOCOL)

@@ -10,12 +10,13 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.presentation import Presented
 
 Series = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class DataSet:
+class DataSet(Presented):
     """Data of one experiment.
 
     Parameters
@@ -54,6 +55,9 @@ class DataSet:
         object.__setattr__(self, "series", _read(self.measurements, f"data set '{self.name}'" if self.name else "data"))
 
     series: dict[str, Series] = field(init=False, repr=False)
+
+    def _summary(self) -> str:
+        return f"'{self.name}'"
 
 
 def as_data_sets(data: Any) -> list[DataSet]:

@@ -14,6 +14,7 @@ from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting.estimates import FitPanel, draw_fit
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.studies.sweep import SweepResult
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -24,7 +25,7 @@ from .profiles import Profile, profile_of
 
 
 @dataclass(frozen=True, eq=False)
-class EstimationResult:
+class EstimationResult(Presented):
     """The answer of `estimate`; printing it shows a table.
 
     Attributes

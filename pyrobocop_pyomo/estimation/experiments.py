@@ -76,7 +76,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class ExperimentPlan:
-    """What is asked of all experiments alike; see `estimate`."""
+    """What is required of all experiments alike; see `estimate`."""
 
     parameters: Sequence[str] | None = None
     outputs: Any = None
@@ -287,7 +287,7 @@ def _apply_inputs(phase: Any, inputs: Mapping[str, Any], what: str) -> None:
             begins = ends[0] if isinstance(nodes, IntervalNodes) else min(nodes.sample_times)
             if times[known][0] > begins + slack or times[known][-1] < max(nodes.sample_times) - slack:
                 raise EstimationError(
-                    f"{label} is known from t = {times[known][0]:g} to {times[known][-1]:g}, but is asked from "
+                    f"{label} is known from t = {times[known][0]:g} to {times[known][-1]:g}, but is needed from "
                     f"{begins:g} to {max(nodes.sample_times):g}. Give it over the whole phase, or as a function of "
                     "time."
                 )

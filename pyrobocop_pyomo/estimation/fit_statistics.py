@@ -8,6 +8,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, SensitivityError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.presentation import Presented, table
 
 from .problem import EstimationProblem
 from .statistics import correlation_of, covariance_of, quantile
@@ -17,7 +18,7 @@ _AT_BOUND = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class FitStatistics:
+class FitStatistics(Presented):
     """Estimates with their uncertainty, to first order at the point of the fit.
 
     Attributes
@@ -70,6 +71,14 @@ class FitStatistics:
         """
         reach = quantile(level, self.freedom) * self.standard_errors
         return np.column_stack([self.estimates - reach, self.estimates + reach])
+
+    def _summary(self) -> str:
+        pairs = zip(self.names, self.estimates, self.standard_errors, strict=True)
+        return ", ".join(f"{name} = {value:.5g} +- {error:.2g}" for name, value, error in pairs)
+
+    def _html_parts(self) -> list[str]:
+        rows = list(zip(self.names, map(float, self.estimates), map(float, self.standard_errors), strict=True))
+        return [table(("unknown", "estimate", "standard error"), rows)]
 
 
 def statistics_of(problem: EstimationProblem) -> FitStatistics:

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting.figures import figure_or_new
+from pyrobocop_pyomo.presentation import Presented, disclosed_text, sparkline
 from pyrobocop_pyomo.studies.sweep import SweepResult, sweep
 
 from .fit_statistics import FitStatistics
@@ -19,7 +20,7 @@ from .statistics import quantile
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class Profile(Presented):
     """The profile of one unknown.
 
     Attributes
@@ -81,6 +82,9 @@ class Profile:
         axis.set_ylabel("increase of the sum of squares")
         axis.grid(alpha=0.3)
         return figure
+
+    def _html_parts(self) -> list[str]:
+        return [sparkline(self.values, self.increases), disclosed_text("as text", str(self))]
 
     def __str__(self) -> str:
         lower, upper = self.interval

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import GeometryError
+from pyrobocop_pyomo.presentation import Presented, facts_table, outline_picture
 
+from .pictured_outlines import pictured_outlines
 from .polyhedra import affine_rank, halfspaces_of
 from .polytope_input import corners_of_halfspaces, corners_of_list, read_points, read_rays
 from .poses import Pose
@@ -20,7 +22,7 @@ from .round_shapes import around_cone, around_ellipsoid, direction_of, frame_alo
 
 
 @dataclass(frozen=True, eq=False)
-class Polytope:
+class Polytope(Presented):
     """All points closer than a radius to the convex hull of some corners and rays, in the plane or in space.
 
     Make one by `box`, `regular_polygon`, `from_vertices`, `from_halfspaces`, `ball`, `capsule`, `cylinder`, `cone`,
@@ -304,6 +306,15 @@ class Polytope:
         """Largest distance of a point of the shape from its frame's origin; infinite for a shape with rays."""
         farthest = float(np.linalg.norm(self.vertices, axis=1).max()) if self.is_bounded else math.inf
         return farthest + self.radius
+
+    def _summary(self) -> str:
+        return str(self)
+
+    def _html_parts(self) -> list[str]:
+        box = (self.vertices.min(axis=0) - self.radius, self.vertices.max(axis=0) + self.radius)
+        reaches = [f"{low:.6g} .. {high:.6g}" for low, high in zip(*box, strict=True)]
+        facts = {f"{axis} of the corners, padded": reach for axis, reach in zip("xyz", reaches, strict=False)}
+        return [outline_picture(*pictured_outlines(self)), facts_table(facts)]
 
     def __str__(self) -> str:
         parts = [f"{len(self.vertices)} corner{'s' if len(self.vertices) != 1 else ''}"]

@@ -10,6 +10,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.presentation import Presented
 
 # Below this normal force nobody is said to push, newtons.
 PUSHING = 0.1
@@ -72,7 +73,7 @@ _ROWS = {
 
 
 @dataclass(frozen=True)
-class PhysicalScore:
+class PhysicalScore(Presented):
     """How far a combined plan is from physics.
 
     A combined plan is one trajectory of the object, each robot's own motion, and each robot's own contact forces. The

@@ -184,7 +184,7 @@ class PlanarBody:
         start : (x, y, theta)
             Metres, radians.
         goal : (x, y, theta), optional
-            Where the straight line of the initial guess ends; nothing is asked of the end.
+            Where the straight line of the initial guess ends; nothing is required of the end.
 
         Raises
         ------

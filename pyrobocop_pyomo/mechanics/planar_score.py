@@ -11,7 +11,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.plotting import BodyPath, animate_scene
+from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 
 from .physical_score import PUSHING, PhysicalScore, distance_outside, plan_component, smallest_distance
 from .planar_bodies import POSE, TWIST, DiscRobot, PlanarBody, check_positive
@@ -179,8 +179,10 @@ class PlanarScore:
             bodies.append(BodyPath.planar(disc, x, y, np.zeros(len(x)), name=name))
         return np.linspace(0.0, self.step * (len(pose) - 1), len(pose)), bodies
 
-    def animate(self, plans: Mapping[str, Mapping[str, Array]], path: str | Path, **options: Any) -> Path:
-        """Write a GIF of a combined plan, with the options of `animate_scene`; returns the file written."""
+    def animate(
+        self, plans: Mapping[str, Mapping[str, Array]], path: str | Path | None = None, **options: Any
+    ) -> AnimationFile:
+        """Write an animation of a combined plan, with the options of `animate_scene`; in a notebook, it plays."""
         time, bodies = self.paths(plans)
         return animate_scene(time, bodies, (), path, **options)
 

@@ -215,7 +215,7 @@ class SpatialBody:
         start : (x, y, z, r_x, r_y, r_z)
             Metres, radians.
         goal : (x, y, z, r_x, r_y, r_z), optional
-            Where the initial guess leads; nothing is asked of the end.
+            Where the initial guess leads; nothing is required of the end.
         with_rotation : bool, optional
             Whether the copy has a rotation matrix; by default where the shape is not round, because a contact reads it
             only then.

@@ -14,9 +14,8 @@ to it, and one for the component, which has the arguments::
 from __future__ import annotations
 
 import copy
-import difflib
 import inspect
-from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, TypeVar
 
@@ -24,10 +23,13 @@ from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
+from pyrobocop_pyomo.presentation import Presented
 
 from .copied_rules import copied_rule
+from .keywords import check_keywords
 from .pickling import picklable_or_none
+from .said_once import say_once
 
 Rule = Callable[..., Any]
 
@@ -40,7 +42,7 @@ _OF_EVERY_BLOCK = (
 )
 
 
-class BuiltBlockData(BlockData):
+class BuiltBlockData(Presented, BlockData):
     """One block that is built once, and on any error not at all.
 
     Subclasses say what they are (`_kind`), what they raise (`_error`) and how they are built (`_build`, which sets
@@ -49,6 +51,8 @@ class BuiltBlockData(BlockData):
 
     _kind: ClassVar[str] = "block"
     _error: ClassVar[type[ModelError]] = ModelError
+    # What other packages call its keywords -> the keyword.
+    _other_words: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, component: Any) -> None:
         super().__init__(component)
@@ -76,6 +80,16 @@ class BuiltBlockData(BlockData):
         """State the block anew, after the sets or the variables below it have changed."""
         raise NotImplementedError
 
+    def _shown_as(self) -> str:
+        component = self.parent_component()
+        return type(self).__name__ if component is None else type(component).__bases__[-1].__name__
+
+    def _summary(self) -> str:
+        return f"'{self.name}'{'' if self.is_built else ', not constructed yet'}"
+
+    def _html_parts(self) -> list[str]:
+        return []
+
     def _build(self, *arguments: Any, **options: Any) -> None:
         raise NotImplementedError
 
@@ -83,13 +97,17 @@ class BuiltBlockData(BlockData):
         if self.is_built:
             raise self._error(f"{self._what} is built already.")
         component = self.parent_component()
-        check_keywords(type(component).__bases__[-1].__name__, options, component._keywords, self._error)
+        what = type(component).__bases__[-1].__name__
+        check_keywords(what, options, component._keywords, self._error, self._other_words)
         with self._all_or_nothing(), PauseGC():
             self._build(*arguments, **options)
 
     def _record_if_built(self, error: type[ModelError] | None = None) -> Any:
         if self._record is None:
-            raise (error or self._error)(f"{self._what} is not constructed yet: add it to a ConcreteModel first.")
+            raise (error or self._error)(
+                f"{self._what} is not constructed yet: add it to a ConcreteModel first, as in model.{self._kind} = "
+                "..., and state what belongs to it then."
+            )
         return self._record
 
     @contextmanager
@@ -188,7 +206,8 @@ class BuiltBlock(Block):
 
     def __new__(cls, *args: Any, **keywords: Any) -> Any:
         """Choose the scalar or the indexed class; refuse a misspelt keyword before anything is built."""
-        check_keywords(cls.__name__, keywords, cls._keywords, cls._ComponentDataClass._error)
+        of_data = cls._ComponentDataClass
+        check_keywords(cls.__name__, keywords, cls._keywords, of_data._error, of_data._other_words)
         if "_scalar" in cls.__dict__:
             cls = cls._scalar if cls._is_scalar(args, keywords) else cls._indexed
         # Past Block.__new__, which knows only its own two classes.
@@ -213,10 +232,12 @@ class BuiltBlock(Block):
         """Build the block; on any error, the user's own included, take it off the model."""
         try:
             super().construct(data)
-        except BaseException:
+        except BaseException as error:
             parent = self.parent_block()
             if parent is not None and parent.component(self.local_name) is self:
                 parent.del_component(self)
+            if isinstance(error, PyRobocopError):
+                say_once(error)
             raise
 
 
@@ -231,7 +252,7 @@ class _OfOneBlock:
         if component is None:
             return self.member
         raise AttributeError(
-            f"'{component.local_name}' is indexed; '{self.name}' is asked of one of its blocks: "
+            f"'{component.local_name}' is indexed; '{self.name}' belongs to one of its blocks: "
             f"{component.local_name}[...].{self.name}."
         )
 
@@ -252,22 +273,6 @@ def blocks_of_kind(model: Any, kind: type[BuiltBlockData]) -> list[Any]:
     """The active blocks of a kind on a model, wherever they are; the model itself may be one."""
     found = model.block_data_objects(active=True, descend_into=Block)
     return [block for block in found if isinstance(block, kind)]
-
-
-def check_keywords(what: str, given: Iterable[str], known: Iterable[str], error: type[ModelError]) -> None:
-    """Refuse a keyword that does not exist, and name the nearest one.
-
-    Raises
-    ------
-    ModelError
-        Of the class given.
-    """
-    known = list(known)
-    for name in given:
-        if name not in known:
-            nearest = difflib.get_close_matches(name, known, n=1)
-            remedy = f"Did you mean '{nearest[0]}'?" if nearest else f"Its keywords are {', '.join(known)}."
-            raise error(f"{what} has no keyword '{name}'. {remedy}")
 
 
 def _offered(data: type[BuiltBlockData]) -> Iterator[tuple[str, Any]]:

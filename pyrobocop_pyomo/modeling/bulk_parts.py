@@ -6,6 +6,7 @@ them here, and adds them when nothing can fail any more.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from pyomo.core.base.constraint import ConstraintData
@@ -26,6 +27,13 @@ def new_variable(component: Any, lower: Any, start: float) -> VarData:
         variable.setlb(lower)
     variable.set_value(start, skip_validation=True)
     return variable
+
+
+def copy_variable(variable: VarData, indices: Iterable[Any]) -> None:
+    """Put copies of a variable, with its bounds, domain and value, into its component at further indices."""
+    component, copy = variable.parent_component(), VarData.copy
+    for index in indices:
+        put_part(component, index, copy(variable))
 
 
 def new_parameter(component: Any, number: float) -> ParamData:

@@ -54,8 +54,9 @@ class ComponentGroups:
 
     def _add(self, component: Any) -> None:
         first = len(self.names)
-        if all(key.__class__ is float for key in component):
-            # One quantity over time, as most are.
+        classes = set(map(type, component))
+        if float in classes and classes <= {float, int}:
+            # One quantity over time, as most are; its first time is often a whole number.
             self._begin(component, ())
             self.members[-1] = list(component.values())
             self._group_of.update(dict.fromkeys(map(id, self.members[-1]), first))

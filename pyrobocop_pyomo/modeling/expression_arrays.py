@@ -1,6 +1,6 @@
 """NumPy on Pyomo's variables: arrays whose entries are expressions, and the entries themselves.
 
-NumPy asks an object for a method ``sin`` when it is asked for ``np.sin`` of it, and Pyomo's variables have none. An
+NumPy asks an object for a method ``sin`` when it is given to ``np.sin`` of it, and Pyomo's variables have none. An
 `ArrayEntry` is a thin wrapper around an expression that has these methods, and `ExpressionArray` is an array of such
 entries and of numbers. What leaves for Pyomo is unwrapped first: by `plain_expressions` where this package asks a rule,
 by the operators where a relation is made.
@@ -169,7 +169,7 @@ class ExpressionArray(np.ndarray):
         # What a number in brackets means is a time: b.x[1].at_end is no component of a vector, but all of it at t = 1.
         if name in ("at", "at_start", "at_end", "delayed"):
             raise AttributeError(
-                f"'{name}' is asked of values at one time, which [t] gives. Ask the vector, as in b.x.at_end, or a "
+                f"'{name}' is read from values at one time, which [t] gives. Ask the vector, as in b.x.at_end, or a "
                 "component by its own name, as in b.x_1.at_end."
             )
         raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")

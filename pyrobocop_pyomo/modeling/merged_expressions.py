@@ -1,6 +1,6 @@
 """Many expressions of the same variables, evaluated together: those that differ in their numbers only are one.
 
-A rule that is asked at one time after the other says the same with other numbers, or one of a few things. Each of these
+A rule, evaluated at one time after the other, says the same with other numbers, or one of a few things. Each of these
 is walked once, with arrays of the numbers.
 """
 

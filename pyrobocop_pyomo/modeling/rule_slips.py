@@ -1,4 +1,4 @@
-"""Typical slips in rules: what an error from inside a rule means, and what to write instead."""
+"""Typical mistakes in rules: what an error from inside a rule means, and what to write instead."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ _NO_ATTRIBUTE = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
 _SCALAR = re.compile(r"scalar component '(.*)' as an indexed component")
 _BY_ZERO = re.compile(r"division by zero|cannot be raised to a negative power|zero to a negative")
 _OF_PHASE = re.compile(r"phase '.*?' has no '(\w+)'\.")
+_SHAPES = re.compile(r"mismatch in its core dimension|could not be broadcast|shapes .* not aligned|same length")
 _FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImplementedType")
 
 
@@ -47,7 +48,7 @@ def slips_explained(
         yield
     except PyRobocopError:
         raise
-    except (TypeError, AttributeError, KeyError, ZeroDivisionError, PyomoException) as found:
+    except (TypeError, ValueError, AttributeError, KeyError, ZeroDivisionError, PyomoException) as found:
         slip = slip_of(rule, found, block, arguments)
         if slip is None:
             raise
@@ -59,6 +60,13 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
     text = str(error)
     if isinstance(error, PyomoException):
         return _of_condition(text)
+    if isinstance(error, ValueError):
+        if _SHAPES.search(text) is None:
+            return None
+        return (
+            f"its rule combines arrays whose shapes do not fit ({text.splitlines()[0].rstrip('.')}). A vector declared "
+            "with index=n has n entries at each time: a matrix that multiplies it has n columns."
+        )
     if isinstance(error, KeyError):
         scalar = _SCALAR.search(text)
         if scalar is None:
@@ -78,6 +86,11 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
         named = _NO_ATTRIBUTE.search(text)
         of_block = named is not None and named.group(1) == type(block).__name__
         return _of_missing(named.group(2), block, arguments) if named and of_block else None
+    if not callable(rule):
+        return (
+            f"it was given a {type(rule).__name__}; it takes a rule, a function that is called at every time: "
+            f"lambda {', '.join(arguments)}: {{b.x: b.v[t]}} for an ode, and so on."
+        )
     if not _takes(rule, len(arguments)):
         given = ", ".join(arguments)
         return (
@@ -97,6 +110,8 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
         return block_as_number(block, arguments)
     if "unhashable type: 'VarData'" in text:
         return "its rule gives a variable at one time as a key. Keys are whole states: {b.x: ...}, not {b.x[t]: ...}."
+    if "for ^" in text:
+        return "its rule has '^', which is no power in Python. Write b.x[t] ** 2."
     if "NoneType" in text:
         return "its rule computes with None. Is a return statement missing, or a variable without value read by .value?"
     if _FAMILY.search(text) is not None:

@@ -8,9 +8,32 @@ Pyomo's own walks visit the tree.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from itertools import chain
+from operator import attrgetter
 from typing import Any
 
+from pyomo.core.expr.numeric_expr import (
+    DivisionExpression,
+    MonomialTermExpression,
+    NegationExpression,
+    PowExpression,
+    ProductExpression,
+    UnaryFunctionExpression,
+)
 from pyomo.core.expr.numvalue import native_types, value
+
+_ARGUMENTS = attrgetter("_args_")
+# Places of one tree that are looked at: more are walked over node by node, each node once.
+_MOST_PLACES = 2000
+# Classes whose `args` are all that this attribute holds; a sum may share its list with a longer one.
+_ALL_ARGUMENTS = {
+    DivisionExpression,
+    MonomialTermExpression,
+    NegationExpression,
+    PowExpression,
+    ProductExpression,
+    UnaryFunctionExpression,
+}
 
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
@@ -59,25 +82,65 @@ def variables_in_any(expressions: Iterable[Any]) -> dict[int, Any]:
     ----------
     expressions : iterable of expressions, relations, variables or numbers
     """
+    expressions = list(expressions)
+    alike = _variables_of_alike(expressions)
+    if alike is not None:
+        return alike
     found: dict[int, Any] = {}
     seen: dict[int, Any] = {}  # as in `variables_in`
-    expressions_of_class: dict[type, bool] = {}
     level: Iterable[Any] = expressions
     while level:
-        new = {id(node): node for node in level if node.__class__ not in native_types}
-        for key in new.keys() & seen.keys():
-            del new[key]
-        seen.update(new)
+        nodes_of_class: dict[type, list[Any]] = {}
+        for node in level:
+            same = nodes_of_class.get(node.__class__)
+            if same is None:
+                nodes_of_class[node.__class__] = [node]
+            else:
+                same.append(node)
         arguments: list[Any] = []
-        for key, node in new.items():
-            is_expression = expressions_of_class.get(node.__class__)
-            if is_expression is None:
-                is_expression = expressions_of_class[node.__class__] = bool(node.is_expression_type())
-            if is_expression:
-                arguments += node.args
-            elif node.is_variable_type():
-                found[key] = node
+        for cls, nodes in nodes_of_class.items():
+            if cls in native_types:
+                continue
+            new = dict(zip(map(id, nodes), nodes, strict=True))
+            for key in new.keys() & seen.keys():
+                del new[key]
+            seen.update(new)
+            if cls in _ALL_ARGUMENTS:
+                arguments += chain.from_iterable(map(_ARGUMENTS, new.values()))
+            elif nodes[0].is_expression_type():
+                arguments += chain.from_iterable(node.args for node in new.values())
+            elif nodes[0].is_variable_type():
+                found.update(new)
         level = arguments
+    return found
+
+
+def _variables_of_alike(expressions: list[Any]) -> dict[int, Any] | None:
+    """The variables of expressions of one shape, place by place of their trees; None where their shapes differ."""
+    found: dict[int, Any] = {}
+    entered: dict[int, tuple[list[int], Any]] = {}  # with the nodes themselves, as in `variables_in`
+    pending: list[Any] = [expressions] if expressions else []
+    while pending:
+        nodes = pending.pop()
+        classes = set(map(type, nodes))
+        if classes <= native_types:
+            continue
+        if len(classes) > 1 or len(entered) > _MOST_PLACES:
+            return None
+        identities = list(map(id, nodes))
+        if entered.get(identities[0], ((), None))[0] == identities:
+            continue
+        entered[identities[0]] = identities, nodes
+        if nodes[0].is_expression_type():
+            if classes <= _ALL_ARGUMENTS:
+                arguments = list(map(_ARGUMENTS, nodes))
+            else:
+                arguments = [node.args for node in nodes]
+            if len(set(map(len, arguments))) > 1:
+                return None
+            pending += zip(*arguments, strict=True)
+        elif nodes[0].is_variable_type():
+            found.update(zip(identities, nodes, strict=True))
     return found
 
 
@@ -99,10 +162,15 @@ class NodeValues:
     """Values of expressions at what their variables hold now; what they share is evaluated once.
 
     Errors are those of Pyomo's ``value``: a ValueError where a variable has no value, or what the operation raises.
+
+    Parameters
+    ----------
+    known : mapping of int to float, optional
+        Values that are known already, by the ``id`` of the node.
     """
 
-    def __init__(self) -> None:
-        self._known: dict[int, Any] = {}
+    def __init__(self, known: Mapping[int, float] | None = None) -> None:
+        self._known: dict[int, Any] = dict(known or {})
         self._kept: list[Any] = []
 
     def of(self, expression: Any) -> Any:

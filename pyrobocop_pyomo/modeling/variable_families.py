@@ -146,7 +146,7 @@ class VariableFamily:
         return VariableFamily(self._home, self.names, read)
 
     def array_of(self, read: Callable[[Any], Any]) -> ExpressionArray:
-        """What is asked of each member, as an array."""
+        """What is required of each member, as an array."""
         return self._array(self.members, read)
 
     # ---------------------------------------------------------------- reading

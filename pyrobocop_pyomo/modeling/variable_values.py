@@ -82,7 +82,7 @@ class VariableValues:
                 variable.stale = stale
 
 
-def put_values(variables: Sequence[Any], values: Sequence[float | None]) -> None:
+def put_values(variables: Sequence[Any], values: Sequence[float | None], *, flag: int | None = None) -> None:
     """Give each variable its value, as ``set_value(number, skip_validation=True)`` does.
 
     Parameters
@@ -90,12 +90,20 @@ def put_values(variables: Sequence[Any], values: Sequence[float | None]) -> None
     variables : sequence of VarData
     values : sequence of float or None
         As many Python numbers, without units.
+    flag : int, optional
+        What marks a value as fresh, where it is the same for all variables because all were marked as stale just
+        before; no value is None then.
     """
-    if any(cls.set_value is not VarData.set_value for cls in {variable.__class__ for variable in variables}):
+    classes: set[Any] = set(map(type, variables))
+    if any(cls.set_value is not VarData.set_value for cls in classes):
         for variable, number in zip(variables, values, strict=True):
             variable.set_value(number, skip_validation=True)
         return
     # What set_value does with a plain number; the checks around it take ten times as long.
+    if flag is not None:
+        for variable, number in zip(variables, values, strict=True):
+            variable._value, variable._stale = number, flag
+        return
     for variable, number in zip(variables, values, strict=True):
         variable._value = number
         variable._stale = 0 if number is None else StaleFlagManager.get_flag(variable._stale)

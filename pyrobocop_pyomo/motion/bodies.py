@@ -8,8 +8,10 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
+from pyrobocop_pyomo.geometry.pictured_outlines import pictured_outlines
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.presentation import Presented, outline_picture
 
 PoseRule = Callable[[Any, Any], Any]
 PoseBetweenPoints = Callable[[Any, Any, Any], Any]
@@ -21,7 +23,7 @@ def _lost_pose(block: Any, t: Any, fraction: Any = None) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(Presented):
     """One rigid body: its shape and its pose.
 
     Attributes
@@ -101,3 +103,11 @@ class Body:
         for i, part in enumerate(parts, start=1):
             label = name if len(parts) == 1 else f"{name}[{i}]"
             yield label, part.named(label)
+
+    def _summary(self) -> str:
+        return f"{', '.join(str(part) for part in self.parts)}; {'moves' if self.moves else 'rests'}"
+
+    def _html_parts(self) -> list[str]:
+        pictures = [pictured_outlines(part) for part in self.parts]
+        outlines = [outline for found, _ in pictures for outline in found]
+        return [outline_picture(outlines, [radius for _, radii in pictures for radius in radii])]

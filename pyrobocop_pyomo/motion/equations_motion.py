@@ -36,7 +36,7 @@ class EquationsMotion:
     ----------
     deviation : dict of str to array, shape (intervals,)
         By the name of a moving part: how far any of its corners gets from where the plan has it; by the text of a
-        clearance: how far what is asked for gets from what the plan asks for. Zero where a body
+        clearance: how far what is required gets from what the plan asks for. Zero where a body
         moves by a formula in time; infinite where the motion of the equations left the finite numbers.
     how : str
         How it was found, in words; empty where it is not known.
@@ -82,7 +82,7 @@ def equations_motion(
     shapes : mapping of body to list of MovingShape
         At the current values.
     lengths : mapping of str to SignalFormulas, optional
-        Clearances that read signals: with other states, another clearance is asked for.
+        Clearances that read signals: with other states, another clearance is required.
     """
     # A formula of the user's own between points is no motion of a phase.
     found_in = [(shape, shape.template) for parts in shapes.values() for shape in parts]
@@ -130,7 +130,7 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
     ----------
     phase : PhaseBlock
     after : tuple of PhaseBlock
-        Phases that follow this one, for which it is asked.
+        Phases that follow this one, for which it is evaluated.
     """
     following = (phase, *after)
     for link in blocks_of_kind(phase.model(), LinkData):

@@ -158,7 +158,7 @@ class _Probe(Signals):
     def time_at(self, block: Any) -> Any:
         assert self._motion.interpolation is not None
         if not self._motion.interpolation.is_time_of(block):
-            raise ObstacleError(f"time_at(t) is asked of '{block.name}', whose time is not that of the set of points.")
+            raise ObstacleError(f"time_at(t) is read from '{block.name}', whose time is not that of the set of points.")
         return self.time
 
 

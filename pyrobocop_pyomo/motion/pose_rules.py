@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.rule_slips import block_as_number, forgotten_index
 
 
 def asked_pose(ask: Callable[[], Any], rule: Callable[..., Any], block: Any, name: str) -> Pose:
-    """What a pose rule returns, checked; typical slips in it are explained.
+    """What a pose rule returns, checked; typical mistakes in it are explained.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def asked_pose(ask: Callable[[], Any], rule: Callable[..., Any], block: Any, nam
     rule : callable
         ``rule(block, t)``, as for a `Body`.
     block : Block
-        The block that the rule is for, also where it is asked with a proxy of it.
+        The block that the rule is for, also where it is evaluated with a proxy of it.
     name : str
         Name of the body in messages.
 

@@ -291,7 +291,7 @@ class _SignalPlaceholders(Signals):
 
     def time_at(self, block: Any) -> Any:
         if not self._interpolation.is_time_of(block):
-            raise ObstacleError(f"time_at(t) is asked of '{block.name}', whose time is not that of the set of points.")
+            raise ObstacleError(f"time_at(t) is read from '{block.name}', whose time is not that of the set of points.")
         if "time" not in self.signals:
             times = node_times(self._motion) if self._times is None else self._times
             ends = np.array([[times[nodes[0]], times[nodes[-1]]] for nodes in self._motion.intervals])

@@ -10,10 +10,11 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import ClearanceCurve, plot_clearances
+from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
 
 
 @dataclass(frozen=True, eq=False)
-class BodyPairSafety:
+class BodyPairSafety(Presented):
     """The result for one pair of convex parts of two bodies.
 
     Attributes
@@ -43,7 +44,7 @@ class BodyPairSafety:
     subintervals : int
         Number of subintervals that the proof used.
     interval_clearance : array, shape (intervals,)
-        What is asked for at the instant of `interval_distance`; `interval_proven` refers to it.
+        What is required at the instant of `interval_distance`; `interval_proven` refers to it.
     interval_deviation : array, shape (intervals,)
         How far the equations lead the parts from where the plan has them, under its controls. Distances are those of
         the plan; this is taken off what is proven for it.
@@ -165,7 +166,7 @@ class BodyPairSafety:
 
 
 @dataclass(frozen=True, eq=False)
-class SafetyReport:
+class SafetyReport(Presented):
     """The result of `verify_clearance`.
 
     Attributes
@@ -203,7 +204,7 @@ class SafetyReport:
         return tuple(pair for pair in self.body_pairs if pair.undecided)
 
     def plot(self, figure: Any = None, *, most: int = 6) -> Any:
-        """Draw the distances over time: what is asked, what is proven of both motions, and the closest instants found.
+        """Draw the distances over time: what is required, what is proven of both motions, and the closest instants.
 
         Parameters
         ----------
@@ -256,6 +257,21 @@ class SafetyReport:
             numbers = [text.rjust(width) for text, width in zip(row[1:-1], widths[1:-1], strict=True)]
             lines.append("  ".join([row[0].ljust(widths[0]), *numbers, row[-1]]))
         return "\n".join(lines)
+
+    def _html_parts(self) -> list[str]:
+        header = ("body pair", "asked", "closest found", "at t =", "proven", "verdict")
+        rows = [
+            (
+                f"{pair.first} - {pair.second}",
+                pair.clearance,
+                pair.distance,
+                _time_text(pair.time),
+                pair.proven,
+                pair.verdict,
+            )
+            for pair in sorted(self.body_pairs, key=_badness)
+        ]
+        return [table(header, rows), disclosed_text("as text", str(self))]
 
     def __str__(self) -> str:
         about = f"{self.equations}\n" if self.equations else ""

@@ -41,7 +41,7 @@ class TablePath:
         Whether the body rests where the table begins before the first time, and where it ends after the last one.
         Otherwise plans must not reach beyond.
     clock : callable, optional
-        ``clock(block, t)`` returns the time of the table. By default ``block.time_at(t)`` where the rule is asked for
+        ``clock(block, t)`` returns the time of the table. By default ``block.time_at(t)`` where the rule is that of
         a phase, else ``t`` itself. A table that started 3.5 before the plan: ``lambda b, t: b.time_at(t) + 3.5``.
 
     Raises

@@ -80,7 +80,7 @@ class Matching:
         return sorted(rows), sorted(columns)
 
 
-def maximum_matching(incidence: Incidence, columns: int) -> Matching:
+def maximum_matching(incidence: Incidence, columns: int, first_come: bool = False) -> Matching:
     """Match as many rows as possible with a column each that they hold.
 
     Parameters
@@ -89,6 +89,8 @@ def maximum_matching(incidence: Incidence, columns: int) -> Matching:
         The columns that each row holds.
     columns : int
         Number of columns.
+    first_come : bool
+        A row is left over only where the rows before it leave it no column.
 
     Notes
     -----
@@ -100,6 +102,8 @@ def maximum_matching(incidence: Incidence, columns: int) -> Matching:
         free = next((column for column in own_columns if row_of[column] < 0), -1)
         if free >= 0:
             column_of[row], row_of[free] = free, row
+        elif first_come:
+            _augment(row, incidence, column_of, row_of)
     for row in [row for row, column in enumerate(column_of) if column < 0]:
         _augment(row, incidence, column_of, row_of)
     return Matching(incidence, tuple(column_of), tuple(row_of))

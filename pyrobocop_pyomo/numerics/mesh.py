@@ -9,13 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from pyrobocop_pyomo.errors import MeshError
+from pyrobocop_pyomo.presentation import Presented
 
 from .arrays import Array, Indices
 from .schemes import Scheme
 
 
 @dataclass(frozen=True)
-class Mesh:
+class Mesh(Presented):
     """Element boundaries ``t_0 < t_1 < ... < t_N``.
 
     Attributes
@@ -71,9 +72,14 @@ class Mesh:
         """Width of each element, shape ``(N,)``."""
         return np.diff(np.asarray(self.boundaries))
 
+    def _summary(self) -> str:
+        start, end = self.boundaries[0], self.boundaries[-1]
+        widths = f"{min(self.widths):.4g} .. {max(self.widths):.4g}"
+        return f"{self.elements} elements from {start:g} to {end:g}, widths {widths}"
+
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(Presented):
     """The times of a scheme on a mesh.
 
     Attributes
@@ -149,6 +155,10 @@ class Grid:
             for weight, time in zip(self.scheme.b, row, strict=True):
                 weights[time] += float(width * weight)
         return weights
+
+    def _summary(self) -> str:
+        start, end = self.mesh.boundaries[0], self.mesh.boundaries[-1]
+        return f"{self.scheme.name} on {self.mesh.elements} elements from {start:g} to {end:g}"
 
 
 def _positions(times: tuple[float, ...], per_element: tuple[tuple[float, ...], ...]) -> Indices:

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import SchemeError
+from pyrobocop_pyomo.presentation import Presented
 
 from .arrays import Array
 from .lagrange import evaluation_matrix, integration_matrix
 
 
 @dataclass(frozen=True, eq=False)  # eq=False: comparing arrays has no single truth value
-class Scheme:
+class Scheme(Presented):
     """Runge-Kutta method on one element, local time ``tau`` in [0, 1].
 
     Every scheme reaches the model in one form. With the state's values ``x`` at `state_nodes` (the element start

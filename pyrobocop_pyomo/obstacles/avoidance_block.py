@@ -22,6 +22,7 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.motion.clearance_proof import verify_clearance
 from pyrobocop_pyomo.motion.motion import Motion, motion_of
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
+from pyrobocop_pyomo.presentation import table
 
 from .avoidance_record import AvoidanceOptions, AvoidanceRecord, MotionSegment, segments_of_motion
 from .block_arguments import set_of_points, sort_arguments
@@ -100,6 +101,18 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         """0, 1 in the plane and 0, 1, 2 in space."""
         return range(self.record.dimension)
 
+    def _summary(self) -> str:
+        if not self.is_built:
+            return super()._summary()
+        bodies = self.record.scene.bodies.values()
+        return f"{super()._summary()}: {len(bodies)} bodies, of which {sum(body.moves for body in bodies)} move"
+
+    def _html_parts(self) -> list[str]:
+        bodies = self.record.scene.bodies if self.is_built else {}
+        shapes = {name: ", ".join(map(str, body.parts)) for name, body in bodies.items()}
+        rows = [(name, "moves" if body.moves else "rests", shapes[name]) for name, body in bodies.items()]
+        return [table(("body", "motion", "shape"), rows)] if rows else []
+
     def build(self, points: Any, **options: Any) -> None:
         """Build the block; for rules of indexed blocks, with the arguments of the class.
 
@@ -130,7 +143,7 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         if record.soft_clearance is not None:
             self.preferred_clearance = Expression(expr=record.soft_clearance.preferred, doc="clearance preferred")
             self.missed = Var(self.separations, bounds=(0, None), dense=False, doc="preferred clearance that is missed")
-            self.asked_is_kept = Constraint(AnyIndex, doc="no more is missed than what is asked allows")
+            self.asked_is_kept = Constraint(AnyIndex, doc="no more is missed than what is required allows")
             self.soft_clearance_cost = Expression(expr=0.0, doc="cost of what is missed, for the objective")
         record.formulation.declare(self, self.axes)
         motion = self.motion

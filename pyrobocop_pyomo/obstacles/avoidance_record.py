@@ -135,7 +135,7 @@ class AvoidanceRecord:
     asked : dict of body pair to clearance
         Floats, expressions, `ClearanceRule` or `FreeClearance`.
     soft_clearance : SoftClearance or None
-        What is preferred, beside what is asked.
+        What is preferred, beside what is required.
     lengths : dict of (body, body, time) to expression
         What the rules of clearances ask for at the times of the poses.
     """

@@ -1,4 +1,4 @@
-"""What is asked for as clearance: numbers, parameters, variables, expressions, rules of time; and preferences."""
+"""What is required as clearance: numbers, parameters, variables, expressions, rules of time; and preferences."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def parking_model(
     case : ParkingCase
     car : ParkingCar, optional
     clearance : float, optional
-        Distance to keep. Where the start or the goal has less, 0.8 times what it has is asked for, and the log says so.
+        Distance to keep. Where the start or the goal has less, 0.8 times what it has is requested, and the log says so.
     elements : int, optional
         Of the mesh; by default one for 0.6 seconds of the initial guess, from 30 to 90.
     search : CarSearch, optional
@@ -144,7 +144,7 @@ def _possible_clearance(case: ParkingCase, car: ParkingCar, clearance: float) ->
                 )
             if distance < clearance:
                 logger.warning(
-                    "parking case '%s': at the %s '%s' is %.4g away, less than the clearance %.4g; %.4g is asked for.",
+                    "parking case '%s': at the %s '%s' is %.4g away, less than the clearance %.4g; %.4g is required.",
                     case.name, which, name, distance, clearance, SHARE_OF_AVAILABLE * distance,
                 )  # fmt: skip
                 clearance = SHARE_OF_AVAILABLE * distance

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, moving_shapes
 from pyrobocop_pyomo.motion.pose_templates import node_times
 from pyrobocop_pyomo.numerics import Array, Indices
-from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
+from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene, draw_scene
 
 # Least number of poses: the path looks smooth, and every frame of an animation has a pose near its time.
 _FEWEST_POSES = 240
@@ -64,14 +64,16 @@ def draw_avoidance(
     )
 
 
-def animate_avoidance(avoid: Any, path: str | Path, *, title: str | None = None, **options: Any) -> Path:
-    """Write a GIF of the bodies of an avoidance block that move among its obstacles; returns the file written.
+def animate_avoidance(
+    avoid: Any, path: str | Path | None = None, *, title: str | None = None, **options: Any
+) -> AnimationFile:
+    """Write an animation of the bodies of an avoidance block among its obstacles; in a notebook, it plays.
 
     Parameters
     ----------
     avoid : ObstacleAvoidanceBlock
-    path : str or Path
-        Where to write; the suffix is made ``.gif``.
+    path : str or Path, optional
+        Where to write, as in `animate_scene`; a temporary GIF by default.
     title : str, optional
         The block's name by default.
     **options

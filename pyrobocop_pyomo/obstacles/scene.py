@@ -82,7 +82,7 @@ class Scene:
 
     @property
     def clearances(self) -> dict[BodyPair, float]:
-        """About the clearance of each body pair, as a number; what is asked is on the block."""
+        """About the clearance of each body pair, as a number; what is required is on the block."""
         return {pair: self.graph.edges[pair]["clearance"] for pair in self.body_pairs}
 
     def body_pair(self, what: str, first: str, second: str) -> BodyPair:

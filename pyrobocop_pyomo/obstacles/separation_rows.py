@@ -96,7 +96,7 @@ def _posed(
 
 
 def _rises(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> tuple[Any, ...]:
-    """How much more is asked for at each time of a segment than at its first; empty where it is always the same."""
+    """How much more is requested at each time of a segment than at its first; empty where it is always the same."""
     pair = _bodies(record, segment)
     if record.soft_clearance is not None or not isinstance(record.asked[pair], ClearanceRule):
         return ()
@@ -105,7 +105,7 @@ def _rises(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> tuple
 
 
 def _prefer(block: Any, record: AvoidanceRecord, segment: MotionSegment) -> None:
-    """Let a separation miss the preferred clearance, down to the one that is asked."""
+    """Let a separation miss the preferred clearance, down to the one that is required."""
     index, pair = segment.index, _bodies(record, segment)
     missed = block.missed.add(index)
     if missed.value is None:

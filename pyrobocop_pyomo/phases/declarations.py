@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Union
 
 from pyrobocop_pyomo.errors import DeclarationError, TrajectoryError
+from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import InitialGuess
@@ -28,6 +29,29 @@ BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007
 History = Union[float, Callable[[float], Any], None]  # noqa: UP007
 
 UNBOUNDED: Bounds = (None, None)
+
+# What other packages call it.
+_OTHER_WORDS = {
+    "value": "initial_guess",
+    "initialize": "initial_guess",
+    "guess": "initial_guess",
+    "init": "initial_guess",
+    "lb": "bounds",
+    "ub": "bounds",
+    "lower": "bounds",
+    "upper": "bounds",
+    "min": "bounds",
+    "max": "bounds",
+    "start": "initial",
+    "x0": "initial",
+    "end": "final",
+    "goal": "final",
+    "target": "final",
+    "unit": "units",
+    "shape": "index",
+    "size": "index",
+    "dim": "index",
+}
 
 
 def _lost_bounds(time: float) -> Bounds:
@@ -80,6 +104,20 @@ class Declaration:
     units: Any = None
     index: Any = None
     declared_at: str = field(default_factory=call_site, repr=False, compare=False)
+
+    def __new__(cls, *arguments: Any, **keywords: Any) -> Declaration:
+        """Refuse what the class does not take, with the nearest keyword; `__init__` follows."""
+        known = [name for name in cls.__dataclass_fields__ if name not in ("declared_at", "levels")]
+        if arguments:
+            raise DeclarationError(
+                f"{cls.__name__} (declared at {call_site()}) takes keywords only: {cls.__name__}({known[0]}=...). Its "
+                f"keywords are {', '.join(known)}."
+            )
+        if not keywords.keys() <= cls.__dataclass_fields__.keys():
+            unknown = [name for name in keywords if name not in cls.__dataclass_fields__]
+            what = f"{cls.__name__} (declared at {call_site()})"
+            check_keywords(what, unknown, known, DeclarationError, other_words=_OTHER_WORDS)
+        return super().__new__(cls)
 
     def bounds_at(self, time: float, name: str) -> Bounds:
         """Bounds at one time, checked.

@@ -1,7 +1,7 @@
 """Values at other times than a rule's own: ``b.x.delayed(t, tau)``, and ``b.x.at(time)``.
 
 On a grid both are values of the collocation polynomial of the element that the time lies in, hence linear expressions
-in its variables. Which element that is, is found when the rule is asked, and anew on another mesh. Between the points
+in its variables. Which element that is, is found when the rule is evaluated, anew on another mesh. Between the points
 of a grid, where a rule gets numbers, the values come from a trajectory or from the motion so far.
 """
 
@@ -163,7 +163,7 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     start, end = boundaries[0], boundaries[-1]
     number = float(value(time))
     if not start - SAME_TIME * (end - start) <= number <= end + SAME_TIME * (end - start):
-        raise TranscriptionError(f"{what} is asked for at {number:g}; its time indices run from {start:g} to {end:g}.")
+        raise TranscriptionError(f"{what} is read at {number:g}; its time indices run from {start:g} to {end:g}.")
     found = _value_at_time(block, record, name, number)
     if record.asking or record.restating is not None or (number in (start, end) and found.is_variable_type()):
         return found
@@ -195,7 +195,7 @@ def _value_at_time(block: Any, record: PhaseRecord, name: str, number: float) ->
 
 
 class AheadOfMotion(Exception):
-    """A delayed value is asked for at a time that an integration has not come to."""
+    """A delayed value is read at a time that an integration has not come to."""
 
 
 class MotionSoFar:

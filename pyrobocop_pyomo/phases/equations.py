@@ -11,7 +11,7 @@ from typing import Any
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
-from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
+from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
@@ -99,8 +99,9 @@ def _given_for_states(
         ):
             result = ask(time)
         if not isinstance(result, Mapping):
+            returned = "nothing" if result is None else f"a {type(result).__name__}"
             raise TranscriptionError(
-                f"{what} returned a {type(result).__name__} at t = {time:g}; expected a dict "
+                f"{what} returned {returned} at t = {time:g}; expected a dict "
                 f"{{state: {expected}}}. Is the return statement missing?"
             )
         for state, expression in equations_by_component(record, result, f"{what} at t = {time:g}").items():
@@ -215,14 +216,24 @@ def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule, na
     _add_relations(block, record, name, results, what)
 
 
+def _shown(returned: Any) -> str:
+    """What a rule returned, in a message: a formula as it is written."""
+    return f"the formula {returned}" if hasattr(returned, "is_expression_type") else repr(returned)
+
+
 def _add_relations(
     block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]], what: str
 ) -> None:
     for time, rows in results.items():
         for row in rows.values():
+            if isinstance(row, InequalityExpression) and row.strict:
+                raise TranscriptionError(
+                    f"{what} is strict ('<' or '>') at t = {time:g}, which no solver can keep. Write '<=' or '>=', "
+                    "with a margin where the limit itself must not be reached."
+                )
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
                 raise TranscriptionError(
-                    f"{what} returned {row!r} at t = {time:g}; expected a relation such as 'expression <= 1'."
+                    f"{what} returned {_shown(row)} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
     _add_rows(block, record, name, results)
 
@@ -260,8 +271,8 @@ def other_times_explained(record: PhaseRecord, what: str, time: float) -> Iterat
             raise
         local = name.rpartition(".")[2]
         raise TranscriptionError(
-            f"{what} reads '{name}' at {index} when it is asked for t = {time:g}; it has no value there. For the value "
-            f"of a while ago write {local}.delayed(t, delay), for that at a fixed time {local}.at(time)."
+            f"{what} reads '{name}' at {index} when it is evaluated at t = {time:g}; it has no value there. For the "
+            f"value of a while ago write {local}.delayed(t, delay), for that at a fixed time {local}.at(time)."
         ) from error
 
 

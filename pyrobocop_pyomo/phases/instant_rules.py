@@ -67,7 +67,7 @@ class _InstantRule(Function):
 
     def values(self, points: Array) -> Array:
         """Values at many points, shape (points, outputs); not finite where the formulas are not."""
-        if np.array_equal(points, self._last_points, equal_nan=True):  # each output is asked for by itself
+        if np.array_equal(points, self._last_points, equal_nan=True):  # each output is requested by itself
             return self._last_values
         key = points[:, 0].tobytes()
         if key not in self._merged:

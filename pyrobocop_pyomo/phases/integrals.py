@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr.numvalue import native_numeric_types
+from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
@@ -25,7 +27,7 @@ def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
     total = _integral(block, record, integrand)
     if record.asking or record.restating is not None or total.__class__ in native_numeric_types:
-        return total  # a rule that is asked anew makes its own
+        return total  # a rule that is evaluated anew makes its own
     named = block.component(INTEGRALS)
     if named is None:
         named = add_generated(block, record, INTEGRALS, Expression(AnyIndex, doc="integrals over the phase"))
@@ -42,10 +44,27 @@ def restate_integrals(block: Any, record: PhaseRecord) -> None:
         block.component(INTEGRALS)[position].set_value(_integral(block, record, statement.rule))
 
 
+def _one_number(found: Any, what: str, time: float) -> Any:
+    """What an integrand returned, where that is one number or formula.
+
+    Raises
+    ------
+    TranscriptionError
+        When it is a list, a relation or nothing.
+    """
+    if found is None or isinstance(found, (str, Sequence, Mapping, RelationalExpression)):
+        kind = "nothing" if found is None else f"a {type(found).__name__}"
+        raise TranscriptionError(
+            f"{what} returned {kind} at t = {time:g}; expected one number or formula, such as b.u[t] ** 2. "
+            + ("Is the return statement missing?" if found is None else "Return the sum of what it holds.")
+        )
+    return plain_scalar(found, what)
+
+
 def _integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     scale, weights = quadrature_weights(block, record)
     what = f"phase '{block.name}': the integrand '{rule_name(integrand)}'"
     with slips_explained(integrand, what, block, ("b", "t"), TranscriptionError):
-        total = quadrature(lambda time: plain_scalar(integrand(block, time), what), weights)
+        total = quadrature(lambda time: _one_number(integrand(block, time), what, time), weights)
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total

@@ -112,7 +112,7 @@ class PhaseActions:
 
         Notes
         -----
-        Parameters and the duration are as the phase holds them. Bounds and path constraints have no say. Algebraics
+        Parameters and the duration are as the phase holds them. Bounds and path constraints are ignored. Algebraics
         are found where residual equations, or these and the pairs, determine all of them, and keep the phase's values
         where there are no such equations. Where several motions meet the pairs, the one that is found first from the
         values of the step before is taken. Time stepping: Stewart and Trinkle, An implicit time-stepping scheme for

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 from pyomo.core.base.component import ModelComponentFactory
@@ -95,6 +96,11 @@ class PhaseBlock(BuiltBlock, data=PhaseBlockData):
         rule: Rule | None = None,
         **block_options: Any,
     ) -> None:
+        if any(isinstance(index, Real) for index in indexes):
+            raise DeclarationError(
+                f"PhaseBlock was given {', '.join(map(repr, indexes))} by position, where only sets may stand. Write "
+                "PhaseBlock(duration=..., elements=...)."
+            )
         options = {
             "duration": duration,
             "elements": elements,

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from inspect import isroutine
 from numbers import Real
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.constraint import Constraint
@@ -37,11 +37,25 @@ from .horizon import add_horizon, as_duration, check_horizon, make_mesh, real_ti
 from .integrals import named_integral
 from .laws import Law
 from .phase_actions import PhaseActions
+from .phase_tables import phase_in_words, phase_tables
 from .phase_values import PhaseValues
 from .record import PhaseRecord, Statement
 from .structure import check_phase
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
+
+# What other packages call a part of a phase -> what it is called here.
+_OTHER_WORDS = {
+    **dict.fromkeys(("T", "tf", "horizon", "length"), "duration"),
+    **dict.fromkeys(("plot", "results", "solution", "values"), "trajectory"),
+    **dict.fromkeys(("initialise", "set_initial_guess", "set_initial", "guess", "initial_guess"), "initialize"),
+    **dict.fromkeys(("dynamics", "equation", "equations", "set_der", "rhs", "odes"), "ode"),
+    **dict.fromkeys(("subject_to", "constraints", "path_constraint"), "constraint"),
+    **dict.fromkeys(("cost", "objective", "running_cost", "minimize", "integrate"), "integral"),
+    **dict.fromkeys(("algebraic", "alg", "dae"), "residual"),
+    **dict.fromkeys(("complements", "complement", "pair"), "complementarity"),
+}
+_OFFERED = ("duration", "integral", "points", "time", "initialize", "trajectory", "constraint", "complementarity")
 
 
 class PhaseBlockData(PhaseActions, BuiltBlockData):
@@ -59,6 +73,13 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
     _kind = "phase"
     _error = DeclarationError
+    _other_words: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("nfe", "n", "N", "intervals", "steps", "num_elements"), "elements"),
+        **dict.fromkeys(("tf", "T", "t_final", "final_time", "horizon", "end"), "duration"),
+        **dict.fromkeys(("ncp", "degree", "order", "num_stages", "points"), "stages"),
+        **dict.fromkeys(("method", "collocation", "integrator"), "scheme"),
+        **dict.fromkeys(("t0", "initial_time", "start_time"), "start"),
+    }
 
     # ---------------------------------------------------------------- declarations
 
@@ -133,11 +154,22 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             if record is None or name.startswith("_"):
                 raise
         declared = [*record.declarations, *record.families]
-        near = get_close_matches(name, [*declared, "duration", "integral", "points", "time"], n=2)
-        meant = f"Did you mean {' or '.join(map(repr, near))}? " if near else ""
+        meant = _OTHER_WORDS.get(name)
+        near = [meant] if meant else get_close_matches(name, [*declared, *_OFFERED], n=2)
+        hint = f"Did you mean {' or '.join(map(repr, near))}? " if near else ""
         raise AttributeError(
-            f"{self._what} has no '{name}'. {meant}Declared on it: {', '.join(map(repr, declared)) or 'nothing yet'}."
+            f"{self._what} has no '{name}'. {hint}Declared on it: {', '.join(map(repr, declared)) or 'nothing yet'}."
         )
+
+    def __dir__(self) -> list[str]:
+        record = self.__dict__.get("_record")
+        return sorted({*super().__dir__(), *(() if record is None else record.families)})
+
+    def _summary(self) -> str:
+        return super()._summary() + (phase_in_words(self.record) if self.is_built else "")
+
+    def _html_parts(self) -> list[str]:
+        return phase_tables(self.record) if self.is_built else []
 
     # ---------------------------------------------------------------- statements
 
@@ -262,7 +294,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
         if self.record.restating is not None:
-            raise TranscriptionError(f"{self._what}: the derivative of '{name}' is asked for before its equation.")
+            raise TranscriptionError(f"{self._what}: the derivative of '{name}' is used before its equation.")
         with self._all_or_nothing():
             return add_derivative(self, self.record, name)
 

@@ -254,7 +254,7 @@ class PointModel(Signals):
         return next(f"'{variable.name}'" for variable in self._at_nodes.variables if id(variable) in keys)
 
     def read_elsewhere(self, statement: Statement, time: float, *more: Any) -> frozenset[int]:
-        """The phase's own states and signals that a rule reads at other times than the one that it is asked for."""
+        """The phase's own states and signals that a rule reads at other times than the one that it is evaluated at."""
         variables = variables_read(self.result_of(statement, time, *more))
         self.refuse_foreign(statement, variables)
         return frozenset(key for key in map(id, variables) if key in self._at_nodes.keys) - self.keys_at(time)

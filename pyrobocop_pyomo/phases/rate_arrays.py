@@ -1,6 +1,6 @@
 """`RateArrays`: the differential equations of a phase for all elements at once, under the controls of a trajectory.
 
-Each rule is asked once, with variables in place of what it reads; the formulas that it gives are evaluated with arrays.
+Each rule is called once, with variables in place of what it reads; its formulas are evaluated with arrays.
 """
 
 from __future__ import annotations
@@ -311,7 +311,7 @@ class RateArrays:
         *,
         by_instant: bool = False,
     ) -> None:
-        self._names = record.names_of_states
+        self._names, self._phase = record.names_of_states, block.name
         self._trajectory, self._indices = trajectory, indices
         self._widths = trajectory.grid.mesh.widths
         self._starts = np.array(trajectory.grid.mesh.boundaries[:-1])
@@ -339,15 +339,21 @@ class RateArrays:
         if fraction not in self._delayed:
             numbers = self._formulas.delayed_numbers(self._trajectory, clock, self._widths, fraction)
             self._delayed[fraction] = numbers
-        known = ExpressionEvaluator({**leaves, **self._delayed[fraction]}, ARRAY_FUNCTIONS)
+        known = ExpressionEvaluator({**leaves, **self._delayed[fraction]}, ARRAY_FUNCTIONS, self._no_formula)
         rates = np.empty_like(states)
         for j, rate in enumerate(self._rates):
             rates[j] = known.of(rate) * self._widths
         return rates
 
+    def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
+        return TrajectoryError(
+            f"phase '{self._phase}': a rule has '{node}', which {reason} and has no value between the points of "
+            "the mesh. Read states and controls through the phase that the rule is given as its first argument."
+        )
+
     @property
     def asks_by_instant(self) -> bool:
-        """Whether a rule is asked at each instant, which takes its time."""
+        """Whether a rule is evaluated at each instant, which takes its time."""
         return self._formulas.asks_by_instant
 
     def _declared_at(self, fraction: float) -> tuple[dict[str, Any], Array, Array]:

@@ -84,7 +84,7 @@ class PhaseRecord:
     delayed_names : set of str
         What rules read at earlier times than their own.
     delay_reader : callable or None
-        While a rule is asked for numbers: ``delay_reader(name, t, delay)`` gives the value of a while ago.
+        While a rule is evaluated with numbers: ``delay_reader(name, t, delay)`` gives the value of a while ago.
     is_declaring_components : bool
         True while the components of a vector or a matrix are declared, one after the other.
     asking : bool

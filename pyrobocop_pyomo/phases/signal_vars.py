@@ -38,15 +38,34 @@ class _OverTime:
         except KeyError:
             raise NoSuchTime(self, idx) from None
 
+    # An array leaves `array * variable` to the operators below.
+    __array_ufunc__ = None
+
+    def __getattr__(self: Any, name: str) -> Any:
+        if name in _OTHER_WORDS:
+            short = self.local_name
+            instead = _OTHER_WORDS[name].format(name=f"b.{short}", short=short)
+            raise AttributeError(f"'{self.name}', a variable over time, has no '{name}'. Write {instead}.")
+        return super().__getattribute__(name)
+
+    def __setattr__(self: Any, name: str, value: Any) -> None:
+        if name in _REFUSED:
+            raise AttributeError(
+                f"'{self.name}', a variable over time, has no '{name}' to set. Say it where it is declared, as in "
+                f"rcp.State(initial=..., final=..., bounds=..., initial_guess=...); at one time, "
+                f"b.{self.local_name}[t].set_value(...), .fix(...) or .setlb(...)."
+            )
+        super().__setattr__(name, value)
+
     def delayed(self: Any, t: float, delay: Any) -> Any:
         """Its value a while ago: that of the collocation polynomial at ``t - delay``.
 
         Parameters
         ----------
         t : float
-            The time index that a rule is asked for.
+            The time index that a rule is evaluated at.
         delay : number or Param
-            In real time, 0 or more; a Param counts with the value that it has when the rule is asked.
+            In real time, 0 or more; a Param counts with the value that it has when the rule is evaluated.
 
         Returns
         -------
@@ -96,11 +115,51 @@ class _OverTime:
         return self.at(self.parent_block().final_time)
 
 
+# What other packages call a part of a variable over time -> what to write instead; "{name}" is the variable.
+_OTHER_WORDS = {
+    "value": "its values: phase.trajectory().{short} as an array, pyo.value({name}.at(time)) at one time",
+    "dot": "its derivative: in an ode, return {{{name}: ...}}; elsewhere phase.derivative({name})[t]",
+    "final": "{name}.at_end",
+    "initial": "{name}.at_start",
+    "lb": "bounds: rcp.State(bounds=(lower, upper)), or {name}[t].setlb(lower) at one point",
+    "bounds": "bounds: rcp.State(bounds=(lower, upper)), or {name}[t].setlb(lower) at one point",
+    "plot": "a picture: phase.trajectory().plot(['{short}'])",
+}
+_OTHER_WORDS |= {"val": _OTHER_WORDS["value"], "sol": _OTHER_WORDS["value"], "ub": _OTHER_WORDS["lb"]}
+_OTHER_WORDS |= dict.fromkeys(("derivative", "diff", "der", "ddt", "d"), _OTHER_WORDS["dot"])
+_OTHER_WORDS |= dict.fromkeys(("end", "last", "tf", "xf"), _OTHER_WORDS["final"])
+_OTHER_WORDS |= dict.fromkeys(("start", "first", "t0", "x0"), _OTHER_WORDS["initial"])
+
+_REFUSED = frozenset({"value", "initial", "final", "lb", "ub"})
+
+_OPERATORS = ("add", "sub", "mul", "truediv", "pow", "matmul")
+
+
+def _refuse_as_number(self: Any, *_: Any) -> Any:
+    """Raise for an operator that was given a variable over time as a whole."""
+    name = f"b.{self.local_name}"
+    raise TypeError(
+        f"'{self.name}' is a variable at all times (SignalVar), and was used as one number. In a rule write {name}[t]; "
+        f"for a sum over time b.integral(lambda b, t: {name}[t] ** 2); for one time {name}.at(time), {name}.at_start "
+        f"or {name}.at_end."
+    )
+
+
+for _operator in _OPERATORS:
+    for _name in (f"__{_operator}__", f"__r{_operator}__"):
+        setattr(_OverTime, _name, _refuse_as_number)
+for _name in ("neg", "abs", "lt", "le", "gt", "ge", "float"):
+    setattr(_OverTime, f"__{_name}__", _refuse_as_number)
+
+
 def _no_such_time(signal: Any, index: Any) -> str:
-    """What to do where a variable is asked for its value at a time at which it has none of its own."""
+    """What to do where a variable is read at a time at which it has none of its own."""
     what, times = f"'{signal.name}' has no value of its own at {index!r}", [time for time in signal if time != index]
     if not isinstance(index, (int, float)) or not all(isinstance(time, float) for time in times) or not times:
-        return f"{what}; an index of it is, for example, {next(iter(signal), None)!r}."
+        return (
+            f"{what}; an index of it is, for example, {next(iter(signal), None)!r}. At the ends: b.{signal.local_name}"
+            f".at_start and b.{signal.local_name}.at_end."
+        )
     near = ", ".join(f"{time:g}" for time in sorted(sorted(times, key=lambda time: abs(time - index))[:2]))
     name = f"b.{signal.local_name}"
     return (

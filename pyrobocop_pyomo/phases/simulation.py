@@ -354,7 +354,7 @@ class _Run:
                 for time in record.grid.stage_times[i]:
                     part = undefined_part(rates[time]) if time in rates else None
                     if part is not None:
-                        return f"{part.what}, in rate of '{state}', element {i}"
+                        return f"{part.what}, in the right-hand side of '{state}', element {i}"
         return ""
 
     def _rates_in_element(self, index: float, values: Mapping[str, float]) -> Callable[..., dict[str, float]]:

@@ -171,7 +171,7 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
     """A control at a stage with quadrature weight zero moves the state at no cost: the optimum would be nonsense.
 
     Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, sec. 4,
-    doi:10.1007/s002110000178. A simulation may have such controls, hence this is asked before a solve only.
+    doi:10.1007/s002110000178. A simulation may have such controls, hence this is checked before a solve only.
 
     Raises
     ------

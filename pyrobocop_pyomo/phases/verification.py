@@ -15,6 +15,7 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
@@ -34,10 +35,11 @@ from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 from .reintegration import Reintegration, reintegrate
 from .undefined_instants import named_where_undefined
+from .verdicts import verdict_in_words
 
 
 @dataclass(frozen=True)
-class Verification:
+class Verification(Presented):
     """What was recomputed from a trajectory; every number is a maximum over time, in the model's own units.
 
     Attributes
@@ -75,6 +77,10 @@ class Verification:
         The re-integration error of each element; `element_error` is the largest.
     integral_errors : dict of name to array, shape (N,)
         Of each integral over each element; its name is that of its rule, numbered in the order stated.
+    relative_error : float or None
+        The largest of `element_errors` where that of each state is divided by its size.
+    contact : bool
+        Whether pairs decide what happens.
     """
 
     defect: float
@@ -90,11 +96,35 @@ class Verification:
     remarks: tuple[str, ...] = field(default=())
     element_errors: Array | None = field(default=None, repr=False, compare=False)
     integral_errors: Mapping[str, Array] = field(default_factory=dict, repr=False, compare=False)
+    relative_error: float | None = field(default=None, repr=False, compare=False)
+    contact: bool = field(default=False, repr=False, compare=False)
+
+    @property
+    def verdict(self) -> str:
+        """Whether the plan holds, in words, and what a large error over the horizon means for it."""
+        return verdict_in_words(
+            {
+                "the equations of motion are violated": self.defect,
+                "a state jumps between elements": self.continuity,
+                "an equation or a constraint is violated": self.equations,
+                "a bound or a boundary value is violated": self.bounds,
+                "a pair is violated": self.natural_residual,
+            },
+            self.element_error,
+            self.relative_error,
+            self.horizon_error,
+            0.0 if self.element_errors is None else float(self.element_errors.sum()),
+            self.contact,
+        )
 
     @property
     def largest_violation(self) -> float:
         """The worst of defect, continuity, equations, bounds and natural residual."""
         return max(self.defect, self.continuity, self.equations, self.bounds, self.natural_residual)
+
+    def _summary(self) -> str:
+        horizon = "" if self.horizon_error is None else f", re-integration over the horizon {self.horizon_error:.1e}"
+        return f"largest violation {self.largest_violation:.1e}{horizon}"
 
     def __str__(self) -> str:
         def show(number: float | None) -> str:
@@ -112,7 +142,7 @@ class Verification:
             f"motion inside elements      {show(self.motion_error)}",
             f"integrals, re-integrated    {show(self.integral_error)}",
         ]
-        return "\n".join([*lines, *self.remarks])
+        return "\n".join([*lines, *self.remarks, self.verdict])
 
 
 def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
@@ -165,6 +195,8 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
             remarks=tuple(check.remarks),
             element_errors=ends,
             integral_errors=integrals,
+            relative_error=None if motion is None else check.relative_error(motion),
+            contact=bool(record.statements_of("complementarity")),
         )
 
 
@@ -366,6 +398,11 @@ class _TrajectoryCheck:
             for time, sample in samples:
                 worst = max(worst, bound_violation(sample, *declaration.bounds_at(time, name)))
         return worst
+
+    def relative_error(self, motion: Reintegration) -> float:
+        """The largest error of an element in sizes of the states: their largest values."""
+        sizes = {name: max(1e-3, float(np.abs(values).max())) for name, values in self.trajectory.states.items()}
+        return float(motion.end_errors(motion.local, self.trajectory, sizes).max(initial=0.0))
 
     def reintegrate(self) -> Reintegration | None:
         """The motion that the equations make of the plan; None, with a remark, where it is not known."""

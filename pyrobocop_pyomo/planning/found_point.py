@@ -51,7 +51,7 @@ class PointOnModel:
 
 
 class FoundPoint(SolutionLoader):
-    """A point with its multipliers, loaded into the model when it is asked for.
+    """A point with its multipliers, loaded into the model when it is requested.
 
     Parameters
     ----------

@@ -10,7 +10,6 @@ from pyomo.common.config import ConfigValue
 from pyomo.common.timing import HierarchicalTimer
 from pyomo.contrib.solver.common.base import Availability, SolverBase
 from pyomo.contrib.solver.common.config import SolverConfig
-from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError
 from pyomo.core.base.block import BlockData
@@ -162,10 +161,3 @@ def _report(results: Results, answer: SolveResult) -> None:
     results.extra_info.add("result", ConfigValue(answer))
     results.extra_info.iteration_count = answer.iterations
     results.extra_info.solver_message = f"{answer.stop_reason.value} {answer.quality.value}"
-
-
-SolverFactory.register(
-    name="pyrobocop.mpcc",
-    legacy_name="pyrobocop.mpcc",
-    doc="Mathematical programs with complementarity constraints: continuation, polish and certificate",
-)(Mpcc)

@@ -190,7 +190,7 @@ class SafePlanning:
         again : bool
             Whether the point on the model is nearly a solution already.
         relaxed : bool
-            Whether less is asked than the user did: such a round leads on, and is no answer itself.
+            Whether less is required than the user did: such a round leads on, and is no answer itself.
         most_iterations : int, optional
             Of Ipopt, where the user has not set ``max_iter``.
         """

@@ -6,13 +6,15 @@ import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from typing import Any, TextIO
 
 from pyrobocop_pyomo.complementarity import Schedule
-from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units
+from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.keywords import keywords_checked
 from pyrobocop_pyomo.obstacles.clocks import check_clocks
 from pyrobocop_pyomo.obstacles.initial_checks import (
     check_clearances,
@@ -34,7 +36,25 @@ from pyrobocop_pyomo.solving.strategies import Strategy, as_strategies
 from .integer_controls import open_choices, solve_with_integer_controls
 from .safe_planning import SafePlanning, avoidance_blocks, containments
 
+# What other packages, and Ipopt, call it.
+_OTHER_WORDS = {
+    "max_iter": "options={'max_iter': ...}",
+    "maxiter": "options={'max_iter': ...}",
+    "tol": "options={'tol': ...}, or feasibility_tolerance=...",
+    "tolerance": "feasibility_tolerance",
+    "solver": "backend",
+    "linear_solver": "options={'linear_solver': ...}",
+    "timelimit": "time_limit",
+    "timeout": "time_limit",
+    "max_time": "time_limit",
+    "verbose": "tee=True",
+    "solver_options": "options",
+    "method": "strategies",
+    "initial_guess": "initial_guess=... of the declarations",
+}
 
+
+@keywords_checked(_OTHER_WORDS)
 def solve(
     model: Any,
     *,
@@ -112,7 +132,7 @@ def solve(
     exploration : float, optional
         How long to explore branches for better optima, as a multiple of the time that the rest of the solve took so
         far; ``float("inf")`` for no limit but `time_limit`. By default 1 up to 100 pairs, and at least a second; then
-        less, and 0 from 200 pairs.
+        less, and 0 from 200 pairs; and not more iterations than those so far, or 300.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear
@@ -159,6 +179,8 @@ def solve(
     programs with equilibrium constraints, doi:10.48550/arXiv.2501.13835
     """
     started = time.perf_counter()
+    refuse_misplaced(model)
+    _check_limits(time_limit, feasibility_tolerance, complementarity_tolerance)
     blocks, regions = avoidance_blocks(model), containments(model)
     chosen, fallbacks = _backends(backend, vectorised=bool(blocks))
     settings = Settings(
@@ -206,6 +228,18 @@ def solve(
     return replace(result, seconds=time.perf_counter() - started)
 
 
+def _check_limits(time_limit: Any, feasibility_tolerance: Any, complementarity_tolerance: Any) -> None:
+    tolerances = {
+        "feasibility_tolerance": feasibility_tolerance,
+        "complementarity_tolerance": complementarity_tolerance,
+    }
+    for name, tolerance in tolerances.items():
+        if not isinstance(tolerance, Real) or not float(tolerance) > 0.0:
+            raise ValueError(f"{name} = {tolerance!r}; expected a number above 0, such as 1e-6.")
+    if time_limit is not None and (not isinstance(time_limit, Real) or time_limit != time_limit):
+        raise ValueError(f"time_limit = {time_limit!r}; expected seconds, or None for no limit.")
+
+
 def _strategies(
     schedule: Schedule | None, strategies: str | Strategy | Iterable[str | Strategy] | None
 ) -> tuple[Strategy, ...] | None:
@@ -217,7 +251,7 @@ def _strategies(
 
 
 def _backends(choice: Backend | str | None, *, vectorised: bool) -> tuple[Backend, tuple[Backend, ...]]:
-    """The backend to take, and those to take where it cannot take or evaluate the model: none, where one is asked for.
+    """The backend to take, and those to take where it cannot take or evaluate the model: none, where one is requested.
 
     Parameters
     ----------

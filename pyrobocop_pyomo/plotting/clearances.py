@@ -1,4 +1,4 @@
-"""Distances over time: what is asked of each body pair, what is proven, and the closest instants found."""
+"""Distances over time: what is required of each body pair, what is proven, and the closest instants found."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pyrobocop_pyomo.numerics import Array
 
 from .figures import figure_or_new
 
-# Distances beyond so many times the clearance are off the picture: what counts is near the line that is asked for.
+# Distances beyond so many times the clearance are off the picture: what counts is near the line that is requested.
 _HIGHEST = 8.0
 
 
@@ -51,7 +51,7 @@ class ClearanceCurve:
 
 
 def plot_clearances(title: str, curves: Sequence[ClearanceCurve], *, most: int = 6, figure: Any = None) -> Any:
-    """Draw one line per body pair for what is proven, dots for what was measured, and what is asked as a dashed line.
+    """Draw one line per body pair for what is proven, dots for what was measured, a dashed line for what is required.
 
     Parameters
     ----------

@@ -12,8 +12,9 @@ import numpy as np
 from pyrobocop_pyomo.errors import GeometryError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
+from pyrobocop_pyomo.optional_imports import art3d, matplotlib
 
+from .animation_files import AnimationFile, animation_file, frame_writer
 from .figures import figure_or_new
 from .outlines import faces, outline
 from .time_colours import evenly_moved, time_colours
@@ -195,7 +196,7 @@ def animate_scene(
     time: Array,
     bodies: Sequence[BodyPath],
     obstacles: Sequence[Any],
-    path: str | Path,
+    path: str | Path | None = None,
     *,
     frames: int = 60,
     seconds: float | None = None,
@@ -203,8 +204,8 @@ def animate_scene(
     title: str = "",
     unit: str = "m",
     size: tuple[float, float] = (5.0, 4.6),
-) -> Path:
-    """Write a GIF of bodies that move among obstacles; returns the file written.
+) -> AnimationFile:
+    """Write an animation of bodies that move among obstacles; in a notebook, what is returned plays.
 
     Parameters
     ----------
@@ -212,8 +213,9 @@ def animate_scene(
         Seconds.
     bodies, obstacles, view, title, unit
         As in `draw_scene`.
-    path : str or Path
-        Where to write; the suffix is made ``.gif``.
+    path : str or Path, optional
+        Where to write: a name that ends in ``.mp4`` makes a film (by the program ffmpeg), any other a GIF, whose suffix
+        is made ``.gif``. A temporary GIF by default.
     frames : int
         Pictures, at equal distances in time; each shows the poses of the given time nearest to its own.
     seconds : float, optional
@@ -222,16 +224,22 @@ def animate_scene(
     size : (width, height)
         Of the picture, inches; 100 pixels each.
 
+    Returns
+    -------
+    AnimationFile
+        Path of the file written.
+
     Raises
     ------
     GeometryError
-        As in `draw_scene`, or when there are fewer than two frames, or no time for them.
+        As in `draw_scene`, or when there are fewer than two frames, no time for them, or no ffmpeg for a film.
     """
     time = np.asarray(time, dtype=float)
     check_scene(time, bodies, obstacles)
     lasts = float(np.clip(time[-1] - time[0], 2.0, 10.0)) if seconds is None else float(seconds)
     if frames < 2 or not lasts > 0:
         raise GeometryError(f"an animation of {frames} frames in {lasts:g} s; give at least 2, and a positive time.")
+    target = animation_file(path)
     figure = matplotlib.figure.Figure(figsize=size, dpi=100, layout="constrained")
     axis = scene_axis(figure, bodies, obstacles, view=view, title=title, unit=unit)
     for body in bodies:
@@ -241,9 +249,8 @@ def animate_scene(
     write = axis.text2D if bodies[0].dimension == 3 else axis.text
     label = write(0.02, 0.97, "", transform=axis.transAxes, verticalalignment="top", fontsize="small")
 
-    target = Path(path).with_suffix(".gif")
     # Frames are written directly: `FuncAnimation` draws an additional first frame.
-    writer = animation.PillowWriter(fps=frames / lasts)
+    writer = frame_writer(target, frames / lasts)
     writer.setup(figure, str(target), dpi=100)
     shown: list[Any] = []
     wanted = np.linspace(time[0], time[-1], frames)

@@ -50,7 +50,7 @@ def from_pyrobocop(
     compl, compladapt, compleps : optional
         How pairs were treated: 0, 1 or 2 for each pair, their sum per element, a penalty; 0 or 1 for a fixed delta or
         one that follows the barrier parameter; the fixed delta. ``solve(model)`` uses its own treatment, which is
-        exact; ``solve(model, **model.problem.solve_options)`` the one that is asked for here.
+        exact; ``solve(model, **model.problem.solve_options)`` the one that is requested here.
     autodiff : int
         Ignored: derivatives are always exact.
     guess : {"published", "straight line"}
@@ -171,7 +171,7 @@ def _cost(b: Any, stated: StatedProblem) -> Any:
         return final
 
     def running(b: Any, t: Any) -> Any:
-        # The class is asked once for each point, and anew when the phase gets another mesh.
+        # The class is evaluated once for each point, and anew when the phase gets another mesh.
         return points.pop(t) if t in points else stated.running_cost(b, t)
 
     return b.integral(running) + final

@@ -1,6 +1,6 @@
 """Objects given by their corners, as shapes and poses.
 
-``get_object_vertices`` says where the corners of an object are, as functions of the states. Here it is asked at a few
+``get_object_vertices`` says where the corners of an object are, as functions of the states. It is evaluated at a few
 random states: the distances of the corners tell whether the object is rigid, and its corners there are its shape. A
 pose of the plane whose position and angle are affine in the states is written so; any other is put together of the
 corners' own formulas.

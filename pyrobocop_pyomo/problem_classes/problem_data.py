@@ -54,7 +54,7 @@ class Side:
 
 @dataclass(frozen=True)
 class ProblemData:
-    """Everything that is asked once.
+    """Everything that is read once.
 
     Attributes
     ----------

@@ -72,7 +72,7 @@ class StatedProblem:
         self._last: _RowsAtPoint | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> StatedProblem:
-        return self  # nothing of a model is in it but what was asked last, which is asked anew
+        return self  # nothing of a model is in it but what was asked last, which is evaluated anew
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_last": None}

@@ -11,6 +11,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
+from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ModelError, StructureChanged
 
@@ -21,6 +22,7 @@ from .nonlinear_program import FloatArray
 # Attributes of Pyomo's data objects behind its properties: reading ten thousand properties takes ten milliseconds.
 _LOWER, _UPPER, _DOMAIN = attrgetter("_lb"), attrgetter("_ub"), attrgetter("_domain")
 _FIXED, _ACTIVE, _VALUE, _EXPRESSION = map(attrgetter, ("_fixed", "_active", "value", "_expr"))
+_STORED_VALUE = attrgetter("_value")
 
 _TOLERANCE = 1e-8  # for rows without variables, as Pyomo's own writer has it
 
@@ -48,6 +50,8 @@ class ModelNumbers:
         self._expressions = list(map(_EXPRESSION, self._constraints))
         self._counts = _counts_of_rows(terms.model)
         self._domains = list(map(_DOMAIN, self._variables))
+        classes: set[Any] = set(map(type, self._variables))
+        self._value_of = _STORED_VALUE if all(cls.value is VarData.value for cls in classes) else _VALUE
         self._raw_bounds = [list(map(read, self._variables)) for read in (_LOWER, _UPPER)]
         self.x_lower, self.x_upper = np.empty(len(self._variables)), np.empty(len(self._variables))
         self._changing_bounds = {i for i in range(len(self._variables)) if self._read_bounds(i)}
@@ -88,7 +92,7 @@ class ModelNumbers:
 
     def values_of_variables(self) -> FloatArray:
         """Current values of the variables, 0 where one has none."""
-        numbers = list(map(_VALUE, self._variables))
+        numbers = list(map(self._value_of, self._variables))
         if None in numbers:
             numbers = [0.0 if number is None else number for number in numbers]
         return np.array(numbers, dtype=float)

@@ -6,6 +6,7 @@ nothing of what a solver was given is used, neither its functions nor its deriva
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
@@ -14,9 +15,12 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.common.gc_manager import PauseGC
+from pyomo.core.expr.numeric_expr import SumExpression
+from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.rate_arrays import ARRAY_FUNCTIONS
 
@@ -26,6 +30,8 @@ from .term_groups import SMALLEST_BATCH, Batch, BatchedWalk
 Places = NDArray[np.intp]
 
 _VALUE = attrgetter("value")
+# From so many terms on, a sum is evaluated as arrays.
+MANY_TERMS = 100
 
 
 @dataclass(eq=False)
@@ -98,16 +104,14 @@ class RowValues:
 
     def _places(self, leaves: Sequence[Any]) -> list[int]:
         """Places of variables among all leaves; those of parameters are counted down from -1."""
-        places = list(map(self._place_of.get, map(id, leaves)))
+        place_of, every = self._place_of, self._leaves
+        places = list(map(place_of.get, map(id, leaves)))
         if None in places:
-            places = [self._place_of[id(leaf)] if id(leaf) in self._place_of else self._add(leaf) for leaf in leaves]
+            for key, leaf in {id(leaf): leaf for leaf in leaves if id(leaf) not in place_of}.items():
+                place_of[key] = len(every) if leaf.is_variable_type() else -1 - len(every)
+                every.append(leaf)
+            places = list(map(place_of.get, map(id, leaves)))
         return cast("list[int]", places)
-
-    def _add(self, leaf: Any) -> int:
-        place = len(self._leaves) if leaf.is_variable_type() else -1 - len(self._leaves)
-        self._leaves.append(leaf)
-        self._place_of[id(leaf)] = place
-        return place
 
     def _content(self, named: Any) -> Any:
         content = named._args_[0]
@@ -115,6 +119,43 @@ class RowValues:
             raise ModelError(f"'{named}' is a call.")
         self._names.append((named, content))
         return content
+
+
+class SumValue:
+    """Evaluates an expression in which long sums stand, as integrals are; their terms are evaluated as arrays.
+
+    Parameters
+    ----------
+    expression : expression, variable or number
+    """
+
+    def __init__(self, expression: Any) -> None:
+        self._expression = expression
+        self._names: list[tuple[Any, Any]] = []
+        terms: dict[int, Any] = {}
+        for total in topmost_nodes((expression,), self._is_long_sum):
+            terms.update({id(term): term for term in total.args if term.__class__ not in native_types})
+        self._terms = list(terms.values())
+        self._values = RowValues(self._terms)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether named expressions still stand for what they stood for."""
+        return all(named._args_[0] is content for named, content in self._names) and self._values.is_current
+
+    def value(self) -> float:
+        """Value now; NaN where there is none, or it is no real number."""
+        try:
+            known = dict(zip(map(id, self._terms), self._values.values().tolist(), strict=True))
+            number = NodeValues(known).of(self._expression)
+            return math.nan if number is None or isinstance(number, complex) else float(number)
+        except (ArithmeticError, ValueError, TypeError):
+            return math.nan
+
+    def _is_long_sum(self, node: Any) -> bool:
+        if node.is_expression_type() and node.is_named_expression_type():
+            self._names.append((node, node._args_[0]))
+        return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS
 
 
 def _shape(batch: Batch) -> _Shape:

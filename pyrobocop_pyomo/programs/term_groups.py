@@ -16,6 +16,7 @@ from operator import attrgetter, eq, itemgetter
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.modeling.expression_nodes import (
     CHOICE,
@@ -32,7 +33,7 @@ from .expression_codes import NUMBER, SUM, Code, NodeKinds, function_name
 
 SMALLEST_BATCH = 8
 
-_ARGUMENTS, _COUNT = attrgetter("_args_"), attrgetter("_nargs")
+_ARGUMENTS, _COUNT, _FIXED = attrgetter("_args_"), attrgetter("_nargs"), attrgetter("_fixed")
 
 
 class TermGroup:
@@ -115,11 +116,24 @@ class Columns:
         """Columns of many variables and parameters."""
         columns = list(map(self.column_of.get, map(id, leaves)))
         if None in columns:
+            self._add_free_variables([leaf for leaf, column in zip(leaves, columns, strict=True) if column is None])
+            columns = list(map(self.column_of.get, map(id, leaves)))
+        if None in columns:
             for i, leaf in enumerate(leaves):
                 if columns[i] is None:
                     known = self.column_of.get(id(leaf))
                     columns[i] = self.add(leaf) if known is None else known
         return cast("list[int]", columns)
+
+    def _add_free_variables(self, leaves: list[Any]) -> None:
+        """Add the leaves, where all of them are free variables as Pyomo makes them."""
+        classes: set[Any] = set(map(type, leaves))
+        if any(not issubclass(cls, VarData) or cls.fixed is not VarData.fixed for cls in classes):
+            return
+        new = {id(leaf): leaf for leaf in leaves}
+        if not any(map(_FIXED, new.values())):
+            self.column_of.update(zip(new, range(len(self.variables), len(self.variables) + len(new)), strict=True))
+            self.variables += new.values()
 
 
 class NonlinearTerm(NamedTuple):

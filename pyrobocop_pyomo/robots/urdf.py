@@ -18,6 +18,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose, signed_distance
 from pyrobocop_pyomo.motion import Body
 from pyrobocop_pyomo.optional_imports import yourdfpy
+from pyrobocop_pyomo.presentation import Presented, table
 
 from .collision_shapes import MESHES, shapes_of_link
 from .kinematics import WITH_A_POSE, WITH_ONE_COORDINATE, Joint, KinematicTree
@@ -28,7 +29,7 @@ Follows = tuple[str, float, float]  # a joint that moves by itself, and the fact
 
 
 @dataclass(frozen=True, eq=False)
-class DescribedRobot:
+class DescribedRobot(Presented):
     """A robot as bodies of a scene; made by `from_urdf`.
 
     Attributes
@@ -65,6 +66,12 @@ class DescribedRobot:
         if missing:
             raise ObstacleError(f"robot '{self.name}': no coordinate of {', '.join(map(repr, missing))}.")
         return {link: self._tree.pose(link, known, base) for link in self.pose_rules}
+
+    def _summary(self) -> str:
+        return f"'{self.name}': {len(self.bodies)} bodies, {len(self.limits)} joints: {', '.join(self.limits)}"
+
+    def _html_parts(self) -> list[str]:
+        return [table(("joint", "lowest", "highest"), [(name, *map(float, of)) for name, of in self.limits.items()])]
 
 
 def from_urdf(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pyomo.common.collections import ComponentMap
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import EvaluationError
@@ -20,6 +20,7 @@ from pyrobocop_pyomo.numerics.characteristic_scales import (
     size_of_group,
     variable_scales,
 )
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 from pyrobocop_pyomo.programs.scales import Scales
@@ -34,12 +35,15 @@ _CONSTANT = 1e-4
 # one it leads far away, and a finer mesh takes ever more iterations back. Beside a larger one, starts are left as they
 # are, and poor ones end at poorer optima. Measured on a hundred problems.
 _SHARE = 0.2
+# The barrier is a sum over all bounds, and grows with their number on ever finer meshes, where the objective does not.
+# From so many on, the objective is made larger in proportion: iterations do not depend on the mesh then.
+_MANY_BOUNDS = 500
 # Beside the largest size, and beside what the rows say: what is smaller may be, and is, rounding.
 _ROUNDING, _ROUNDING_BESIDE = 1e-10, 1e-6
 
 
 @dataclass(frozen=True)
-class ScalingRecord:
+class ScalingRecord(Presented):
     """What the variables, the rows and the objective of a model were divided by; components by name.
 
     Attributes
@@ -77,13 +81,19 @@ class AutomaticScaling:
     ----------
     scales : Scales
     record : ScalingRecord
-    by_component : ComponentMap
-        From each variable and each constraint of the program whose scale is above 1 to its scale.
+    parts : list of (list of component data, array)
+        The variables of the program, and its constraints, with the scale of each.
     """
 
     scales: Scales
     record: ScalingRecord
-    by_component: ComponentMap
+    parts: Sequence[tuple[Sequence[Any], FloatArray]]
+
+    def above_one(self) -> Iterator[tuple[Any, float]]:
+        """Each variable and each constraint whose scale is above 1, with its scale."""
+        for components, sizes in self.parts:
+            for place in np.flatnonzero(sizes > 1.0).tolist():
+                yield components[place], float(sizes[place])
 
 
 def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
@@ -119,19 +129,15 @@ def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
     g_scales = rows[constraints.numbers]
     changed = objective_scale(np.array([_gradient(nlp, x), _gradient(nlp, beside)]), x_scales)
     objective = max(_SHARE * changed, _CONSTANT * _size_of_objective(nlp, x))
+    objective *= min(1.0, _MANY_BOUNDS / max(_terms_of_barrier(nlp), 1))
     x_scales = np.where(np.isnan(x_stated), x_scales, x_stated)
     if stated.g is not None:
         g_scales = np.where(np.isnan(stated.g), g_scales, _inverse(stated.g))
     if np.isfinite(stated.objective):
         objective = 1.0 / abs(stated.objective)
-    by_component = ComponentMap(
-        (component, scale)
-        for components, sizes in ((compiled.variables, x_scales), (compiled.constraints, g_scales))
-        for component, scale in zip(components, sizes.tolist(), strict=True)
-        if scale > 1.0
-    )
+    parts = [(compiled.variables, x_scales), (compiled.constraints, g_scales)]
     record = ScalingRecord(_by_name(variables, x_scales), _by_name(constraints, g_scales), objective)
-    return AutomaticScaling(Scales(x_scales, g_scales, objective), record, by_component)
+    return AutomaticScaling(Scales(x_scales, g_scales, objective), record, parts)
 
 
 def _completed(
@@ -170,6 +176,12 @@ def _size_of_objective(nlp: NonlinearProgram, x: FloatArray) -> float:
     except EvaluationError:
         return 0.0
     return float(value) if np.isfinite(value) else 0.0
+
+
+def _terms_of_barrier(nlp: NonlinearProgram) -> int:
+    """Variables and rows that have bounds to stay between."""
+    of_variables = np.isfinite(nlp.x_lower) | np.isfinite(nlp.x_upper)
+    return int(np.count_nonzero(of_variables) + np.count_nonzero(nlp.g_lower != nlp.g_upper))
 
 
 def _inverse(factors: FloatArray) -> FloatArray:

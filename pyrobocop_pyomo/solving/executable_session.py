@@ -26,7 +26,7 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
+from pyrobocop_pyomo.ipopt.linear_solvers import FALL_BACK, FELL_BACK, IN_DOUBT, with_linear_solver
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
@@ -113,7 +113,7 @@ class ExecutableSession:
                 self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
         if compiled is not None and self.scaling is not None:
             factors = self._own.component("scaling_factor")
-            factors.update((component, 1.0 / scale) for component, scale in self.scaling.by_component.items())
+            factors.update((component, 1.0 / scale) for component, scale in self.scaling.above_one())
             if compiled.objective is not None:
                 factors[compiled.objective] = 1.0 / self.scaling.scales.objective
 
@@ -157,26 +157,14 @@ class ExecutableSession:
 
     def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
         options = {**_SCALED, **options} if self.scaling is not None else options
-        limit = {} if deadline.left is None else {"max_wall_time": max(deadline.left, 1e-3)}
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
-        try:
-            with checked_writing(self._model):
-                results = self._ipopt.solve(
-                    self._model,
-                    tee=self._output,
-                    load_solutions=False,
-                    raise_exception_on_nonoptimal_result=False,
-                    solver_options={**with_linear_solver(options)[0], **limit},
-                    writer_config=dict(WRITER_OPTIONS),
-                )
-        except KeyboardInterrupt:
-            # The process is gone with its iterate; what the last run left is on the model still.
-            status, iterations = IpoptStatus.INTERRUPTED, 0
-        else:
-            if results.solution_loader.get_number_of_solutions():
-                results.solution_loader.load_solution()
-            status, iterations = _status_of(results), int(results.extra_info.iteration_count or 0)
+        resolved, own = with_linear_solver(options)
+        status, iterations = self._run_process(resolved, deadline)
+        if own and status in IN_DOUBT:
+            # From where that run ended, if it left a point at all; the multipliers are those of its start.
+            status, iterations = self._run_process({**options, **FALL_BACK}, deadline)
+            facts["options"] = {**options, "linear_solver": FELL_BACK}
         return Iterate.of_run(
             label,
             status,
@@ -187,6 +175,26 @@ class ExecutableSession:
             row_multipliers=self._row_multipliers(),
             **facts,
         )
+
+    def _run_process(self, options: Mapping[str, Any], deadline: Deadline) -> tuple[IpoptStatus, int]:
+        """One process: its status and iterations; its point is put on the model."""
+        limit = {} if deadline.left is None else {"max_wall_time": max(deadline.left, 1e-3)}
+        try:
+            with checked_writing(self._model):
+                results = self._ipopt.solve(
+                    self._model,
+                    tee=self._output,
+                    load_solutions=False,
+                    raise_exception_on_nonoptimal_result=False,
+                    solver_options={**options, **limit},
+                    writer_config=dict(WRITER_OPTIONS),
+                )
+        except KeyboardInterrupt:
+            # The process is gone with its iterate; what the last run left is on the model still.
+            return IpoptStatus.INTERRUPTED, 0
+        if results.solution_loader.get_number_of_solutions():
+            results.solution_loader.load_solution()
+        return _status_of(results), int(results.extra_info.iteration_count or 0)
 
     def _row_multipliers(self) -> Callable[[], RowMultipliers]:
         rows, lower, upper = (

@@ -42,6 +42,11 @@ class FoundPoints:
         self.cut: StopReason | None = None
         self.led_by_coarse_mesh = False
 
+    @property
+    def first(self) -> Iterate | None:
+        """Where the first run ended: from the user's initial guess, unless that has no value."""
+        return self._all[0] if self._all else None
+
     def keep(self, iterate: Iterate) -> None:
         """Remember a point, and whether it is the best."""
         self._all.append(iterate)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pyomo.common.collections import ComponentMap
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numeric_expr import SumExpression
 
 from pyrobocop_pyomo.complementarity import (
     CanonicalPair,
@@ -25,9 +23,9 @@ from pyrobocop_pyomo.complementarity import (
     canonical_form,
     side_values,
 )
-from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
-from pyrobocop_pyomo.programs.row_values import RowValues
+from pyrobocop_pyomo.programs.row_values import RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
@@ -35,8 +33,6 @@ from .violations import Violation, worst_row_of_each_component
 
 logger = logging.getLogger(__name__)
 
-# From so many terms on, a sum is evaluated as arrays.
-MANY_TERMS = 100
 # From so many pairs on, their sides are.
 MANY_PAIRS = 20
 
@@ -54,12 +50,10 @@ class ModelCheck:
     ----------
     sign : float
         1 where the objective is minimised, -1 where it is maximised.
-    scales : ComponentMap
-        Of constraints and variables that were scaled.
     """
 
     def __init__(self, model: Any) -> None:
-        self.scales = ComponentMap()
+        self._scales: dict[int, float] = {}
         with PauseGC():  # many small objects, all of which live on
             self._constraints = list(model.component_data_objects(Constraint, active=True))
             self.read_bounds()
@@ -70,7 +64,7 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
-        self._terms: RowValues | None = None
+        self._sum: SumValue | None = None
 
     def read_bounds(self) -> None:
         """Read the bounds of the constraints again: mutable Params in them may have changed."""
@@ -82,14 +76,20 @@ class ModelCheck:
         self._upper = np.array([np.inf if bounds[2] is None else bounds[2] for _, bounds in self._rows], dtype=float)
         self._bodies: RowValues | None = None
 
+    def take_scales(self, scales: Iterable[tuple[Any, float]]) -> None:
+        """Set the scales of constraints and variables; those that are not named have none."""
+        self._scales = {id(data): scale for data, scale in scales}
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether anything has a scale."""
+        return bool(self._scales)
+
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        if not isinstance(self._objective, SumExpression) or self._objective.nargs() < MANY_TERMS:
-            return number_or_nan(self._objective)
-        # An integral is a sum of terms that are alike.
-        if self._terms is None or not self._terms.is_current:
-            self._terms = RowValues(list(self._objective.args))
-        return float(sum(self._terms.values().tolist()))
+        if self._sum is None or not self._sum.is_current:
+            self._sum = SumValue(self._objective)
+        return self._sum.value()
 
     def violation(self) -> float:
         """Largest violation of a constraint or a variable's bound; NaN counts as infinite."""
@@ -106,17 +106,17 @@ class ModelCheck:
     def violations(self) -> tuple[float, float]:
         """Largest violation, and the largest where each is divided by its scale, if that is above 1."""
         worst = relative = 0.0
-        scale_of = self.scales.get
+        scale_of, is_scaled = self._scales.get, self.is_scaled
         if self._rows:
             violations = self._row_violations()
             worst = float(violations.max())
-            scales = [scale_of(row, 1.0) for row, _ in self._rows] if len(self.scales) else [1.0]
+            scales = [scale_of(id(row), 1.0) for row, _ in self._rows] if is_scaled else [1.0]
             relative = float((violations / np.maximum(1.0, scales)).max())
         for relation in self._relations:
             violation = relation_violation(relation, unknown=float("inf"))
             worst, relative = max(worst, violation), max(relative, violation)
         of_variables = self._bounded.violations()
-        scales = [scale_of(variable, 1.0) for variable in self._bounded.variables] if len(self.scales) else [1.0]
+        scales = [scale_of(id(variable), 1.0) for variable in self._bounded.variables] if is_scaled else [1.0]
         worst = max(worst, float(of_variables.max(initial=0.0)))
         relative = max(relative, float((of_variables / np.maximum(1.0, scales)).max(initial=0.0)))
         return worst, relative
@@ -191,7 +191,7 @@ class IterateLog:
             iterate,
             objective=self._check.objective(),
             constraint_violation=max(violation, least_side),
-            relative_violation=max(relative, least_side) if self._check.scales else None,
+            relative_violation=max(relative, least_side) if self._check.is_scaled else None,
             largest_product=float(np.abs(sides.prod(axis=1)).max(initial=0.0)),
             largest_natural_residual=float(np.abs(sides.min(axis=1)).max(initial=0.0)),
         )

@@ -11,6 +11,7 @@ from pyrobocop_pyomo.discretisation import RowMultipliers
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.presentation import Presented
 
 _OF_PAIRS = ", and every pair is complementary"
 
@@ -147,7 +148,7 @@ def _nothing_to_classify() -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Iterate:
+class Iterate(Presented):
     """A point that a run of Ipopt, or a linear program of the search for descent, ended at.
 
     Attributes
@@ -300,6 +301,10 @@ class Iterate:
             f"{self.label:<22} {f'{delta:>8} ' if pairs else ''}{self.iterations:>6} {self.objective:>14.7g} "
             f"{self.constraint_violation:>9.1e} {product}{self.seconds:>8.2f}  {status}"
         )
+
+    def _summary(self) -> str:
+        violation = f"constraints {self.constraint_violation:.1e}"
+        return f"'{self.label}': objective {self.objective:.6g}, {violation}, {self.iterations} iterations"
 
     def __str__(self) -> str:
         return self.line(pairs=self.delta is not None)

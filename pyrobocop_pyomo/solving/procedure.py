@@ -10,6 +10,8 @@ from typing import Any
 from pyomo.common.errors import InfeasibleConstraintException
 
 from pyrobocop_pyomo.complementarity import PairResidual, active_sources, pairs_of
+from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
+from pyrobocop_pyomo.diagnosis.statements import objective_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
 from pyrobocop_pyomo.discretisation import DiscretisationProbe
 from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError, EvaluationError, PyRobocopError
@@ -24,6 +26,7 @@ from .iterate_log import IterateLog, ModelCheck
 from .iterates import Iterate, Quality, StopReason
 from .polish import Exploration
 from .relaxed_model import forget_removed
+from .result_findings import ModelReference
 from .run_remarks import remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
@@ -40,6 +43,9 @@ from .violations import (
 from .workplaces import Workplaces
 
 logger = logging.getLogger(__name__)
+
+# So many components that are not met are named where the first run gave up.
+SHOWN_AT_FIRST = 3
 
 
 def solve_model(model: Any, settings: Settings) -> SolveResult:
@@ -191,7 +197,7 @@ class _Procedure:
             multipliers=multipliers,
             residuals=residuals,
             violations=self._violations(residuals) if quality is Quality.INFEASIBLE else (),
-            remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps)),
+            remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps, best.certificate)),
             steps=self._log.steps,
             standing=best.standing(self._settings.tolerances, self._check.sign),
             decided_pairs=places.decided_pairs,
@@ -199,6 +205,7 @@ class _Procedure:
             derivatives=places.derivatives,
             scaling=places.scaling,
             checking_seconds=self._log.seconds,
+            model=ModelReference(self._model),
             probe=DiscretisationProbe(self._model, best.row_multipliers, best.objective),
             seconds=time.perf_counter() - self._started,
         )
@@ -209,9 +216,35 @@ class _Procedure:
         if best.stop_reason is StopReason.DIVERGED and (growing := growing_variables(self._model)):
             said.append(f"What grows: {growing}.")
         infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
+        if infeasible and best.stop_reason not in (
+            StopReason.INFEASIBLE,
+            StopReason.TIME_LIMIT,
+            StopReason.INTERRUPTED,
+        ):
+            said.append("Whether no point nearby violates less is not known: the runs ended before that was shown.")
+        if infeasible and not best.stop_reason.is_final and (elsewhere := self._where_the_first_gave_up(best)):
+            said.append(elsewhere)
         if infeasible and (missed := stages_that_miss_impacts(self._model)):
             said.append(missed)
+        if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and not best.stop_reason.is_final:
+            said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self._model)]
+        said += [f"{finding.message} {finding.remedy}" for finding in objective_findings(self._model)]
         return said
+
+    def _where_the_first_gave_up(self, best: Iterate) -> str:
+        """What is not met at the end of the first run, where that is another point than the best; or nothing."""
+        first = self._found.first
+        if first is None or first.values is None or best.values is None or first.iterations == 0:
+            return ""
+        if first.number == best.number or first.values == best.values:
+            return ""
+        self._values.write(first.values)
+        try:
+            found = worst_of_each_component(self._check.violated(self._settings.tolerances))
+        finally:
+            self._values.write(best.values)
+        named = "; ".join(str(violation) for violation in found[:SHOWN_AT_FIRST])
+        return f"Where the first run, '{first.label}', gave up: {named}." if found else ""
 
     def _violations(self, residuals: list[PairResidual]) -> tuple[Violation, ...]:
         tolerances = self._settings.tolerances

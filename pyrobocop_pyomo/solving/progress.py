@@ -1,32 +1,45 @@
-"""Progress of long work: a live line on a terminal, nothing elsewhere."""
+"""Progress of long work: a live line on a terminal, an area that is replaced in a notebook, nothing elsewhere."""
 
 from __future__ import annotations
 
 import shutil
 import sys
-from typing import TextIO
+import time
+from typing import Any, TextIO
+
+# Work that ends sooner leaves nothing behind in a notebook, whose outputs are kept.
+NOTEBOOK_DELAY = 2.0
+# So many lines stay in a notebook; on a terminal all do.
+NOTEBOOK_LINES = 12
 
 
 class Progress:
-    """Writes to the terminal behind standard error, if there is one.
+    """Writes to the terminal behind standard error, if there is one, or into the output of a notebook's cell.
 
     Parameters
     ----------
     show : bool or None
-        None shows progress only where standard error is a terminal.
+        None shows progress only where standard error is a terminal, or in a notebook when the work has taken two
+        seconds.
     stream : text stream, optional
         Standard error by default.
     """
 
     def __init__(self, show: bool | None = None, stream: TextIO | None = None) -> None:
         self._stream = sys.stderr if stream is None else stream
+        self._notebook = notebook_display() if stream is None and show is not False else None
         self._shown = self._stream.isatty() if show is None else show
+        self._start = time.monotonic()
+        self._area: Any = None
+        self._lines: list[str] = []
         self._live = 0
         self._said: set[str] = set()
 
     def live(self, text: str) -> None:
         """Replace the current line."""
-        if self._shown:
+        if self._notebook is not None:
+            self._replace(text)
+        elif self._shown:
             # What wraps around could not be replaced: the next line would start below it.
             text = text[: shutil.get_terminal_size().columns - 1]
             self._stream.write("\r" + text.ljust(self._live))
@@ -35,7 +48,10 @@ class Progress:
 
     def line(self, text: str) -> None:
         """Write a line that stays."""
-        if self._shown:
+        if self._notebook is not None:
+            self._lines = [*self._lines, text][-NOTEBOOK_LINES:]
+            self._replace()
+        elif self._shown:
             self._stream.write("\r" + text.ljust(self._live) + "\n")
             self._stream.flush()
             self._live = 0
@@ -45,3 +61,21 @@ class Progress:
         if text not in self._said:
             self._said.add(text)
             self.line(text)
+
+    def _replace(self, *live: str) -> None:
+        if time.monotonic() - self._start < NOTEBOOK_DELAY:
+            return
+        shown = {"text/plain": "\n".join([*self._lines, *live])}
+        if self._area is None:
+            assert self._notebook is not None
+            self._area = self._notebook(shown, raw=True, display_id=True, metadata={"progress": True})
+        else:
+            self._area.update(shown, raw=True, metadata={"progress": True})
+
+
+def notebook_display() -> Any:
+    """IPython's function that shows things in a cell, where this process is the kernel of a notebook; else None."""
+    interactive = sys.modules.get("IPython")
+    shell = None if interactive is None else interactive.get_ipython()
+    # A shell on a terminal has no kernel.
+    return None if getattr(shell, "kernel", None) is None else sys.modules["IPython.display"].display

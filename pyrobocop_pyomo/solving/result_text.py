@@ -58,9 +58,11 @@ def advice_on_motion(safety: SafetyReport) -> str:
     if safety.safe:
         return "The motion keeps its clearances, but is not feasible."
     return (
-        f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give a guess that is clear of "
-        "obstacles, say where to pass by initialize(directions=...), refine the mesh, or ask for less clearance. "
-        "With between=None nothing is asked between the points. There may be no such motion."
+        f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give an initial "
+        "guess that is clear of obstacles: for a car, rcp.initial_guesses.hybrid_a_star(start, goal, body=..., "
+        "obstacles=..., ...) finds a path; otherwise rcp.studies.multistart(model) tries several. Or say where to pass "
+        "by initialize(directions=...), refine the mesh, or keep a smaller clearance. With between=None nothing is "
+        "checked between the points. There may be no such motion."
     )
 
 

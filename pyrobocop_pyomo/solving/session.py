@@ -51,7 +51,7 @@ class Session(Protocol):
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """The relaxed model as numbers, at the last delta; None where nothing here can take its derivatives.
 
-        It may have been compiled before, unless it is asked for as it is now.
+        It may have been compiled before, unless it is requested as it is now.
         """
         ...
 

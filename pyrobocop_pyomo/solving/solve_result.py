@@ -9,16 +9,19 @@ from textwrap import shorten
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
+from pyrobocop_pyomo.diagnosis import Diagnosis
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.presentation import Presented, disclosed_text, facts_table, table
 
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason, step_header
 from .pair_report import ActiveSide, PairReport, pair_reports
+from .result_findings import ModelReference, findings_of_outcome
 from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
 from .result_text import advice_on_motion, long_report, pair_sentence, pair_table
 from .violations import Violation
@@ -30,7 +33,7 @@ REMARK_CHARACTERS = 200
 
 
 @dataclass(frozen=True, eq=False)
-class SolveResult:
+class SolveResult(Presented):
     """The answer of `solve`; the point itself is on the model, also after a failure.
 
     Attributes
@@ -77,6 +80,8 @@ class SolveResult:
         here is in the units of the model.
     probe : DiscretisationProbe or None
         From which `discretisation` is estimated.
+    model : ModelReference
+        Called, it gives the model, as long as somebody else keeps it; see `diagnose`.
     rounding : IntegerRounding or None
         What became of integer controls: both objectives, and how far their integrals moved.
     """
@@ -102,11 +107,38 @@ class SolveResult:
     scaling: ScalingRecord | None = field(default=None, repr=False)
     probe: DiscretisationProbe | None = field(default=None, repr=False)
     rounding: Any = None
+    model: ModelReference = field(default_factory=ModelReference, repr=False)
 
     @property
     def objective(self) -> float:
         """The user's objective, recomputed."""
         return self.best.objective
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        raise AttributeError(
+            f"a result has no '{name}'. Whether it is a solution: result.solved; why it ended: result.stop_reason, "
+            "print(result). The values are on the model: phase.trajectory() has them as arrays, pyo.value(...) of a "
+            "variable or expression gives one."
+        )
+
+    def __getitem__(self, name: Any) -> Any:
+        raise TypeError(
+            f"a result holds no values by name ({name!r}); they are on the model: phase.trajectory()[{name!r}]."
+        )
+
+    def diagnose(self) -> Diagnosis:
+        """What `rcp.diagnose` finds in the model at the point of this result, after what the solve has found.
+
+        Returns
+        -------
+        Diagnosis
+            The outcome and each violation are findings about ``Subject.OUTCOME``. Where the model is gone, or after
+            unpickling, there is nothing else.
+        """
+        verdict = f"{self._verdict} {self.stop_reason.value}"
+        return findings_of_outcome(self.name, verdict, self.solved, self.violations, self.remarks, self.model())
 
     @property
     def discretisation(self) -> DiscretisationEstimate:
@@ -295,6 +327,35 @@ class SolveResult:
         pairs = f", max a*b {self.largest_product:.1e}, max min(a, b) {self.largest_natural_residual:.1e}"
         stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
         return f"constraints {self.constraint_violation:.1e}{of_scale}{pairs if self.residuals else ''}{stationarity}"
+
+    def one_line(self) -> str:
+        """Verdict, objective and violation, in a few words."""
+        motion = "" if self.safe is None else ", safe" if self.safe else ", NOT SAFE"
+        return (
+            f"'{self.name}': {self.quality.name.lower()}{motion}, objective {self.objective:.8g}, constraints "
+            f"{self.constraint_violation:.1e}, {self.iterations} iterations"
+        )
+
+    def _summary(self) -> str:
+        return self.one_line()
+
+    def _html_parts(self) -> list[str]:
+        motion = None if self.safe is None else "safe" if self.safe else "NOT SAFE"
+        facts = {
+            "verdict": self._verdict,
+            "stopped because": self.stop_reason.value,
+            "objective": f"{self.objective:.8g}",
+            "residuals": self._residuals,
+            "pairs": pair_sentence(self.pairs, self.multipliers, self.certificate) if self.residuals else None,
+            "motion": motion,
+            "effort": f"{self.iterations} iterations in {self.seconds:.2f} s",
+        }
+        unmet = [(str(violation),) for violation in self.violations]
+        return [
+            facts_table(facts),
+            *([table(("not met, the worst of each component",), unmet)] if unmet else []),
+            disclosed_text("as text", str(self)),
+        ]
 
     def __str__(self) -> str:
         feasible = self.quality is not Quality.INFEASIBLE

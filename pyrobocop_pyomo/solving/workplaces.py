@@ -8,8 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pyomo.common.collections import ComponentMap
-
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
@@ -151,7 +149,7 @@ class Workplaces:
             session = self._open_session(relaxed)
             self.solver, self.derivatives = session.solver, session.derivatives
             self.scaling = None if session.scaling is None else session.scaling.record
-            self._check.scales = ComponentMap() if session.scaling is None else session.scaling.by_component
+            self._check.take_scales(() if session.scaling is None else session.scaling.above_one())
             values = VariableValues.of_free(self._model)
             try:
                 yield Workplace(relaxation, relaxed, session, values, values.read())

@@ -13,11 +13,12 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
+from pyrobocop_pyomo.presentation import Presented, table
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Outcome:
+class Outcome(Presented):
     """What became of one solve of a study.
 
     Attributes
@@ -78,6 +79,9 @@ class Outcome:
     def cut_short(self) -> bool:
         """True when the time limit or Ctrl-C ended the solve."""
         return self.result is not None and self.result.stop_reason.is_final
+
+    def _summary(self) -> str:
+        return self.reason if self.result is None else self.result.one_line()
 
 
 OutcomeType = TypeVar("OutcomeType", bound=Outcome)
@@ -163,7 +167,7 @@ COMMON_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StudyResult(Sequence[OutcomeType], Generic[OutcomeType]):
+class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
     """The answer of a study: a sequence of its outcomes, which prints as a table.
 
     ``best``, ``result`` and ``reached`` mean the same in every study.
@@ -261,6 +265,18 @@ class StudyResult(Sequence[OutcomeType], Generic[OutcomeType]):
 
     def __iter__(self) -> Iterator[OutcomeType]:
         return iter(self.outcomes)
+
+    def _summary(self) -> str:
+        solved = sum(outcome.result is not None and outcome.result.solved for outcome in self.outcomes)
+        return f"'{self.name}': {len(self.outcomes)} outcomes, {solved} solved, {len(self.remaining)} not tried"
+
+    def _html_parts(self) -> list[str]:
+        header = (self.numbered_by, *(column.header().strip() for column in self.columns))
+        rows = [
+            (number, *(column.text(outcome).strip() for column in self.columns))
+            for number, outcome in enumerate(self.outcomes, start=1)
+        ]
+        return [table(header, rows)]
 
     def __str__(self) -> str:
         return self.table()

@@ -21,6 +21,7 @@ from pyrobocop_pyomo.obstacles.clocks import warn_of_clocks_that_start_anew
 from pyrobocop_pyomo.phases import Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -30,7 +31,7 @@ from .outcomes import seconds_left
 
 
 @dataclass(frozen=True)
-class HorizonStep:
+class HorizonStep(Presented):
     """What one step of a receding horizon gave.
 
     Attributes
@@ -69,6 +70,10 @@ class HorizonStep:
     def solved(self) -> bool:
         """Whether the plan is a new one."""
         return self.status.solved
+
+    def _summary(self) -> str:
+        safe = "" if self.safe is None else f", {'safe' if self.safe else 'NOT SAFE'}"
+        return f"{'solved' if self.solved else self.status.name.lower()}, {self.iterations} iterations{safe}"
 
 
 class RecedingHorizon:

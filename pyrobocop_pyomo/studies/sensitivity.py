@@ -31,6 +31,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds
 from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
@@ -42,7 +43,7 @@ from .named_data import by_component, data_members, named
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivity:
+class Sensitivity(Presented):
     """Derivatives of a solution with respect to parameters.
 
     Attributes

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left
-from .worker_pool import Task, check_picklable, check_workers, run_in_processes
+from .worker_pool import Task, check_picklable, number_of_workers, run_in_processes
 
 ModeSequence = tuple[str, ...]
 Allowed = Callable[[str, str], bool] | Mapping[str, Iterable[str]]
@@ -196,7 +196,7 @@ def solve_sequences(
     build: Build,
     sequences: Iterable[Iterable[str]],
     *,
-    workers: int = 1,
+    workers: int | str = 1,
     time_limit: float | None = None,
     time_limit_per_sequence: float | None = None,
     progress: bool | None = None,
@@ -212,9 +212,9 @@ def solve_sequences(
         ``build(sequence)`` returns the model of a sequence, the same each time.
     sequences : iterable of tuples of str
         Such as `mode_sequences` gives.
-    workers : int
-        Number of processes; with 1 all is done in this one. More need a ``build`` that stands at the top level of a
-        module (or a `functools.partial` of such), and a script whose work stands under
+    workers : int or "all"
+        Number of processes, or one on each core; with 1 all is done in this one. More need a ``build`` that stands
+        at the top level of a module (or a `functools.partial` of such), and a script whose work stands under
         ``if __name__ == "__main__":``, since each process imports it.
     time_limit : float, optional
         Seconds, for all sequences together.
@@ -240,7 +240,7 @@ def solve_sequences(
     tasks = [(sequence,) if isinstance(sequence, str) else tuple(sequence) for sequence in sequences]
     if not tasks:
         raise ModelError("no sequences to solve; mode_sequences(...) makes them.")
-    check_workers(workers)
+    workers = number_of_workers(workers)
     best_backend()  # raises with the remedies where there is none, once and not for every sequence
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     bar = Progress(progress)

@@ -22,7 +22,7 @@ from .case_solver import CaseSolver, Put, Read, SweepOutcome, own_numbers
 from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
 from .outcomes import Column, StudyResult, ranked
 from .sweep_cases import SweepCase, key_of, numbers_of, read_cases, starting_cases
-from .worker_pool import Task, check_picklable, check_workers, common_to_tasks, run_in_processes
+from .worker_pool import Task, check_picklable, common_to_tasks, number_of_workers, run_in_processes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,7 +127,7 @@ def sweep(
     put: Put | None = None,
     read: Read | None = None,
     start_from: str | Callable[[int], int | None] | None = "nearest",
-    workers: int = 1,
+    workers: int | str = 1,
     file: str | Path | None = None,
     time_limit: float | None = None,
     time_limit_per_case: float | None = None,
@@ -159,11 +159,11 @@ def sweep(
         From whose solution a case starts: by default that of the nearest case, along the shortest tree over the
         numbers of the cases; every eighth one in a row starts from the initial guess. Or a function from the number of
         a case to that of another one, or to None. With None, all cases start from the initial guess.
-    workers : int
-        Number of processes; with 1 all is done in this one. More need a model that can be pickled, or a builder that
-        stands at the top level of a module (or a `functools.partial` of such), the same for `put` and `read`, and a
-        script whose work stands under ``if __name__ == "__main__":``. In a notebook these functions have to be
-        imported from a file.
+    workers : int or "all"
+        Number of processes, or one on each core; with 1 all is done in this one. More need a model that can be pickled,
+        or a builder that stands at the top level of a module (or a `functools.partial` of such), the same for `put` and
+        `read`, and a script whose work stands under ``if __name__ == "__main__":``. In a notebook these functions have
+        to be imported from a file.
     file : str or Path, optional
         Where outcomes are written as they come. A sweep that finds its file goes on behind what is in it, also after a
         crash, and gives the same table.
@@ -188,7 +188,7 @@ def sweep(
     SolverNotFoundError
         When there is no Ipopt.
     """
-    check_workers(workers)
+    workers = number_of_workers(workers)
     listed = read_cases(cases)
     if not isinstance(model, BlockData) and not callable(model):
         raise ModelError(f"expected a model or a function that builds one, not {type(model).__name__}.")

@@ -201,7 +201,7 @@ def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | No
     ----------
     cases : sequence of SweepCase
     start_from : "nearest", callable or None
-        A callable is asked for each number.
+        A callable is evaluated for each number.
 
     Raises
     ------

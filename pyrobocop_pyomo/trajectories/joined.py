@@ -14,13 +14,14 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.plotting import mark_phases, plot_signals
+from pyrobocop_pyomo.presentation import Presented, sparkline, table
 
 from .exchange import as_data_frame
 from .trajectory import Trajectory, family_values, member_labels, members_of
 
 
 @dataclass(frozen=True, eq=False)
-class JoinedTrajectory:
+class JoinedTrajectory(Presented):
     """The trajectories of several phases as one; made by `join_trajectories`.
 
     Attributes
@@ -168,6 +169,17 @@ class JoinedTrajectory:
 
     def _parts_named(self) -> str:
         return ", ".join(f"'{part.name}'" for part in self.__dict__.get("parts", ()))
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._states, *self._signals, *self._families})
+
+    def _summary(self) -> str:
+        return f"{len(self.parts)} phases ({self._parts_named()}): {', '.join([*self._states, *self._signals])}"
+
+    def _html_parts(self) -> list[str]:
+        rows = [(name, "state", sparkline(self.time, getattr(self, name))) for name in self._states]
+        rows += [(name, "signal", sparkline(self.points, getattr(self, name))) for name in self._signals]
+        return [table(("name", "kind", "over time"), rows)]
 
 
 def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:

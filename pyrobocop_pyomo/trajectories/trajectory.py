@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,20 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
 from pyrobocop_pyomo.plotting import plot_signals
+from pyrobocop_pyomo.presentation import Presented, facts_table, sparkline, table
 
 from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
 
 
+def _which_there_are(name: str, held: list[str]) -> str:
+    """The nearest names, and all of them, as the end of a message."""
+    near = get_close_matches(name, held, n=1)
+    meant = f"Did you mean '{near[0]}'? " if near else ""
+    return f"{meant}It has {', '.join(held) or 'nothing'}; and time, points and duration."
+
+
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Presented):
     """The values of one phase.
 
     Attributes
@@ -74,7 +83,23 @@ class Trajectory:
             family = self.__dict__.get("families", {}).get(name)
             if family is not None:
                 return family_values(family, [getattr(self, member) for member in family.members])
+            facts = self.__dict__
+            if "states" in facts:
+                held = [*facts["states"], *facts["signals"], *facts["parameters"], *facts.get("families", ())]
+                raise AttributeError(f"trajectory '{facts['name']}' has no '{name}'. {_which_there_are(name, held)}")
         raise AttributeError(f"trajectory '{self.__dict__.get('name', '?')}' has no '{name}'.")
+
+    def __getitem__(self, name: str) -> Any:
+        """The values by name: ``trajectory["theta"]`` is ``trajectory.theta``."""
+        if not isinstance(name, str):
+            raise TypeError(
+                f"trajectory '{self.name}' is indexed by names, not by {name!r}: trajectory['x'] are the values at "
+                "trajectory.time, trajectory(0.5)['x'] is the value at one time."
+            )
+        try:
+            return getattr(self, name)
+        except AttributeError as error:
+            raise KeyError(str(error)) from None
 
     @cached_property
     def time(self) -> Array:
@@ -108,7 +133,7 @@ class Trajectory:
     def __call__(self, t: ArrayLike) -> dict[str, Any]:
         """Values of every state, algebraic and control at given times.
 
-        At an element boundary the element that ends there is asked, as the equations of a stiffly
+        At an element boundary the element that ends there is evaluated, as the equations of a stiffly
         accurate scheme are.
 
         Parameters
@@ -332,6 +357,25 @@ class Trajectory:
         except (KeyError, TypeError) as error:
             raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
 
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.names, *self.parameters, *self.families})
+
+    def _summary(self) -> str:
+        start, end = self.grid.mesh.boundaries[0], self.grid.mesh.boundaries[-1]
+        of = [f"{len(self.states)} states", f"{len(self.signals)} signals", f"{self.grid.mesh.elements} elements"]
+        return f"'{self.name}', t = {start:g} .. {end:g}: {', '.join(of)}: {', '.join(self.names)}"
+
+    def _html_parts(self) -> list[str]:
+        rows = [
+            (name, "state", *_range_of(values), sparkline(self.time, values)) for name, values in self.states.items()
+        ]
+        rows += [
+            (name, "signal", *_range_of(values), sparkline(self.points, values, steps=name in self.stepwise))
+            for name, values in self.signals.items()
+        ]
+        of_signals = table(("name", "kind", "first", "last", "smallest", "largest", "over time"), rows)
+        return [of_signals, *([facts_table(self.parameters)] if self.parameters else [])]
+
 
 class _Values(dict[str, Any]):
     """Values by name; those of vectors and matrices are put together when they are asked for."""
@@ -371,3 +415,10 @@ def _names_read(stored: Sequence[Any]) -> FamilyNames:
     name, axes, in_time = stored
     labels = tuple(tuple(tuple(label) if isinstance(label, list) else label for label in axis) for axis in axes)
     return FamilyNames(name, labels, in_time)
+
+
+def _range_of(values: Array) -> tuple[float, float, float, float]:
+    """First, last, smallest and largest value, those that are not known left out."""
+    known = values[np.isfinite(values)]
+    ends = (float(values[0]), float(values[-1]))
+    return (*ends, float(known.min()), float(known.max())) if len(known) else (*ends, np.nan, np.nan)

@@ -81,7 +81,7 @@ class KeepsBounds(Protocol):
 
 @dataclass(frozen=True)
 class Abilities:
-    """What a relaxation can do. It is asked once: a check of the protocols for each pair would be slow.
+    """What a relaxation can do. It is evaluated once: a check of the protocols for each pair would be slow.
 
     Attributes
     ----------

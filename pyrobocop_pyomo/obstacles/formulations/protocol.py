@@ -23,7 +23,7 @@ class PosedShape:
     poses : tuple of (float, Pose)
         One entry per time; a single one, with a constant pose, for a shape that rests.
     rises : tuple
-        How much more than ``required[index]`` is asked for at each of these times; empty where it is the same at all.
+        How much more than ``required[index]`` is requested at each of these times; empty where it is the same at all.
         Only formulations that cover several poses meet any, at one of the two shapes.
     local_times : tuple of float
         Where these times are within the segment of motion, from 0 to 1; empty for a single one.

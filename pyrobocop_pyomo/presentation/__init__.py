@@ -1,0 +1,19 @@
+"""How objects show themselves: one line for a terminal, a small table for a notebook. Text only, no model."""
+
+from .html import Html, disclosed_text, facts_table, page, table
+from .presented import Presented, as_html, one_line
+from .thumbnails import outline_picture, path_picture, sparkline
+
+__all__ = [
+    "Html",
+    "Presented",
+    "as_html",
+    "disclosed_text",
+    "facts_table",
+    "one_line",
+    "outline_picture",
+    "page",
+    "path_picture",
+    "sparkline",
+    "table",
+]
