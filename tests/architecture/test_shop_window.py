@@ -33,7 +33,8 @@ PUBLIC = {
         solve spatial_pose sweep verify_motion
     """,
     "drawing": """
-        BodyPath animate_avoidance animate_scene draw_avoidance draw_linkage draw_planar_pushing draw_scene
+        AnimationFile BodyPath animate_avoidance animate_scene draw_avoidance draw_linkage draw_planar_pushing
+        draw_scene
     """,
     "engines": """
         AgentFailure Checkpoint DaskEngine Engine HostedProblem HostedSpec MpiEngine ProcessEngine SerialEngine

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pyrobocop_pyomo
 
-from .sources import folder_trees, nodes
+from .sources import ROOT, folder_trees, nodes
 
 # What an expert in nonlinear programming, trajectory optimisation or robotics would look for -> what it replaces.
 RETIRED = {
@@ -68,8 +68,34 @@ def members(where: str, body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
 
 def test_no_retired_word_in_a_public_name() -> None:
     offenders = [
-        f"{where}: '{name}' has '{found.group(1)}'; the field says {ADVICE[found.group(1)]}"
+        f"{where}: '{name}' has '{found.group(1)}'; the field says {ADVICE[found.group(1).lower()]}"
         for where, name in public_names()
         if (found := PATTERN.search(words_of(name)))
+    ]
+    assert not offenders, "\n".join(offenders)
+
+
+# Turns of phrase that have to be read twice -> what is written instead.
+RETIRED_PHRASES = {
+    "is asked": "is evaluated, is required, is requested",
+    "have no say": "are ignored",
+    "has no say": "is ignored",
+    "without a word": "by default",
+    "is told so": "raises ... naming it",
+    "is told by name": "raises ... naming it",
+    "shall": "must",
+    "a certain point": "a certified point",
+    "typical slips": "typical mistakes",
+    "written anew": "an independent implementation",
+}
+
+
+def test_no_retired_phrase_in_docstrings_comments_and_messages() -> None:
+    pattern = re.compile(rf"(?i)\b({'|'.join(map(re.escape, RETIRED_PHRASES))})\b")
+    offenders = [
+        f"{path}, line {number}: '{found.group(1)}'; write {RETIRED_PHRASES[found.group(1).lower()]}"
+        for path in folder_trees()
+        for number, line in enumerate((ROOT / path).read_text(encoding="utf-8").splitlines(), start=1)
+        if (found := pattern.search(line))
     ]
     assert not offenders, "\n".join(offenders)

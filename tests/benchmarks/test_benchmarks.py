@@ -99,6 +99,18 @@ def test_methods_on_the_catalogue_are_checked_alike() -> None:
     assert [row[3:5] for row in rows.values()] == [["0", "0"]] * len(rows)  # none falsely, and none broken
 
 
+def test_costs_of_certificates_are_split_into_their_parts() -> None:
+    lines = run_quick("certificate_costs").splitlines()
+    rows = {line[:32].strip(): line[32:].split() for line in lines[2:6]}
+    assert set(rows) == {"ralph1", "kth1", "planted qpec 2x4", "all together"}
+    assert [rows[name][6] for name in ("ralph1", "kth1", "planted qpec 2x4")] == ["proven"] * 3
+    for row in rows.values():
+        solve, polish, linear, explore = map(float, row[:4])
+        assert solve > 0.0
+        assert float(row[5]) >= float(row[4]) >= 0.0
+        assert polish + linear + explore >= 0.0
+
+
 def test_nonsmooth_problems_are_solved_by_default_and_softened_first() -> None:
     table = run_quick("nonsmooth_control")
     rows = [line for line in table.splitlines() if line.startswith(("sliding by step", "pushed blocks"))]
@@ -245,3 +257,15 @@ def test_both_linear_solvers_end_alike() -> None:
     table = run_quick("linear_solvers")
     assert table.count("alike") == 2
     assert "2 of 2 end as well" in table
+
+
+@pytest.mark.executable
+def test_ratios_compare_one_program(tmp_path: Path) -> None:
+    table = run_quick("ratios", "--docs", str(tmp_path))
+    ways = ("CasADi by hand, MUMPS", "CasADi by hand, fatrop", "pyomo.dae, executable", "this package, MUMPS")
+    page = (tmp_path / "examples" / "ratios.md").read_text(encoding="utf-8")
+    for way in ways:
+        assert way in table
+        assert f"| {way} |" in page
+    assert "other objective" not in table
+    assert "did not converge" not in table

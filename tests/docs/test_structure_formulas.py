@@ -93,6 +93,7 @@ def test_dependent_rows_over_the_horizon_contradict_each_other_where_residuals_d
     m.p = b = rcp.PhaseBlock(elements=4)
     b.x, b.y, b.u = rcp.State(initial=0, final=1), rcp.State(initial=0, final=final), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t], b.y: b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     (finding,) = rcp.diagnose(m).findings
     assert finding.severity is severity
     assert finding.subject is (Subject.CONTRADICTION if severity is Severity.ERROR else Subject.DEPENDENT)

@@ -331,7 +331,7 @@ def test_a_control_that_nobody_knows_is_refused() -> None:
     with pytest.raises(EstimationError, match="nothing says what the control 'flow' of phase"):
         rcp.estimate(m, data())
     short = {**data(), "flow": 0 * TIMES}
-    with pytest.raises(EstimationError, match="the input 'flow' is known from t = 0.1 to 2, but is asked from"):
+    with pytest.raises(EstimationError, match="the input 'flow' is known from t = 0.1 to 2, but is needed from"):
         rcp.estimate(m, short)
 
 

@@ -113,9 +113,7 @@ def test_an_indexed_component_says_who_is_asked() -> None:
     m = pyo.ConcreteModel()
     m.legs = rcp.PhaseBlock(["a", "b"], rule=lambda b, i: None)
     assert not hasattr(m.legs, "ode")
-    with pytest.raises(
-        AttributeError, match=r"'legs' is indexed; 'ode' is asked of one of its blocks: legs\[...\].ode"
-    ):
+    with pytest.raises(AttributeError, match=r"'legs' is indexed; 'ode' belongs to one of its blocks: legs\[...\].ode"):
         m.legs.ode(lambda b, t: {})
     assert m.legs["a"].trajectory is not None
 

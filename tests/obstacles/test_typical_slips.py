@@ -1,4 +1,4 @@
-"""Typical slips in rules and scenes: each is answered by name, with what to write instead; nothing is left behind."""
+"""Mistakes in rules and scenes: each is answered by name, with what to write instead; nothing is left behind."""
 
 from __future__ import annotations
 

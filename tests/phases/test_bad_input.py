@@ -177,7 +177,7 @@ def strict(b: Any, t: float) -> Any:
 
 
 STATEMENTS = {
-    "ode returns None": ("ode", returns_none, "returned a NoneType at t = .* Is the return statement missing"),
+    "ode returns None": ("ode", returns_none, "returned nothing at t = .* Is the return statement missing"),
     "ode names no state": ("ode", lambda b, t: {b.u: 1.0}, "'u' is no state; its states are x"),
     "ode names what is not": ("ode", lambda b, t: {"q": 1.0}, "'q' is no state"),
     "ode at some points": ("ode", lambda b, t: {b.x: 1.0} if t < 0.5 else {}, "gives no derivative of 'x' at t = 0"),
@@ -209,7 +209,7 @@ def test_a_statement_that_cannot_be_rows_is_refused_whole(case: str) -> None:
 def test_a_strict_inequality_leaves_nothing_behind() -> None:
     m, b = started()
     before = contents(m)
-    with pytest.raises(ValueError, match=r"p\.strict.*strict inequality"):
+    with pytest.raises(TranscriptionError, match=r"constraint 'strict' is strict .*Write '<='"):
         b.constraint(strict)
     assert contents(m) == before
 

@@ -24,7 +24,8 @@ def newton(b, t):
 
 
 def test_a_name_that_is_nearly_right_is_corrected():
-    b = cart(pyo.ConcreteModel())
+    m = pyo.ConcreteModel()
+    b = cart(m)
     with pytest.raises(AttributeError, match="phase 'p' has no 'velocty'. Did you mean 'velocity'?"):
         _ = b.velocty
     assert not hasattr(b, "_ipython_display_")
@@ -32,7 +33,8 @@ def test_a_name_that_is_nearly_right_is_corrected():
 
 @pytest.mark.parametrize("time", [0, 0.7, 0.0])
 def test_a_time_without_a_value_is_answered_by_the_nearest_and_by_what_gives_one(time):
-    b = cart(pyo.ConcreteModel())
+    m = pyo.ConcreteModel()
+    b = cart(m)
     with pytest.raises(KeyError, match=r"'p.u' has no value of its own at .* Write b.u.at\(") as refused:
         _ = b.u[time]
     below, above = (t for t in sorted(sorted(b.points, key=lambda t: abs(t - time))[:2]))
@@ -41,13 +43,15 @@ def test_a_time_without_a_value_is_answered_by_the_nearest_and_by_what_gives_one
 
 
 def test_an_integral_of_a_variable_is_answered_by_the_rule_to_write():
-    b = cart(pyo.ConcreteModel())
+    m = pyo.ConcreteModel()
+    b = cart(m)
     with pytest.raises(TranscriptionError, match=r"integral\(lambda b, t: b.u\[t\]\)"):
         b.integral(b.u)
 
 
 def test_every_state_without_an_equation_is_named_at_once():
-    b = cart(pyo.ConcreteModel())
+    m = pyo.ConcreteModel()
+    b = cart(m)
     b.ode(lambda b, t: {b.x: 1.0})
     b.z = rcp.State()
     with pytest.raises(TranscriptionError, match=r"states 'velocity' \(.*\), 'z' \(.*\) have no equation"):
@@ -128,4 +132,4 @@ def test_a_constant_that_is_no_number_is_named(backend):
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     result = rcp.solve(m, backend=backend)
     assert not result.solved
-    assert "the number nan, in rate of 'velocity' of phase 'p' at t = " in str(result)
+    assert "the number nan, in right-hand side of 'velocity' of phase 'p' at t = " in str(result)

@@ -180,3 +180,19 @@ def test_what_cannot_be_integrated_is_explained() -> None:
     b.step_map(lambda b, t, previous: {b.x: previous.x + 1.0})
     with pytest.raises(TrajectoryError, match="Step maps lead them"):
         b.reintegrate()
+
+
+def test_an_integrand_that_reads_another_variable_than_its_own_phase_gives_is_remarked_upon() -> None:
+    m = pyo.ConcreteModel()
+    m.cart = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    b.x = rcp.State(initial=0)
+    b.force = rcp.Control()
+    b.ode(lambda b, t: {b.x: b.force[t]})
+    outer = b.force
+    b.integral(lambda b, t: outer[t] ** 2)
+    for variable in m.component_data_objects(pyo.Var):
+        variable.set_value(0.0)
+    verification = b.trajectory().verify()
+    assert verification.integral_error is None
+    assert any("through the phase that the rule is given" in remark for remark in verification.remarks)
+    assert verification.element_error == pytest.approx(0.0, abs=1e-12)

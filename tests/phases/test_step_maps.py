@@ -225,9 +225,7 @@ def test_what_is_no_map_is_refused() -> None:
     b.z = rcp.State(initial=0)
     b.u = rcp.Control()
     b.derivative(b.z)
-    refused(
-        b, lambda b, t, previous: None, "returned a NoneType at t = 0.4; expected a dict {state: value}. Is the ret"
-    )
+    refused(b, lambda b, t, previous: None, "returned nothing at t = 0.4; expected a dict {state: value}. Is the ret")
     refused(b, lambda b, t, previous: {b.u: 1.0}, "'u' is no state; its states are x, y, z")
     refused(b, lambda b, t, previous: {b.x: b.u}, r"gives 'p.u' as the next value of 'x'.* Is an index \[t\] missing")
     refused(b, lambda b, t, previous: {b.x: previous.u}, "reads previous.u; only states .* of the phase are x, y, z")

@@ -265,7 +265,7 @@ def test_a_component_of_a_vector_is_asked_by_its_name_and_a_number_in_brackets_i
     assert b.x["right"].at_end is b.x.at_end[1].expression
     with pytest.raises(ExpressionArrayError, match=r"\[7\], which is no time of the phase but a label.*b.y_7.at_end"):
         b.y[7]
-    with pytest.raises(AttributeError, match=r"'at_end' is asked of values at one time.*b.x_1.at_end"):
+    with pytest.raises(AttributeError, match=r"'at_end' is read from values at one time.*b.x_1.at_end"):
         _ = b.y[1].at_end
     assert not hasattr(b.y[1], "delayed")
     with pytest.raises(KeyError):

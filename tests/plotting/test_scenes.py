@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from base64 import b64decode
 from itertools import pairwise
 from pathlib import Path
 
@@ -125,3 +127,33 @@ def test_poses_of_the_wrong_shape_and_empty_animations_are_refused(tmp_path: Pat
         rcp.drawing.BodyPath(CAR, np.tile(np.eye(3), (41, 1, 1)), np.zeros((41, 2)), "car")
     with pytest.raises(GeometryError, match="an animation of 1 frames in 2 s"):
         rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=1, seconds=2)
+
+
+def test_an_animation_plays_where_a_notebook_shows_it(tmp_path: Path) -> None:
+    film = rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
+    start, _, rest = film._repr_html_().partition("base64,")
+    assert "image/gif" in start
+    assert b64decode(rest.partition('"')[0]) == film.read_bytes()
+    assert Path(film) == tmp_path / "a.gif"
+    assert pickle.loads(pickle.dumps(film)) == film
+    film.unlink()
+    assert film._repr_html_() is None
+
+
+def test_without_a_name_an_animation_goes_to_a_temporary_file() -> None:
+    film = rcp.drawing.animate_scene(TIME, [car()], [], frames=2, seconds=1)
+    assert film.stat().st_size > 1000
+    film.unlink()
+
+
+def test_a_film_needs_ffmpeg_and_says_so_before_drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
+        rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_figures_show_themselves_without_pyplot_and_survive_a_pickle() -> None:
+    figure = rcp.drawing.draw_scene(TIME, [car()], [])
+    for one in (figure, pickle.loads(pickle.dumps(figure))):
+        assert one._repr_png_().startswith(b"\x89PNG")

@@ -250,3 +250,20 @@ def test_what_rounding_leaves_of_zero_is_no_size(first: float, expected: float) 
     assert result.strategy == "solve"
     assert result.scaling is not None
     assert 0.1 * expected <= result.scaling.variables["go.x_1"] <= 10 * expected
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize(("elements", "expected"), [(200, 1.0), (500, 0.5), (2000, 0.125)])
+def test_the_objective_keeps_its_size_beside_the_barrier_on_a_fine_mesh(elements: int, expected: float) -> None:
+    """The barrier is a sum over all bounds: the objective is divided by less in proportion to their number."""
+
+    def size(elements: int) -> float:
+        m = pyo.ConcreteModel(name="step")
+        m.go = b = rcp.PhaseBlock(duration=1.0, elements=elements, stages=2)
+        b.x = rcp.State(initial=1.0)
+        b.u = rcp.Control(bounds=(-2, 2))
+        b.ode(lambda b, t: {b.x: b.u[t]})
+        m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+        return automatic_scaling(CompiledModel(m, "vectorised")).scales.objective
+
+    assert size(elements) == pytest.approx(expected * size(100), rel=0.02)

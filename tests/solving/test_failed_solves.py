@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import pickle
 
 import pyomo.environ as pyo
 import pytest
 from pyomo.common.errors import InfeasibleConstraintException
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.diagnosis import Subject
 from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason, Tolerances
 from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
@@ -138,3 +140,35 @@ def test_stages_that_cannot_make_a_jump_are_named():
     assert result.quality is Quality.INFEASIBLE
     assert any("'fall'" in remark and "stages=1" in remark for remark in result.remarks)
     assert rcp.solve(drop(stages=1)).solved
+
+
+def test_what_a_result_finds_and_what_the_model_shows_are_one_diagnosis():
+    m = cart(duration=0.5)
+    m.del_component(m.effort)
+    m.size = pyo.Objective(expr=m.p.integral(lambda b, t: abs(b.u[t])))
+    result = rcp.solve(m, strategies="solve")
+    found, of_model = result.diagnose(), rcp.diagnose(m)
+    assert set(of_model.findings) <= set(found.findings)
+    outcome = [finding.message for finding in found.about(Subject.OUTCOME)]
+    assert any(str(result.violations[0]) in message for message in outcome)
+    assert "no derivative at zero" in str(result)
+    assert str(found).count("no derivative at zero") == 1
+    alone = pickle.loads(pickle.dumps(result.diagnose()))
+    assert alone.findings == found.findings
+
+
+def test_the_point_where_the_first_run_gave_up_is_named_beside_the_best():
+    result = rcp.solve(cart(duration=0.5))
+    if result.best_step == 0:
+        assert not any("gave up" in remark for remark in result.remarks)
+    else:
+        assert any(remark.startswith("Where the first run, 'solve', gave up: ") for remark in result.remarks)
+    assert not any("gave up" in remark for remark in rcp.solve(cart()).remarks)
+
+
+def test_a_point_where_the_iterations_ended_is_not_called_a_local_minimum():
+    m = cart(duration=0.5)
+    result = rcp.solve(m, options={"max_iter": 2})
+    assert result.stop_reason is StopReason.ITERATION_LIMIT
+    assert any("Whether no point nearby violates less is not known" in remark for remark in result.remarks)
+    assert "no point near it violates less" in str(rcp.solve(cart(duration=0.5)))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import pytest
 
+from pyrobocop_pyomo.solving import progress
 from pyrobocop_pyomo.solving.progress import Progress
 
 
@@ -36,3 +38,26 @@ def test_nothing_is_shown_unless_asked_for_or_on_a_terminal() -> None:
     bar.live("live")
     bar.line("line")
     assert stream.getvalue() == ""
+
+
+@pytest.mark.parametrize("delay", [0.0, 1e9])
+def test_a_notebook_gets_one_area_and_only_from_long_work(monkeypatch: pytest.MonkeyPatch, delay: float) -> None:
+    shown: list[str] = []
+
+    class Area:
+        def update(self, data: dict[str, str], **options: Any) -> None:
+            shown[-1] = data["text/plain"]
+
+    def display(data: dict[str, str], **options: Any) -> Area:
+        shown.append(data["text/plain"])
+        return Area()
+
+    monkeypatch.setattr(progress, "notebook_display", lambda: display)
+    monkeypatch.setattr(progress, "NOTEBOOK_DELAY", delay)
+    bar = Progress()
+    bar.live("first")
+    bar.line("stays")
+    bar.live("second")
+    assert shown == ([] if delay else ["stays\nsecond"])
+    Progress(False).line("nothing is asked for")
+    assert len(shown) <= 1

@@ -44,7 +44,7 @@ def test_a_start_without_a_value_is_moved_and_named(backend: str) -> None:
     assert result.solved
     assert result.objective == pytest.approx(1.01283, abs=2e-4)
     assert "could not be evaluated: division by climb.mass" in str(result)
-    assert "in rate of 'speed' of phase 'climb' at t = " in result.remarks[0]
+    assert "in right-hand side of 'speed' of phase 'climb' at t = " in result.remarks[0]
     assert "element 0" in result.remarks[0]
 
 

@@ -1,0 +1,83 @@
+"""What an entry of the catalogue of mistakes is, and the cart that most of them are made with.
+
+An entry is a function ``(m, followed)`` that states a model. With ``followed=False`` it makes the mistake; with
+``followed=True`` it does what the message says instead. Its name is the mistake in words, and the words given to the
+decorator are what the answer has to name: the culprit first, then the remedy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+
+Statement = Callable[[Any, bool], Any]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One mistake.
+
+    Attributes
+    ----------
+    state : callable
+        ``state(m, followed)``; what it returns are keywords of `rcp.solve`, or None.
+    words : tuple of str
+        The answer holds each of them.
+    solves : bool
+        Whether the answer is that of a solve, an exception or a result; else the statement raises.
+    """
+
+    state: Statement
+    words: tuple[str, ...]
+    solves: bool
+
+
+MISTAKES: dict[str, Mistake] = {}
+
+
+def refused(*words: str) -> Callable[[Statement], Statement]:
+    """The statement raises, before any solve."""
+    return _enter(words, solves=False)
+
+
+def fails(*words: str) -> Callable[[Statement], Statement]:
+    """The solve raises, or ends without a solution; with the remedy it is solved."""
+    return _enter(words, solves=True)
+
+
+def _enter(words: tuple[str, ...], solves: bool) -> Callable[[Statement], Statement]:
+    def enter(state: Statement) -> Statement:
+        MISTAKES[state.__name__.replace("_", " ")] = Mistake(state, words, solves)
+        return state
+
+    return enter
+
+
+def cart(m: Any, *, final: float | None = 1.0, force: float | None = 2.0, **options: Any) -> Any:
+    """A phase 'p' with a mass 'x', 'v' and a force 'u', without equations."""
+    m.p = b = rcp.PhaseBlock(**{"duration": 2.0, "elements": 4, **options})
+    b.x = rcp.State(initial=0, final=final)
+    b.v = rcp.State(initial=0, final=None if final is None else 0)
+    b.u = rcp.Control(bounds=(None, None) if force is None else (-force, force))
+    return b
+
+
+def driven(m: Any, **options: Any) -> Any:
+    """The same with its equations and the effort as objective: a problem with a solution."""
+    b = cart(m, **options)
+    b.ode(newton)
+    m.effort = pyo.Objective(expr=b.integral(effort))
+    return b
+
+
+def newton(b: Any, t: Any) -> Any:
+    return {b.x: b.v[t], b.v: b.u[t]}
+
+
+def effort(b: Any, t: Any) -> Any:
+    return b.u[t] ** 2

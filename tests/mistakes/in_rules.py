@@ -1,0 +1,232 @@
+"""Mistakes in rules, relations, integrals and times."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+
+import pyrobocop_pyomo as rcp
+
+from .entries import cart, driven, effort, newton, refused
+
+
+@refused("'p.u'", "used as one number", "b.integral(lambda b, t: b.u[t] ** 2)")
+def the_integral_of_a_squared_variable(m: Any, followed: bool) -> None:
+    b = cart(m)
+    m.effort = pyo.Objective(expr=b.integral(effort) if followed else b.integral(b.u**2))
+
+
+@refused("'u'", "integral(lambda b, t: b.u[t])")
+def the_integral_of_a_variable(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.integral((lambda b, t: b.u[t]) if followed else b.u)
+
+
+@refused("'p.u' has no value of its own at 0", "the nearest are", "b.u.at(0)")
+def a_control_at_the_start(m: Any, followed: bool) -> None:
+    b = cart(m)
+    m.c = pyo.Constraint(expr=(b.u.at(0) if followed else b.u[0]) == 0)
+
+
+@refused("'p.x' has no value of its own at 0.55", "b.x.at(0.55)")
+def a_state_between_the_points(m: Any, followed: bool) -> None:
+    b = cart(m)
+    m.c = pyo.Constraint(expr=(b.x.at(0.55) if followed else b.x[0.55]) <= 1)
+
+
+@refused("'p.u' has no value of its own at 0.0", "b.integral(lambda b, t: ...) for a sum over time")
+def a_sum_over_the_times_of_the_states(m: Any, followed: bool) -> None:
+    b = cart(m)
+    m.effort = pyo.Objective(expr=b.integral(effort) if followed else sum(b.u[t] ** 2 for t in b.time))
+
+
+@refused("'p.x', a variable over time, has no 'final'", "b.x.at_end")
+def the_final_value_by_another_name(m: Any, followed: bool) -> None:
+    b = cart(m, final=None)
+    m.c = pyo.Constraint(expr=(b.x.at_end if followed else b.x.final) >= 1)
+
+
+@refused("'p.x', a variable over time, has no 'dot'", "in an ode, return {b.x: ...}")
+def the_derivative_as_an_attribute(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(newton if followed else lambda b, t: [b.x.dot == b.v[t]])
+
+
+@refused("'p.x' is a variable at all times", "b.x.at(time)")
+def a_bound_on_a_whole_variable(m: Any, followed: bool) -> None:
+    b = cart(m)
+    if followed:
+        b.constraint(lambda b, t: b.x[t] <= 0.7)
+    else:
+        m.c = pyo.Constraint(expr=b.x <= 0.7)
+
+
+@refused("constraint 'wall'", "Is an index missing?", "b.x[t]")
+def a_constraint_without_t(m: Any, followed: bool) -> None:
+    b = cart(m)
+
+    @b.constraint
+    def wall(b: Any, t: Any) -> Any:
+        return (b.x[t] if followed else b.x) <= 1.2
+
+
+@refused("ode 'o'", "'p.v' as the derivative of 'x'", "[t] missing")
+def right_hand_sides_without_t(m: Any, followed: bool) -> None:
+    b = cart(m)
+
+    @b.ode
+    def o(b: Any, t: Any) -> Any:
+        return newton(b, t) if followed else {b.x: b.v, b.v: b.u}
+
+
+@refused("ode 'o'", "rule(b, t)", "lambda b, t: ...")
+def a_rule_without_time(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(newton if followed else lambda b: {b.x: b.v}, name="o")
+
+
+@refused("ode 'o'", "returned nothing", "return statement missing")
+def a_rule_that_returns_nothing(m: Any, followed: bool) -> None:
+    b = cart(m)
+
+    @b.ode
+    def o(b: Any, t: Any) -> Any:
+        rates = newton(b, t)
+        if followed:
+            return rates
+        return None
+
+
+@refused("ode 'o'", "{b.x: ...}, not {b.x[t]: ...}")
+def states_at_one_time_as_keys(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(newton if followed else lambda b, t: {b.x[t]: b.v[t], b.v[t]: b.u[t]}, name="o")
+
+
+@refused("ode 'o'", "np.sin", "pyo.sin(...)")
+def a_function_of_numpy(m: Any, followed: bool) -> None:
+    b = cart(m)
+    sine = pyo.sin if followed else np.sin
+    b.ode(lambda b, t: {b.x: sine(b.v[t]), b.v: b.u[t]}, name="o")
+
+
+@refused("ode 'o'", "whose shapes do not fit", "has n columns")
+def a_matrix_of_the_wrong_shape(m: Any, followed: bool) -> None:
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=2)
+    b.z = rcp.State(index=range(3), initial=0)
+    matrix = np.eye(3 if followed else 2)
+    b.ode(lambda b, t: {b.z: matrix @ b.z[:, t]}, name="o")
+
+
+@refused("constraint 'c'", "asks whether a relation", "(0, b.x[t], 1)")
+def a_chain_of_inequalities(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.constraint((lambda b, t: (0, b.x[t], 1)) if followed else (lambda b, t: 0 <= b.x[t] <= 1), name="c")
+
+
+@refused("constraint 'c'", "asks whether a relation", "pyo.Expr_if or complementarity")
+def a_greatest_of_python(m: Any, followed: bool) -> None:
+    b = cart(m)
+
+    def positive(b: Any, t: Any) -> Any:
+        part = pyo.Expr_if(b.v[t] >= 0, b.v[t], 0) if followed else max(b.v[t], 0)
+        return part <= 1
+
+    b.constraint(positive, name="c")
+
+
+@refused("constraint 'c'", "is strict", "Write '<='")
+def a_strict_inequality(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.constraint((lambda b, t: b.x[t] <= 1) if followed else (lambda b, t: b.x[t] < 1), name="c")
+
+
+@refused("constraint 'c'", "the formula p.x[", "'expression <= 1'")
+def a_formula_in_place_of_a_relation(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.constraint((lambda b, t: b.x[t] - 1 <= 0) if followed else (lambda b, t: b.x[t] - 1), name="c")
+
+
+@refused("'p.touch", "complements(a >= 0, b >= 0)")
+def a_product_as_a_pair(m: Any, followed: bool) -> None:
+    b = cart(m)
+
+    @b.complementarity
+    def touch(b: Any, t: Any) -> Any:
+        return rcp.complements(b.x[t] >= 0, b.u[t] + 2 >= 0) if followed else b.x[t] * (b.u[t] + 2) == 0
+
+
+@refused("ode 'o'", "was given a dict", "lambda b, t: {b.x: b.v[t]}")
+def equations_as_a_table(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(newton if followed else {b.x: b.v, b.v: b.u}, name="o")
+
+
+@refused("'p.x'", "'start'", "b.x.at_start")
+def a_time_that_is_no_time(m: Any, followed: bool) -> None:
+    b = cart(m)
+    _ = b.x.at_start if followed else b.x["start"]
+
+
+@refused("'throttle'", "Declare it before the rule is stated")
+def a_rule_that_reads_what_was_not_declared(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(newton if followed else lambda b, t: {b.x: b.v[t], b.v: b.throttle[t]}, name="o")
+
+
+@refused("the integrand", "Is an index missing?")
+def an_integrand_without_t(m: Any, followed: bool) -> None:
+    b = driven(m)
+    b.integral((lambda b, t: b.u[t] ** 2) if followed else (lambda b, t: b.u**2))
+
+
+@refused("ode 'o'", "'^'", "** 2")
+def a_power_of_another_language(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(lambda b, t: {b.x: b.v[t] ** 2 if followed else b.v[t] ^ 2, b.v: b.u[t]}, name="o")
+
+
+@refused("the integrand", "returned a list", "one number or formula")
+def a_list_as_integrand(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.integral((lambda b, t: b.u[t] + b.v[t]) if followed else (lambda b, t: [b.u[t], b.v[t]]))
+
+
+@refused("the integrand", "returned nothing", "return statement missing")
+def an_integrand_that_returns_nothing(m: Any, followed: bool) -> None:
+    b = cart(m)
+
+    def force(b: Any, t: Any) -> Any:
+        return b.u[t] if followed else None
+
+    b.integral(force)
+
+
+@refused("'p.v' at ", "v.delayed(t, delay)")
+def a_value_of_a_while_ago(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.w = rcp.State(initial=0, history=0.0)
+    b.ode(lambda b, t: {b.x: b.w.delayed(t, 0.3) if followed else b.v[t - 0.3], b.v: b.u[t], b.w: b.u[t]}, name="o")
+
+
+@refused("phase 'p' has no 'T'", "Did you mean 'duration'?")
+def the_duration_by_another_name(m: Any, followed: bool) -> None:
+    b = cart(m, duration=rcp.Duration(bounds=(1, 3)))
+    m.soon = pyo.Objective(expr=b.duration if followed else b.T)
+
+
+@refused("'u' is no state", "its states are x, v")
+def an_equation_for_a_control(m: Any, followed: bool) -> None:
+    b = cart(m)
+    b.ode(newton if followed else lambda b, t: {b.x: b.v[t], b.u: 1.0})
+
+
+@refused("'p.x', a variable over time, has no 'initial' to set", "rcp.State(initial=...")
+def an_initial_value_that_is_set_later(m: Any, followed: bool) -> None:
+    b = cart(m)
+    if followed:
+        b.x[0.0].fix(0.2)
+    else:
+        b.x.initial = 0.2

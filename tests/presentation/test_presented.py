@@ -1,0 +1,200 @@
+"""Objects show themselves in one short line, and in a notebook as HTML that holds what they hold."""
+
+from __future__ import annotations
+
+import pickle
+from html import escape
+from html.parser import HTMLParser
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.presentation import (
+    Html,
+    Presented,
+    disclosed_text,
+    facts_table,
+    outline_picture,
+    page,
+    path_picture,
+    sparkline,
+    table,
+)
+
+LONGEST_LINE = 200
+NAMES = st.text(alphabet=st.characters(blacklist_categories=("Cs", "Cc")), max_size=20)
+NUMBERS = st.floats(-1e9, 1e9, allow_nan=False)
+
+
+def in_order(html: str) -> list[str]:
+    """The text of HTML whose tags must all be closed in order."""
+    ElementTree.fromstring(f"<body>{html}</body>")
+    texts: list[str] = []
+    parser = HTMLParser(convert_charrefs=True)
+    parser.handle_data = texts.append  # type: ignore[method-assign]
+    parser.feed(html)
+    parser.close()
+    return texts
+
+
+def cart() -> Any:
+    m = pyo.ConcreteModel(name="cart")
+    m.cart = b = rcp.PhaseBlock(duration=2.0, elements=4, scheme="radau", stages=2)
+    b.position = rcp.State(initial=0, final=1)
+    b.velocity = rcp.State(initial=0, final=0, bounds=(-3, 3))
+    b.arm = rcp.State(index=range(2), initial=0.0)
+    b.force = rcp.Control(bounds=(-10, 10))
+    b.ode(lambda b, t: {b.position: b.velocity[t], b.velocity: b.force[t]}, name="newton")
+    b.ode(lambda b, t: {b.arm: [b.velocity[t], b.force[t]]}, name="arm_motion")
+    for variable in m.component_data_objects(pyo.Var):
+        variable.set_value(0.5)
+    return m
+
+
+@given(NAMES, NUMBERS)
+def test_cells_hold_names_and_numbers_and_escape_them(name: str, number: float) -> None:
+    html = page(
+        name, table(("what", "value"), [(name, number)]), facts_table({name: number}), disclosed_text("x", name)
+    )
+    texts = in_order(html)
+    assert "".join(texts).count(name) >= 4
+    assert texts.count(f"{number:.6g}") == 2
+
+
+def test_markup_stays_and_other_text_is_escaped() -> None:
+    assert "<b>" in table(("a",), [(Html("<b>x</b>"),)])
+    assert "<b>" not in table(("a",), [("<b>x</b>",)])
+
+
+def test_a_long_table_says_how_many_rows_it_leaves_out() -> None:
+    texts = in_order(table(("row",), [(row,) for row in range(100)]))
+    assert "... and 60 more" in texts
+    assert "39" in texts
+    assert "40" not in texts
+
+
+@given(st.lists(NUMBERS, min_size=1, max_size=300), st.booleans())
+def test_a_sparkline_stays_within_its_box(values: list[float], steps: bool) -> None:
+    picture = sparkline(np.arange(len(values)), values, steps=steps, width=100, height=20)
+    svg = ElementTree.fromstring(picture)
+    places = np.array([list(map(float, point.split(","))) for point in svg[0].attrib["points"].split()])
+    assert (places >= 0).all()
+    assert (places <= [100, 20]).all()
+    assert len(picture) < 4000
+
+
+@pytest.mark.parametrize("values", [[], [np.nan, np.nan]])
+def test_without_a_finite_value_there_is_no_curve(values: list[float]) -> None:
+    assert sparkline(range(len(values)), values) == ""
+
+
+@given(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=20), st.floats(0, 100))
+def test_outlines_and_paths_stay_within_their_pictures(corners: list[tuple[float, float]], radius: float) -> None:
+    for picture in (outline_picture([corners], [radius]), path_picture(corners)):
+        svg = ElementTree.fromstring(picture)
+        box = [float(svg.attrib["width"]), float(svg.attrib["height"])]
+        for shape in svg.iter():
+            if "points" in shape.attrib:
+                places = np.array([list(map(float, point.split(","))) for point in shape.attrib["points"].split()])
+                assert (places >= -0.1).all()
+                assert (places <= np.array(box) + 0.2).all()
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        rcp.Polytope.box(1, 2, name="<a & b>"),
+        rcp.Polytope.box(1, 2, 3),
+        rcp.Polytope.ball(0.3),
+        rcp.Polytope.ball(0.3, (1, 2, 3)),
+        rcp.Polytope.capsule((0, 0), (1, 1), 0.2),
+        rcp.Polytope.ellipsoid((1.0, 0.5, 0.2)),
+        rcp.Polytope.from_halfspaces([[0.0, 1.0]], [0.0], bounded=False),
+        rcp.Polytope.point((1e3, 0.0)),
+    ],
+    ids=lambda shape: str(shape)[:12],
+)
+def test_shapes_show_a_picture(shape: rcp.Polytope) -> None:
+    assert "<svg" in shape._repr_html_()
+    assert escape(shape.name) in shape._repr_html_()
+    in_order(shape._repr_html_())
+    assert len(repr(shape)) < LONGEST_LINE
+    assert shape.name in repr(shape)
+    assert "<svg" in rcp.Body([shape, shape])._repr_html_()
+
+
+def test_a_phase_shows_its_declarations_and_rules() -> None:
+    phase = cart().cart
+    texts = " ".join(in_order(phase._repr_html_()))
+    for name in ("position", "velocity", "arm, shape (2,)", "force", "newton", "arm_motion", "-10 .. 10"):
+        assert name in texts
+    assert repr(phase) == "<PhaseBlock: 'cart': 4 states, 1 control, 4 elements of radau(2)>"
+    assert "not constructed" in repr(rcp.PhaseBlock())
+    in_order(rcp.PhaseBlock()._repr_html_())
+
+
+def test_a_trajectory_shows_each_signal_with_its_numbers() -> None:
+    trajectory = cart().cart.trajectory()
+    html = trajectory._repr_html_()
+    assert html.count("<svg") == len(trajectory.names)
+    texts = in_order(html)
+    for name, values in {**trajectory.states, **trajectory.signals}.items():
+        assert texts[texts.index(name) + 3] == f"{values[-1]:.6g}"
+    assert len(repr(trajectory)) < LONGEST_LINE
+    joined = rcp.join_trajectories([trajectory])
+    assert joined._repr_html_().count("<svg") == len(trajectory.names)
+
+
+def test_completion_finds_what_was_declared() -> None:
+    phase = cart().cart
+    trajectory = phase.trajectory()
+    for shown in (phase, trajectory, rcp.join_trajectories([trajectory])):
+        assert {"position", "velocity", "arm", "arm_0", "force"} <= set(dir(shown))
+    for shown in (phase, trajectory, rcp.Polytope.box(1, 1)):
+        for name in dir(shown):  # as completion by type does; nothing may fail
+            if not name.startswith("__"):
+                hasattr(shown, name)
+
+
+@pytest.mark.casadi
+def test_results_and_reports_are_short_lines_and_small_tables() -> None:
+    m = cart()
+    m.cost = pyo.Objective(expr=m.cart.integral(lambda b, t: b.force[t] ** 2))
+    result = rcp.solve(m)
+    trajectory = m.cart.trajectory()
+    shown = [
+        result,
+        result.best,
+        result.discretisation,
+        trajectory.verify(),
+        trajectory.grid,
+        trajectory.grid.mesh,
+        trajectory.grid.scheme,
+        rcp.diagnose(m),
+        rcp.studies.multistart(m, 2, seed=1),
+    ]
+    for one in shown:
+        assert len(repr(one)) < LONGEST_LINE
+        assert "\n" not in repr(one)
+        assert type(one).__name__ in repr(one)
+        html = one._repr_html_()
+        in_order(html)
+        assert len(html) < 30_000
+        for word in ("color:", "background", "<script", "<style"):
+            assert word not in html.replace("currentColor", "")
+    assert f"objective {result.objective:.8g}" in repr(result)
+    assert f"{result.objective:.8g}" in in_order(result._repr_html_())
+    assert all(hasattr(result, name) for name in dir(result))
+
+
+def test_a_subclass_that_is_a_dataclass_keeps_the_short_line() -> None:
+    grid = cart().cart.trajectory().grid
+    assert isinstance(grid, Presented)
+    assert "boundaries=(" not in repr(grid)
+    assert repr(pickle.loads(pickle.dumps(grid))) == repr(grid)
