@@ -192,7 +192,7 @@ def transcribed_by_pyomo_dae(
     return m
 
 
-def by_pyomo_dae(elements: int) -> Measured:
+def by_pyomo_dae(elements: int, options: dict[str, object] | None = None) -> Measured:
     """``pyomo.dae``, ``dae.collocation`` and the ipopt executable."""
     started = time.perf_counter()
     m = stated_with_pyomo_dae()
@@ -202,7 +202,8 @@ def by_pyomo_dae(elements: int) -> Measured:
     with tempfile.TemporaryDirectory() as folder:
         log_file = Path(folder) / "ipopt.log"
         solver = pyo.SolverFactory("ipopt", executable=find_ipopt_executable())
-        solver.options["max_iter"] = 3000
+        # "OF_" has Pyomo write a file of options: Ipopt's command line knows only some of them.
+        solver.options.update({"max_iter": 3000, **{f"OF_{name}": value for name, value in (options or {}).items()}})
         solver.solve(m, logfile=str(log_file))
         ended = time.perf_counter()
         log = log_file.read_text()

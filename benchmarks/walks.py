@@ -5,7 +5,8 @@
 Six things are followed: a relaxation's delta, a schedule, the bounds of a State, the vertices of an obstacle, a pose
 rule and an option of Ipopt. Each is given to a small model as an object of its own, and every call of a function of the
 package is watched while the model is built, solved and verified. A file "receives" the thing if one of its functions
-gets that very object: as an argument, within a list, tuple or dictionary, or as an attribute of ``self``. A file
+gets that very object: as an argument, within a list, tuple or dictionary, or as an attribute of ``self``; a decorator
+that takes any arguments and hands them on does not count. A file
 "names" the thing if an identifier in it contains its word; bounds and options are words for other things too, and are
 not counted. Numbers that are computed from the thing, and copies of it in arrays or in Pyomo's components, are not
 followed.
@@ -91,6 +92,8 @@ def watched(thing: Any) -> Iterator[set[str]]:
 def receives(frame: FrameType, thing: Any) -> bool:
     """Whether an argument of a call is the object, or holds it."""
     code = frame.f_code
+    if not code.co_argcount + code.co_kwonlyargcount and code.co_flags & inspect.CO_VARKEYWORDS:
+        return False
     starred = bool(code.co_flags & inspect.CO_VARARGS) + bool(code.co_flags & inspect.CO_VARKEYWORDS)
     for name in code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + starred]:
         value = frame.f_locals.get(name)
