@@ -10,12 +10,14 @@ copyright = "2026, the pyrobocop_pyomo developers"  # Sphinx reads this name
 release = pyrobocop_pyomo.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # and with it myst_parser
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
 ]
-exclude_patterns = ["_build", "notebooks"]
+exclude_patterns = ["_build"]
+
+nb_execution_mode = "off"  # the notebooks hold their outputs; tests/notebooks executes them
 
 myst_enable_extensions = ["dollarmath", "deflist", "amsmath", "colon_fence"]
 myst_heading_anchors = 3
