@@ -25,10 +25,10 @@ from pyomo.core.base.expression import Expression, ExpressionData
 from pyomo.core.base.initializer import Initializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value as numeric_value
 from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
-from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
 from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
 from pyrobocop_pyomo.numerics import Grid
@@ -36,35 +36,44 @@ from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
 from .expansion import set_initial_value
 from .line_ends import closing_rows, rows_from_left
+from .mixed_derivatives import remove_mixed_steps
 from .record import Discretisation, LineEnds, Substitution, open_sets
 from .row_variables import RowVariables, row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
 
 
-def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
-    """Every variable with derivatives along a set, and the derivatives by their order.
+class RightHandSide(ExpressionData):
+    """The right-hand side that replaces a derivative; it has a value, as a variable has."""
 
-    Raises
-    ------
-    TranscriptionError
-        When a derivative is taken with respect to several sets.
-    """
+    __slots__ = ()
+
+    @property
+    def value(self) -> float | None:
+        """The value of the derivative; None where something in it has none."""
+        return numeric_value(self, exception=False)
+
+
+def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
+    """Every variable with derivatives along one set alone, and the derivatives by their order."""
     found: dict[int, tuple[Any, dict[int, Any]]] = {}
     for spot in spots:
         derivative = spot.component
         if not isinstance(derivative, DerivativeVar):
             continue
         along = derivative.get_continuousset_list()
-        order = sum(along_set is domain for along_set in along)
-        if order and order < len(along):
-            names = ", ".join(f"'{along_set.name}'" for along_set in along)
-            raise TranscriptionError(
-                f"'{derivative.name}': is a derivative with respect to {names} together. Declare the derivative with "
-                "respect to one set as a variable and differentiate that with respect to the other."
-            )
-        if order:
+        if all(along_set is domain for along_set in along):
             variable = derivative.get_state_var()
-            found.setdefault(id(variable), (variable, {}))[1][order] = derivative
+            found.setdefault(id(variable), (variable, {}))[1][len(along)] = derivative
+    return list(found.values())
+
+
+def _with_mixed_steps(discretisation: Discretisation, spots: list[Spot]) -> list[tuple[Any, dict[int, Any]]]:
+    """As `derivatives_along`, with the steps of mixed derivatives."""
+    found = {
+        id(variable): (variable, by_order) for variable, by_order in derivatives_along(spots, discretisation.domain)
+    }
+    for step in discretisation.mixed:
+        found.setdefault(id(step.state), (step.state, {}))[1][step.order] = step.rate
     return list(found.values())
 
 
@@ -81,7 +90,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred:
     discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
     discretisation.joints.clear()
     discretisation.deferred.clear()
-    for variable, by_order in derivatives_along(spots, discretisation.domain):
+    for variable, by_order in _with_mixed_steps(discretisation, spots):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
             nearest = by_order[min(known for known in by_order if known >= order)]
@@ -90,6 +99,7 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot], deferred:
             _add_rows(home, levels[-2], levels[-1], discretisation, deferred, open_ids)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
+    discretisation.states += [step.variable for step in discretisation.mixed]
 
 
 def remove_collocation(discretisation: Discretisation) -> None:
@@ -100,6 +110,7 @@ def remove_collocation(discretisation: Discretisation) -> None:
             parent.del_component(block)
     discretisation.generated.clear()
     discretisation.deferred.clear()
+    remove_mixed_steps(discretisation)
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
@@ -128,10 +139,10 @@ def _add_rows(
     home.add_component(unique_component_name(home, rate.local_name), rows)
     discretisation.rows[rate] = rows
     joints = closing = None
-    if not grid.scheme.end_is_a_node:
+    if not grid.scheme.end_is_a_node and state not in discretisation.given_otherwise():
         joints = Constraint(rate.index_set())
         home.add_component(unique_component_name(home, f"{state.local_name}_continuity"), joints)
-        discretisation.joints.append(joints)
+        discretisation.joints.append((state, joints))
     known = discretisation.ends.get(rate)
     if known is not None:
         closing = Constraint(rate.index_set())
@@ -209,11 +220,15 @@ def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: M
     """Write the rows of a derivative anew with the right-hand sides in its place; returns the block of the rows."""
     grid, axis, rows = discretisation.grid, axis_on(rate, discretisation.domain), discretisation.rows[rate]
     assert axis is not None
+    # Where there are several sets, those that would hold absent values are gone already.
+    holding = set(rows)
     rows.clear()
     for others in dict.fromkeys(axis.others(index) for index in sides):
         states = _along(state, axis, others, grid.times)
         rates = {time: sides[axis.join(others, time)] for time in grid.points}
         _write(rows, states, rates, grid, _widths(state, rate, grid), axis, others, False)
+    for index in [index for index in rows if holding and index not in holding]:
+        del rows[index]
     discretisation.deferred = [waiting for waiting in discretisation.deferred if waiting[1] is not rate]
     return rows.parent_block()
 
@@ -259,7 +274,8 @@ def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discret
     ):
         return
     grid, scheme = discretisation.grid, discretisation.grid.scheme
-    discretisation.initialised += rates.values()
+    if isinstance(next(iter(rates.values())).parent_component(), DerivativeVar):
+        discretisation.initialised += rates.values()
     values = np.array([[states[time].value for time in nodes] for nodes in grid.node_times])
     increments = scheme.D @ (values / grid.mesh.widths[:, None]).T
     slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0].T
@@ -292,7 +308,11 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
     explicit = _explicit_rows(found, candidates, own, discretisation.in_rows)
     for state, derivative in list(discretisation.derivatives):
         needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
-        if needed and all(id(data) in explicit for data in needed):
+        if (
+            needed
+            and all(id(data) in explicit for data in needed)
+            and _has_whole_lines(discretisation, derivative, needed)
+        ):
             _substitute(discretisation, state, derivative, needed, explicit)
 
 
@@ -342,6 +362,16 @@ def _explicit_rows(
     return {key: value for key, value in explicit.items() if key not in elsewhere}
 
 
+def _has_whole_lines(discretisation: Discretisation, derivative: Any, needed: list[Any]) -> bool:
+    """Whether lines along the set have all collocation points: at the start of another set, some may be missing."""
+    axis = axis_on(derivative, discretisation.domain)
+    assert axis is not None
+    lines: dict[Any, set[float]] = {}
+    for data in needed:
+        lines.setdefault(axis.others(data.index()), set()).add(axis.time(data.index()))
+    return all(times.issuperset(discretisation.grid.points) for times in lines.values())
+
+
 def _substitute(
     discretisation: Discretisation, state: Any, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
 ) -> None:
@@ -355,9 +385,15 @@ def _substitute(
         data.stale = True
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
-    home.add_component(unique_component_name(home, f"{name}_variable"), derivative)
+    aside = home.component("replaced")
+    if aside is None:
+        # Not active: whoever writes the values of a model would ask for those of these variables too.
+        aside = Block(concrete=True)
+        home.add_component("replaced", aside)
+        aside.deactivate()
+    aside.add_component(name if aside.component(name) is None else unique_component_name(aside, name), derivative)
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
     for index, side in sides.items():
-        put_part(expression, index, ExpressionData(side, expression))  # the indices are those of the derivative
+        put_part(expression, index, RightHandSide(side, expression))  # the indices are those of the derivative
     discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))

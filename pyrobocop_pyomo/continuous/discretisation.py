@@ -14,7 +14,6 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
-from .absent_values import AbsentValues
 from .derivatives import (
     add_collocation,
     derivatives_along,
@@ -24,7 +23,10 @@ from .derivatives import (
     substitute_derivatives,
 )
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
+from .holding_rows import HoldingRows
+from .mixed_derivatives import add_mixed_steps, mixed_derivatives
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
+from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots
 from .sums_over_sets import find_possible_sums
 from .values import PreviousValues
@@ -66,8 +68,11 @@ def rebuild_rows(others: list[Discretisation], finished: list[Discretisation]) -
     for other in others:
         restore_derivatives(other)
         remove_collocation(other)
+    if others:
+        add_mixed_steps(others, list(spots(others[0].domain.model())))
     for other in others:
         add_collocation(other, list(spots(other.domain.model())))
+        add_shown_values(other)
     for other in finished:
         if other.substitutes:
             substitute_derivatives(other, list(spots(other.domain.model())))
@@ -84,10 +89,13 @@ def _discretise(
     root, record = domain.model(), discretisation_record_of(domain)
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
-    derivatives_along(found, domain)
     possible_sums = find_possible_sums(found, domain)
     remember_integrands(found, record)
     discretisation = Discretisation(domain, grid, points, substitutes)
+    is_new = domain not in record.order
+    if is_new:
+        earlier = (discretisation_record_of(one.domain).order[one.domain] for one in discretisations_on(root))
+        record.order[domain] = 1 + max(earlier, default=0)
     integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     try:
@@ -104,20 +112,26 @@ def _discretise(
                 integrate(integral, one, discretisation_record_of(one.domain))
         for possible_sum in possible_sums:
             possible_sum.check(domain)
-        absent_values = AbsentValues(list(spots(root)), everything)
-        if not absent_values.deactivate_rows(discretisation.deactivated):
+        rows = HoldingRows(list(spots(root)), everything)
+        if not rows.deactivate_rows(discretisation.deactivated):
             # Equations are missing at ends of the sets: what holds where is another question with other rows.
             while discretisation.deactivated:
                 discretisation.deactivated.pop().activate()
             _write_rows(everything, found, discretisation, previous)
-            absent_values = AbsentValues(list(spots(root)), everything)
-            absent_values.deactivate_rows(discretisation.deactivated)
-        discretisation.cleared = absent_values.clear_variables()
+            rows = HoldingRows(list(spots(root)), everything)
+            rows.deactivate_rows(discretisation.deactivated)
+        added = {id(block) for one in everything for block in one.generated}
+        discretisation.cleared = [
+            (data, data.value) for data, _, _ in rows.values.absent.values() if id(data.parent_block()) not in added
+        ]
+        _show_values(root, rows, discretisation)
         if len(everything) == 1:
-            discretisation.in_rows = absent_values.in_rows
+            discretisation.in_rows = rows.in_rows
         _mark_pairs(found, discretisation)
     except BaseException:
         undo_discretisation(discretisation)
+        if is_new:
+            del record.order[domain]
         raise
     return discretisation
 
@@ -130,11 +144,28 @@ def _write_rows(
         remove_collocation(one)
     if previous is not None:
         previous.give_to(found, discretisation)
+    add_mixed_steps(everything, found)
     for one in everything:
         # With one set nobody reads the rows before the substitution, which writes most of them anew.
         add_collocation(one, found, deferred=len(everything) == 1)
     if previous is not None:
         previous.give_to(list(spots(discretisation.domain.model())), discretisation)
+
+
+def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -> None:
+    """Give values to variables without one, as far as that restricts nothing else; fix the others to None."""
+    absent = rows.values.absent
+    sources = find_shown_values(list(spots(root)), absent, rows.used)
+    definitions = find_definitions(rows.undetermined, absent, sources)
+    hold = {id(row) for row in definitions.values()}
+    for row in definitions.values():
+        row.activate()
+    discretisation.deactivated = [row for row in discretisation.deactivated if id(row) not in hold]
+    discretisation.shown = [pair for key, pair in sources.items() if key not in definitions]
+    for data, _, _ in absent.values():
+        data.unfix()
+    clear({key: place for key, place in absent.items() if key not in definitions and key not in sources})
+    add_shown_values(discretisation)
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
@@ -164,11 +195,14 @@ def undo_discretisation(discretisation: Discretisation) -> None:
 
 
 def _states_of(found: list[Spot], domain: Any) -> list[Any]:
-    return [
+    along = derivatives_along(found, domain)
+    states = [
         state
-        for variable, by_order in derivatives_along(found, domain)
+        for variable, by_order in along
         for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
     ]
+    mixed = [d for d in mixed_derivatives(found) if any(domain is other for other in d.get_continuousset_list())]
+    return states + [derivative.get_state_var() for derivative in mixed]
 
 
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:

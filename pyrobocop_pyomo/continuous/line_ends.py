@@ -102,16 +102,20 @@ def find_line_ends(discretisation: Discretisation, has_equation: Callable[[Any],
     """
     ends, grid = ComponentMap(), discretisation.grid
     states = {id(state) for state in discretisation.states}
+    # The equation of what is in between is that of the mixed derivative.
+    whole = {id(step.rate): step.derivative for step in discretisation.mixed}
+    otherwise = discretisation.given_otherwise()
     orders = _orders(discretisation)
-    for _, derivative in discretisation.derivatives:
-        if id(derivative) in states:
+    for state, derivative in discretisation.derivatives:
+        if id(derivative) in states or state in otherwise:
             continue
         axis = axis_on(derivative, discretisation.domain)
         assert axis is not None
         lines: dict[Any, set[float]] = {}
+        stated = whole.get(id(derivative), derivative)
         for index, data in derivative.items():
             equations = lines.setdefault(axis.others(index), set())
-            if has_equation(data):
+            if has_equation(data) or has_equation(stated[index]):
                 equations.add(axis.time(index))
         if not any(lines.values()):
             continue
@@ -128,7 +132,8 @@ def find_line_ends(discretisation: Discretisation, has_equation: Callable[[Any],
         special = next((one for one in found.values() if one != LineEnds()), None)
         if special is not None:
             # Lines without any equation, such as those at the initial time, have nothing that could be missing.
-            without = LineEnds(from_left=special.from_left)
+            # What is in between has a value there all the same.
+            without = special if id(derivative) in whole else LineEnds(from_left=special.from_left)
             ends[derivative] = DerivativeEnds({others: found.get(others, without) for others in lines}, special)
     return ends
 

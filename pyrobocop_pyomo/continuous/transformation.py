@@ -18,7 +18,8 @@ from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
 
 from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
 from .fewer_points import add_interpolation
-from .record import discretisation_of
+from .mixed_derivatives import by_mixed_order, refuse_another_mesh
+from .record import discretisation_of, discretisation_record_of
 from .structure import axes_of, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
 
@@ -48,9 +49,10 @@ class Collocation(Transformation):
     ``derivatives`` ("substitute", or "keep": where an equation says ``dx[t] == f``, ``f`` goes into the collocation
     rows and ``m.dx`` becomes an expression; keep the variable to give it bounds afterwards).
 
-    Equations hold at the collocation points. At other points only states have a value: what else was indexed there is
-    fixed to None, and rows that hold it are deactivated. Applied to a set that it has discretised before, the
-    transformation does so afresh, and interpolates the present values. A refusal leaves the model as it was.
+    Equations hold at the collocation points. At other points states have a value, and what equations determine from
+    them; a control has that of the nearest collocation point in its element. Pairs, and rows that would restrict it
+    there, are deactivated. Applied to a set that it has discretised before, the transformation does so afresh, and
+    interpolates the present values. A refusal leaves the model as it was.
     """
 
     CONFIG = ConfigDict("pyrobocop.collocation")
@@ -79,8 +81,11 @@ class Collocation(Transformation):
             )
         scheme = find_scheme(config.scheme, config.ncp)
         with PauseGC():
-            domains = _domains(model, config.wrt)
+            domains = by_mixed_order(_domains(model, config.wrt), spots(model))
             before = [(domain, discretisation_of(domain)) for domain in domains]
+            for _, discretisation in before:
+                if discretisation is not None:
+                    refuse_another_mesh(discretisation)
             finished: list[Any] = []
             try:
                 for domain, discretisation in before:
@@ -149,7 +154,9 @@ def _undo(domain: Any, discretisation: Any) -> None:
         undo_discretisation(current)
         others = discretisations_on(domain.model())
         rebuild_rows(others, [other for other in others if other.substitutions])
-        if discretisation is not None:
+        if discretisation is None:
+            del discretisation_record_of(domain).order[domain]
+        else:
             finalise(
                 discretise(domain, discretisation.points, discretisation.grid, discretisation.substitutes, previous)
             )

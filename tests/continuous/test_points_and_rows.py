@@ -115,10 +115,13 @@ def test_deactivated_components_stay_so():
 @pytest.mark.parametrize(("scheme", "inner"), [("radau", 9), ("gauss", 9), ("lobatto", 7)])
 def test_where_rows_hold(scheme, inner):
     m = tank(initialize=0)
-    m.z = pyo.Var(m.t, initialize=0)
+    m.z, m.power = pyo.Var(m.t, initialize=0), pyo.Var(m.t, initialize=0)
     m.path = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] <= 3)
     m.same = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] ** 2 == 4)
     m.other = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] == m.x[t])
+    m.work = pyo.Constraint(m.t, rule=lambda m, t: m.power[t] == m.u[t] * m.x[t])
+    m.low = pyo.Constraint(m.t, rule=lambda m, t: m.z[t] <= 3)
+    m.much = pyo.Constraint(m.t, rule=lambda m, t: m.power[t] <= 3)
     m.ends = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] >= 1 if t in (0, 2) else pyo.Constraint.Skip)
     m.last = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] == 1 if t == 2 else pyo.Constraint.Skip)
     COLLOCATION.apply_to(m, nfe=3, ncp=3, scheme=scheme, derivatives="keep")
@@ -131,10 +134,12 @@ def test_where_rows_hold(scheme, inner):
 
     assert holds(m.path) == set(m.t)
     assert holds(m.same) == points | {0}
-    assert holds(m.other) == holds(m.ode) == points
+    assert holds(m.other) == holds(m.low) == set(m.t)  # the states determine z
+    assert holds(m.ode) == holds(m.work) == set(m.t)  # they give dx and power, by way of u
+    assert holds(m.much) == points
     assert holds(m.ends) == {0, 2}
     assert holds(m.last) == {2}
-    assert all(m.u[t].fixed and m.u[t].value is None for t in set(m.t) - points)
+    assert not any(m.u[t].fixed or m.dx[t].fixed for t in m.t)
 
 
 @pytest.mark.ipopt

@@ -137,13 +137,17 @@ def test_rule_that_fails_at_a_new_point(caplog):
     assert picture(m) == before
 
 
-def test_mixed_derivative():
+def test_mixed_derivative_with_second_derivatives_along_the_first_set():
     m = pyo.ConcreteModel()
     m.t, m.z = ContinuousSet(bounds=(0, 1)), ContinuousSet(bounds=(0, 1))
     m.x = pyo.Var(m.t, m.z)
-    m.dtz = DerivativeVar(m.x, wrt=(m.t, m.z))
-    with pytest.raises(TranscriptionError, match="'dtz': is a derivative with respect to 't', 'z' together"):
-        COLLOCATION.apply_to(m)
+    m.dtzz = DerivativeVar(m.x, wrt=(m.t, m.z, m.z))
+    COLLOCATION.apply_to(m, wrt=m.z, nfe=2)
+    before = {c.name: len(c) for c in m.component_objects((pyo.Var, DerivativeVar))}
+    with pytest.raises(TranscriptionError, match="'dtzz': is taken more than once along 'z', which was .* before 't'"):
+        COLLOCATION.apply_to(m, wrt=m.t, nfe=2)
+    assert list(m.t) == [0, 1]
+    assert {c.name: len(c) for c in m.component_objects((pyo.Var, DerivativeVar))} == before
 
 
 def test_set_twice_in_one_index():

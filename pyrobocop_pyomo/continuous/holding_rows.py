@@ -1,0 +1,347 @@
+"""Which rows hold at points that are no collocation points.
+
+Equations hold at collocation points. Elsewhere only states have a value of their own (`absent_values`), and of the rows
+there hold:
+
+* relations of states alone: path constraints at every point, equations at the first (consistency) but not at inner
+  boundaries, where there would be more of them than unknowns; conditions that are stated there only stay;
+* equations that determine an algebraic or a derivative from the states (`point_values`), and inequalities of those;
+  with several sets at their first points only;
+* no pairs.
+
+The others are deactivated. With several sets there is more to say: an equation may be missing at the ends of space
+(`line_ends`), and generated rows may be one too many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.objective import Objective
+
+from pyrobocop_pyomo.errors import TranscriptionError
+
+from .absent_values import AbsentValues
+from .derivatives import explicit_candidates
+from .line_ends import find_line_ends
+from .point_values import rows_that_hold
+from .record import Discretisation
+from .row_variables import RowVariables, has_a_value, row_variables
+from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
+
+Pending = tuple[int, Any, list[Any]]  # id of a set, row at one of its points, what the row may determine
+
+
+class HoldingRows:
+    """The rows of a model with discretised sets, and which of them hold.
+
+    Parameters
+    ----------
+    spots : list of Spot
+        All components of the model.
+    discretisations : iterable of Discretisation
+
+    Attributes
+    ----------
+    values : AbsentValues
+    in_rows : dict of id to RowVariables
+        What the constraints hold whose rows were all looked at; see `deactivate_rows`.
+    used : set of int
+        Ids of the variables in rows that hold.
+    undetermined : list of ConstraintData
+        Equations of the user's that were deactivated because they leave variables undetermined.
+    """
+
+    def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
+        self._spots = spots
+        self._discretisations = {id(discretisation.domain): discretisation for discretisation in discretisations}
+        self.values = AbsentValues(spots, self._discretisations.values())
+        self._generated = {
+            id(rows)
+            for discretisation in self._discretisations.values()
+            for rows in discretisation.generated_constraints()
+        }
+        self._joints = {
+            id(rows): (key, state)
+            for key, discretisation in self._discretisations.items()
+            for state, rows in discretisation.joints
+        }
+        self._dropped: set[int] = set()  # ids of variables in rows that do not hold
+        self._users: dict[int, Any] = {}  # a row that holds in any case, by the ids of candidates in it
+        self._along: set[Any] | None = None
+        self._explicit = {
+            key
+            for discretisation in self._discretisations.values()
+            for key in explicit_candidates(discretisation, self.values.open_ids)
+        }
+        self.in_rows: dict[int, RowVariables] = {}
+        self.used: set[int] = set()
+        self.undetermined: list[Any] = []
+        self._refused: TranscriptionError | None = None
+
+    def deactivate_rows(self, deactivated: list[Any]) -> bool:
+        """Deactivate the rows and pairs that do not hold, and append them to the list; delete the generated ones.
+
+        Returns
+        -------
+        bool
+            False when equations are missing at the ends of a set otherwise than the rows were written for. Then
+            `Discretisation.ends` say how, and everything has to be done once more.
+
+        Raises
+        ------
+        TranscriptionError
+            When what holds, or an objective, needs a variable that is not there.
+        """
+        pending: list[Pending] = []
+        inequalities: list[tuple[Any, set[int]]] = []
+        for spot in self._spots:
+            component = spot.component
+            if component.ctype not in (Constraint, Objective, *PAIRS) or not spot.active or component.is_reference():
+                continue
+            axes, generated = axes_of(component), id(component) in self._generated
+            if generated:
+                if len(self._discretisations) > 1:
+                    pending += self._delete_generated(component)
+                continue
+            outside = {} if self.values.waits(spot, axes) else dict(self.values.members_outside(spot, axes))
+            inside = [data for index, data in component.items() if index not in outside and data.active]
+            self.used |= self._variables_inside(component, inside)
+            kept: list[Any] = []
+            for index, data in outside.items():
+                if not data.active:
+                    continue
+                variables = {id(variable): variable for variable in variables_of_row(data)}
+                family, point = spot.family(index, axes), self.values.outside(spot.points(index, axes))
+                assert point is not None
+                if (
+                    not self.values.absent.keys().isdisjoint(variables)
+                    or self._follows(data, family, point, variables)
+                    or self._gives_no_value(data, variables)
+                ):
+                    self._dropped |= variables.keys()
+                    self._deactivate(data, deactivated)
+                    continue
+                if not self._is_unsettled(data, family, point, variables):
+                    self.used |= variables.keys()
+                elif data.equality:
+                    pending.append((id(point[0]), data, self._unknowns(variables, point)))
+                else:
+                    inequalities.append((data, set(variables)))
+                kept.append(data)
+            if kept:
+                self.in_rows.pop(id(component), None)
+        if not self._settle_ends(pending):
+            return False
+        self._settle_start(pending, inequalities, deactivated)
+        if self._refused is not None:
+            raise self._refused
+        self._check_fixed()
+        return True
+
+    @staticmethod
+    def _deactivate(data: Any, deactivated: list[Any]) -> None:
+        data.deactivate()
+        deactivated.append(data)
+
+    # ---------------------------------------------------------------- single rows
+
+    def _variables_inside(self, component: Any, rows: list[Any]) -> set[int]:
+        """Ids of the variables of rows that hold in any case; none of them may be absent."""
+        absent, candidates = self.values.absent, self.values.candidates
+        if component.ctype not in PAIRS:
+            held = row_variables(rows, self._explicit)
+            everything = held.elsewhere | held.given.keys()
+            if absent.keys().isdisjoint(everything) and candidates.keys().isdisjoint(everything):
+                self.in_rows[id(component)] = held
+                return everything
+        everything = set()
+        for data in rows:
+            for variable in variables_of_row(data):
+                if id(variable) in absent and self._refused is None:
+                    self._refused = self.values.refusal(data, variable)
+                if id(variable) in candidates:
+                    self._users.setdefault(id(variable), data)
+                everything.add(id(variable))
+        return everything
+
+    def _follows(self, data: Any, family: Any, point: tuple[Any, float], variables: dict[int, Any]) -> bool:
+        """True for a pair or an equation of states: it holds at the collocation points, so it need not hold here."""
+        if data.ctype in PAIRS:
+            return True
+        if data.ctype is not Constraint or not data.equality or self.values.is_first(*point):
+            return False
+        if not self.values.several and not self.values.candidates.keys().isdisjoint(variables):
+            return False
+        otherwise = self._discretisations[id(point[0])].given_otherwise()
+        if otherwise and any(variable.parent_component() in otherwise for variable in variables.values()):
+            return False
+        return self.values.conditions.isdisjoint(variables) and family in self._families_along()
+
+    def _gives_no_value(self, data: Any, variables: dict[int, Any]) -> bool:
+        """True for an equation that gives a candidate explicitly, as something that does not exist at this point."""
+        candidates = self.values.candidates.keys() & variables.keys()
+        if not candidates or data.ctype is not Constraint:
+            return False
+        return not all(has_a_value(side) for _, side in row_variables([data], candidates).given.values())
+
+    def _is_unsettled(self, data: Any, family: Any, point: tuple[Any, float], variables: dict[int, Any]) -> bool:
+        """True for a row of which the others have to be known to decide on it.
+
+        These are rows with candidates for a value, and equations at the first point of a set that may be one too many:
+        those with a variable that the user has fixed there, and, where there are several sets, those that hold at the
+        collocation points as well, such as a boundary condition at the initial time.
+        """
+        if data.ctype is not Constraint:
+            return False
+        if not self.values.candidates.keys().isdisjoint(variables):
+            return True
+        if not data.equality or not self.values.is_first(*point):
+            return False
+        return not self.values.conditions.isdisjoint(variables) or (
+            self.values.several and family in self._families_along()
+        )
+
+    def _unknowns(self, variables: dict[int, Any], point: tuple[Any, float]) -> list[Any]:
+        """The variables of a row that it may determine: no state but at the first point of a set."""
+        known = () if self.values.is_first(*point) else variables.keys() - self.values.candidates.keys()
+        return [variable for key, variable in variables.items() if key not in known and not variable.fixed]
+
+    def _families_along(self) -> set[Any]:
+        """The families of rows that hold at collocation points."""
+        if self._along is None:
+            self._along = {
+                spot.family(index, axes)
+                for spot in self._spots
+                if spot.component.ctype is Constraint and not spot.component.is_reference()
+                for axes in [axes_of(spot.component)]
+                if axes or spot.outer
+                for index in spot.component
+                if self.values.outside(spot.points(index, axes)) is None
+            }
+        return self._along
+
+    def _is_stated(self, data: Any) -> bool:
+        """True for a row of the user's; False for one that defines a derivative, by this package or by pyomo.dae."""
+        component = data.parent_component()
+        return id(component) not in self._generated and not component.local_name.endswith("_disc_eq")
+
+    # ---------------------------------------------------------------- generated rows
+
+    def _delete_generated(self, rows: Any) -> list[Pending]:
+        """Delete the rows that hold absent values; returns those that may hold, with their variables."""
+        pending = []
+        is_joint, axes = id(rows) in self._joints, axes_of(rows)
+        for index, data in list(rows.items()):
+            if is_joint and self._is_second_joint(id(rows), index, axes):
+                del rows[index]
+                continue
+            variables = {id(variable): variable for variable in variables_of_row(data)} if data.active else {}
+            if not self.values.absent.keys().isdisjoint(variables):
+                del rows[index]
+            elif not self.values.candidates.keys().isdisjoint(variables):
+                place = next(id(self.values.candidates[key][1]) for key in variables if key in self.values.candidates)
+                pending.append((place, data, [variable for variable in variables.values() if not variable.fixed]))
+        return pending
+
+    def _is_second_joint(self, key: int, index: Any, axes: tuple[Axis, ...]) -> bool:
+        """True where elements of an earlier set end as well: its row gives the value there already."""
+        own, state = self._joints[key]
+        for domain, discretisation in self._discretisations.items():
+            if domain == own:
+                return False
+            times = [axis.time(index) for axis in axes if id(axis.domain) == domain]
+            joined = any(variable is state for variable, _ in discretisation.joints)
+            if joined and any(time in discretisation.grid.mesh.boundaries[1:] for time in times):
+                return True
+        return False
+
+    # ---------------------------------------------------------------- ends and starts of sets
+
+    def _settle_ends(self, pending: list[Pending]) -> bool:
+        """Find out where derivatives have equations; False when that is news."""
+        settled = True
+        waiting = {id(v) for _, data, variables in pending if self._is_stated(data) for v in variables}
+        stated = self.used | self._dropped | waiting
+        for discretisation in self._discretisations.values():
+            ends = find_line_ends(
+                discretisation,
+                lambda data: id(data) in stated or (data.fixed and data.value is not None),
+                self.values.open_ids,
+            )
+            settled = settled and list(ends.items()) == list(discretisation.ends.items())
+            discretisation.ends = ends
+        return settled
+
+    def _settle_start(
+        self, pending: list[Pending], inequalities: list[tuple[Any, set[int]]], deactivated: list[Any]
+    ) -> None:
+        """Decide on the rows at the first points of sets, and which variables there have a value."""
+        candidates, determined = self.values.candidates, set[int]()
+        for key, discretisation in self._discretisations.items():
+            own = [(data, variables) for where, data, variables in pending if where == key]
+            if not own:
+                continue
+            answers = rows_that_hold(
+                own,
+                self._conditions(own, discretisation),
+                candidates.keys() - determined,
+                self.values.along_space,
+                self._needed(own),
+            )
+            for (data, variables), holds in zip(own, answers, strict=True):
+                if holds:
+                    determined.update(map(id, variables))
+                elif id(data.parent_component()) in self._generated:
+                    del data.parent_component()[data.index()]
+                else:
+                    self._deactivate(data, deactivated)
+                    self.undetermined.append(data)
+        for data, ids in inequalities:
+            if candidates.keys() & ids <= determined:
+                determined |= ids
+            else:
+                self._deactivate(data, deactivated)
+        for key in candidates.keys() - determined - (self.used & self.values.along_space):
+            self.values.absent[key] = candidates[key]
+            if key in self._users and self._refused is None:
+                self._refused = self.values.refusal(self._users[key], candidates[key][0])
+        self.used |= determined
+
+    def _needed(self, pending: list[tuple[Any, list[Any]]]) -> set[int]:
+        """Ids of the derivatives along space that conditions hold."""
+        along_space, others = self.values.along_space, self.values.candidates.keys() - self.values.along_space
+        needed = self.used & along_space
+        for data, variables in pending:
+            ids = {id(variable) for variable in variables}
+            if self._is_stated(data) and others.isdisjoint(ids):
+                needed |= ids & along_space
+        return needed
+
+    def _conditions(self, pending: list[tuple[Any, list[Any]]], discretisation: Discretisation) -> list[list[Any]]:
+        """The variables of equations that hold at the first point of a set in any case."""
+        rows, points = {id(data) for data, _ in pending}, frozenset(discretisation.grid.points)
+        found = []
+        for spot in self._spots:
+            if spot.component.ctype is not Constraint or not spot.active or spot.component.is_reference():
+                continue
+            axes = [axis for axis in axes_of(spot.component) if axis.domain is discretisation.domain]
+            if any(domain is discretisation.domain and time in points for domain, time in spot.outer):
+                continue
+            for index, data in spot.component.items():
+                if any(axis.time(index) in points for axis in axes):
+                    continue
+                if data.active and data.equality and id(data) not in rows:
+                    found.append(list({id(v): v for v in variables_of_row(data) if not v.fixed}.values()))
+        return found
+
+    def _check_fixed(self) -> None:
+        for key, data in self.values.fixed_rates.items():
+            component = data.parent_component()
+            if key not in self.used and not all(point.fixed for point in component.values()):
+                raise TranscriptionError(
+                    f"'{data.name}': is fixed, but every row that holds it holds an algebraic or control as well, "
+                    "which has no value at that point. State the condition in states alone, or choose lobatto."
+                )

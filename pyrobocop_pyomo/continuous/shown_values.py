@@ -1,0 +1,155 @@
+"""Values to show where the states determine none: a control at the start with Radau, at element ends with Gauss.
+
+Such a variable equals the one at the nearest collocation point of the element that ends there, or of the first element:
+the value that a control has on its way to that point. One more row says so, which restricts nothing else. Equations
+that then give a variable without bounds explicitly, ``y[t] == x[t] + u[t]``, hold as well.
+
+What is left is fixed to None, so that whoever uses it learns about it: variables whose bounds do not allow for that,
+and derivatives without an equation of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from pyomo.common.modeling import unique_component_name
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.var import Var
+from pyomo.core.expr import LinearExpression
+from pyomo.core.expr.numvalue import value
+from pyomo.dae import DerivativeVar
+
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+
+from .record import Discretisation, discretisation_of
+from .row_variables import has_a_value, row_variables
+from .structure import Spot, axes_of
+
+Absent = dict[int, tuple[Any, Any, float]]
+
+
+def find_shown_values(spots: list[Spot], absent: Absent, used: set[int]) -> dict[int, tuple[Any, Any]]:
+    """Find values to show for variables that have none.
+
+    Parameters
+    ----------
+    spots : list of Spot
+    absent : dict of id to (variable, ContinuousSet, point)
+    used : set of int
+        Ids of the variables in rows that hold.
+
+    Returns
+    -------
+    dict of id to (variable, variable)
+        Each with the one whose value it can have.
+    """
+    along: dict[Any, dict[Any, Any]] = {}
+    places: list[tuple[Any, Any, Any]] = []
+    for spot in spots:
+        component = spot.component
+        # What was a DerivativeVar is a Var once its sets are discretised.
+        if component.ctype is not Var or isinstance(component, DerivativeVar) or component.is_reference():
+            continue
+        axes = axes_of(component)
+        if not axes and not spot.outer:
+            continue
+        for index, data in component.items():
+            points = spot.points(index, axes)
+            members = along.setdefault(spot.family(index, axes), {})
+            members[tuple(point for _, point in points)] = data
+            if id(data) in absent:
+                places.append((data, members, tuple(_nearest(*point) for point in points)))
+    found = {}
+    for data, members, where in places:
+        source = members.get(where)
+        if source is not None and id(source) in used and id(source) not in absent and _allows(data, source):
+            found[id(data)] = (data, source)
+    return found
+
+
+def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any]) -> dict[int, Any]:
+    """Equations that give a variable explicitly by states and shown values.
+
+    Parameters
+    ----------
+    rows : iterable of ConstraintData
+        Equations that do not hold because variables of theirs are absent.
+    absent : dict of id to (variable, ContinuousSet, point)
+    sources : dict of id to (variable, variable)
+
+    Returns
+    -------
+    dict of id to ConstraintData
+        From each variable to the row that gives it.
+    """
+    everything = {key: data for key, (data, _, _) in absent.items()}
+    free = {key for key, data in everything.items() if data.is_continuous() and data.lower is data.upper is None}
+    given: dict[int, tuple[Any, set[int]]] = {}
+    for row in rows:
+        for key, (data, side) in row_variables([row], free).given.items():
+            if has_a_value(side):
+                variables = variables_in(side)
+                given.setdefault(key, (data, {id(v) for v in variables} & everything.keys()))
+    chosen: dict[int, Any] = {}
+    shown: set[int] = set()
+
+    def give(key: int, above: tuple[int, ...]) -> bool:
+        """Choose the row of a variable, after those of the variables that it needs; or take the one to show."""
+        if key in chosen or key in shown:
+            return True
+        if key in given and key not in above:
+            row, needed = given[key]
+            if all(give(other, (*above, key)) for other in needed) and key not in shown:
+                chosen[key] = row
+                return True
+        if key in sources:
+            shown.add(key)
+            return True
+        return False
+
+    for key in given:
+        give(key, ())
+    return chosen
+
+
+def clear(absent: Absent) -> None:
+    """Fix variables to None."""
+    for data, _, _ in absent.values():
+        data.fix(None, skip_validation=True)
+        data.stale = True
+
+
+def add_shown_values(discretisation: Discretisation) -> None:
+    """Add the rows of all shown values of a discretisation, in a generated block."""
+    if not discretisation.shown:
+        return
+    home, parent = Block(concrete=True), discretisation.domain.parent_block()
+    parent.add_component(unique_component_name(parent, f"{discretisation.domain.local_name}_shown_values"), home)
+    discretisation.generated.append(home)
+    home.equals = Constraint(range(len(discretisation.shown)))
+    for i, (data, source) in enumerate(discretisation.shown):
+        data.unfix()
+        data.set_value(source.value, skip_validation=True)
+        home.equals.add(i, (LinearExpression(linear_vars=[data, source], linear_coefs=[1.0, -1.0]), 0))
+
+
+def _nearest(domain: Any, time: float) -> float:
+    """The collocation point that stands for a point of a set."""
+    discretisation = discretisation_of(domain)
+    if discretisation is None or time in discretisation.grid.element_of:
+        return time
+    points: tuple[float, ...] = discretisation.grid.points
+    return max((point for point in points if point < time), default=points[0])
+
+
+def _allows(data: Any, source: Any) -> bool:
+    """Whether a variable can have every value of another."""
+    lowest, highest = value(data.lower), value(data.upper)
+    least, largest = value(source.lower), value(source.upper)
+    return (
+        data.domain is source.domain
+        and (lowest is None or (least is not None and lowest <= least))
+        and (highest is None or (largest is not None and highest >= largest))
+    )
