@@ -5,7 +5,16 @@ from pyrobocop_pyomo.discretisation import DiscretisationEstimate, PhaseEstimate
 from pyrobocop_pyomo.motion import BodyPairSafety, SafetyReport
 from pyrobocop_pyomo.mpcc import Certificate, Multipliers, Stationarity
 from pyrobocop_pyomo.phases import Verification
-from pyrobocop_pyomo.solving import ActiveSide, Iterate, PairReport, ScalingRecord, Standing
+from pyrobocop_pyomo.solving import (
+    ActiveSide,
+    Iterate,
+    LeastViolation,
+    Obstruction,
+    PairReport,
+    ScalingRecord,
+    Standing,
+    Violation,
+)
 from pyrobocop_pyomo.trajectories import JoinedTrajectory
 
 __all__ = [
@@ -16,7 +25,9 @@ __all__ = [
     "DiscretisationEstimate",
     "Iterate",
     "JoinedTrajectory",
+    "LeastViolation",
     "Multipliers",
+    "Obstruction",
     "PairReport",
     "PhaseEstimate",
     "SafetyReport",
@@ -24,4 +35,5 @@ __all__ = [
     "Standing",
     "Stationarity",
     "Verification",
+    "Violation",
 ]

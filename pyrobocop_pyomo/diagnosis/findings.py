@@ -178,14 +178,23 @@ class Diagnosis(Presented):
                 suffix.setdefault(data, factor)
         return suffix
 
+    def _summary(self) -> str:
+        return f"'{self.name}': {self._counts()}"
+
+    def _counts(self) -> str:
+        errors, others = len(self.errors), len(self.findings) - len(self.errors)
+        return f"{errors} error{'s' * (errors != 1)}, {others} other finding{'s' * (others != 1)}"
+
     def _html_parts(self) -> list[str]:
         rows = [(one.severity.value, one.subject.value, one.message, one.remedy) for one in self.findings]
         found = [table(("severity", "about", "finding", "remedy"), rows)] if rows else []
         return [*found, disclosed_text("as text", str(self))]
 
     def __str__(self) -> str:
-        worst = f"{len(self.errors)} errors, {len(self.findings) - len(self.errors)} other findings"
-        lines = [f"Diagnosis of '{self.name}': {worst}", *(f"  {counts}" for counts in self.degrees_of_freedom)]
+        lines = [
+            f"Diagnosis of '{self.name}': {self._counts()}",
+            *(f"  {counts}" for counts in self.degrees_of_freedom),
+        ]
         for finding in self.findings:
             lines += [
                 f"- {finding.severity.value}, {finding.subject.value}: {finding.message}",

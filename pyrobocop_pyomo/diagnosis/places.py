@@ -7,6 +7,7 @@ from typing import Any
 
 from pyomo.core.base.constraint import Constraint
 
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases import PhaseBlockData
 
 _COLLOCATION = "_collocation"
@@ -20,16 +21,40 @@ def place_in_words(data: Any) -> str:
     data : component data
         A row, a variable or a pair.
     """
-    time, component = _time_of(data), data.parent_component()
+    time, component, separation = time_of(data), data.parent_component(), separation_of(data)
+    if separation is not None:
+        block, one, other, start = separation
+        return f"clearance between '{one}' and '{other}' of '{block}' from t = {start:g} on ('{component.local_name}')"
     if time is None:
         return f"{_kind(component)} '{data.name}'"
     phase = data.parent_block()
-    state = component.local_name.removesuffix(_COLLOCATION)
-    if component.local_name.endswith(_COLLOCATION) and state in phase.record.names_of_states:
+    if is_equation_of_a_phase(data):
+        state = component.local_name.removesuffix(_COLLOCATION)
         return f"equation of '{state}' of phase '{phase.name}'{at_time(phase, time)}"
     further = data.index()[1:] if isinstance(data.index(), tuple) else ()
     index = f"[{', '.join(map(str, further))}]" if further else ""
     return f"{_kind(component)} '{component.name}'{index}{at_time(phase, time)}"
+
+
+def separation_of(data: Any) -> tuple[str, str, str, float] | None:
+    """Name of the avoidance block, of both shapes, and the start of the segment of motion; None for other rows."""
+    block, index = data.parent_block(), data.index()
+    if (
+        not isinstance(block, ObstacleAvoidanceBlockData)
+        or not isinstance(index, tuple)
+        or index[:3] not in (block.separations)
+    ):
+        return None
+    one, other, start = index[:3]
+    return block.name, str(one), str(other), float(start)
+
+
+def is_equation_of_a_phase(data: Any) -> bool:
+    """Whether a row was made of the differential equation of a state."""
+    phase, name = data.parent_block(), data.parent_component().local_name
+    if not isinstance(phase, PhaseBlockData) or not name.endswith(_COLLOCATION):
+        return False
+    return name.removesuffix(_COLLOCATION) in phase.record.names_of_states
 
 
 def at_time(phase: Any, time: float) -> str:
@@ -51,8 +76,8 @@ def _kind(component: Any) -> str:
     return "constraint" if component.ctype is Constraint else str(component.ctype.__name__).lower()
 
 
-def _time_of(data: Any) -> float | None:
-    """The time of a component's data of a phase."""
+def time_of(data: Any) -> float | None:
+    """The time of a component's data of a phase; None for others."""
     if not isinstance(data.parent_block(), PhaseBlockData):
         return None
     index = data.index()

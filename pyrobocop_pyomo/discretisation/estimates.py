@@ -16,6 +16,8 @@ SMALL_OBJECTIVE_ERROR = 1e-3
 SMALL_MOTION_ERROR = 1e-2
 # At most so much of errors with different signs is taken to cancel: how well they do is known to leading order only.
 CANCELLED = 0.2
+# An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
+ZERO_OBJECTIVE = 1e-8
 # What would take more elements than this is not advised.
 _MOST_ADVISED = 10_000
 
@@ -39,7 +41,7 @@ class PhaseEstimate(Presented):
     objective : array, shape (N,), or None
         What each element adds to the error of the objective, estimated; not negative.
     remarks : tuple of str
-        What is not known, and why.
+        What is not known, and why; and which states pass their bounds between the points of the mesh.
     net : float or None
         What all elements together add to the error of the objective, estimated; errors of different signs cancel.
     """
@@ -103,7 +105,7 @@ class DiscretisationEstimate(Presented):
         error = self.objective_error
         if error is None:
             return None
-        return 0.0 if error == 0.0 else error / abs(self.objective) if self.objective else math.inf
+        return error / max(abs(self.objective), ZERO_OBJECTIVE)
 
     @property
     def motion_error(self) -> float | None:
@@ -114,7 +116,7 @@ class DiscretisationEstimate(Presented):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is not known, and why."""
+        """What is not known, and why; and which states pass their bounds between the points of the mesh."""
         return tuple(remark for phase in self.phases.values() for remark in phase.remarks)
 
     @property

@@ -10,11 +10,13 @@ import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.objective import Objective, maximize
 
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.flows import integrate_elements
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases.bounds_between_points import bounds_passed, sentence_on_bounds
 from pyrobocop_pyomo.phases.companions import companions_of, indices_of
 from pyrobocop_pyomo.phases.delays import past_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
@@ -32,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 # Of the integration of each element, relative to the size of each state; a state that stays at zero has a size too.
 _TOLERANCE, _SMALLEST_SCALE = 1e-8, 1e-6
-# Where rules are asked at each instant, which takes a thousand times as long, and what they say may jump.
+# Where rules are evaluated at each instant, which takes a thousand times as long, and what they say may jump.
 _TOLERANCE_BY_INSTANT = 1e-3
 _SAMPLES = 2
 
@@ -43,7 +45,7 @@ class DiscretisationProbe:
     Parameters
     ----------
     model : Block
-        Holding the answer. What is read of it is read now; the rules of its phases are asked when errors are.
+        Holding the answer. What is read of it is read now; the rules of its phases are evaluated when errors are.
     multipliers : callable
         Gives `RowMultipliers`, or None.
     objective : float
@@ -76,7 +78,7 @@ class DiscretisationProbe:
                 logger.info("phase '%s': nothing is known of the errors of its mesh: %s", phase.name, error)
 
     def error(self) -> DiscretisationEstimate:
-        """The errors, estimated when they are asked for first."""
+        """The errors, estimated when they are requested first."""
         if self._found is None:
             with tables_continued():
                 errors = {captured.phase.name: captured.error(self._objective) for captured in self._phases}
@@ -96,7 +98,10 @@ class _Captured:
         self.phase, self._weights, self._sign, self._why = phase, weights, sign, why
         self._trajectory: Trajectory = PhaseValues(phase).trajectory(evaluate=False)
         self._multipliers: PhaseMultipliers | None = None
-        if known is not None:
+        if any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True)):
+            # On finer meshes of a slider that is pushed the estimate stayed at twenty times the objective.
+            self._why = "It has pairs, whose forces and multipliers jump inside elements."
+        elif known is not None:
             try:
                 self._multipliers = phase_multipliers(phase, known, self._trajectory.grid.mesh.widths)
             except TrajectoryError as error:
@@ -121,6 +126,11 @@ class _Captured:
             ).errors(abs(size))
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
+        passed = bounds_passed(self.phase.record, self._trajectory)
+        # A control with a value at each point passes its bounds wherever it is on one of them: verify() tells that.
+        of_states = sentence_on_bounds({name: one for name, one in passed.items() if not one.is_control})
+        if of_states:
+            remarks.append(f"phase '{name}': {of_states}")
         order = self._trajectory.grid.scheme.order
         return PhaseEstimate(
             name, order, motion, state, largest, objective, tuple(remarks), None if net is None else float(net.sum())

@@ -126,9 +126,10 @@ class TeamResult(Presented):
         animate = getattr(self.physics, "animate", None)
         if animate is None or not self.plans:
             raise TeamFailed("there is nothing to animate: the team has no physics that can draw its plan, or no plan.")
-        target = animation_file(None) if path is None else path
-        # A user's own physics need not say where it wrote.
-        return AnimationFile(animate(self.plans, target, **options) or target)
+        target = animation_file(None) if path is None else AnimationFile(path)
+        # A user's own physics need not say where it wrote. A temporary file is removed with its own object, not a copy.
+        written = AnimationFile(animate(self.plans, target, **options) or target)
+        return target if written == target else written
 
     def __str__(self) -> str:
         last = self.rounds[-1]

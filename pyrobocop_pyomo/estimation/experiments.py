@@ -320,7 +320,7 @@ def _set_starts(phase: Any, data: DataSet, what: str) -> None:
 
 
 def _free_starts(phase: Any, initial: Any, data: DataSet, what: str) -> dict[str, Any]:
-    """Start values that are to be estimated: those that the model leaves free, and those that are asked for."""
+    """Start values that are to be estimated: those that the model leaves free, and those that are requested."""
     states = phase.record.names_of_states
     if initial == "estimated":
         asked = [name for name in states if name not in data.initial]

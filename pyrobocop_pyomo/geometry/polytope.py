@@ -44,12 +44,17 @@ class Polytope(Presented):
     """
 
     vertices: np.ndarray
-    rays: np.ndarray
+    rays: np.ndarray = None  # type: ignore[assignment]  # so that Polytope(points) is answered below
     radius: float = 0.0
     name: str = "polytope"
     excess: float = 0.0
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.vertices, np.ndarray) and isinstance(self.rays, np.ndarray)):
+            raise GeometryError(
+                "Polytope(...) checks nothing and is no way to make one. Write rcp.Polytope.from_vertices(corners), "
+                "rcp.Polytope.hull(points), rcp.Polytope.box(length, width), or another of its class methods."
+            )
         self.vertices.setflags(write=False)
         self.rays.setflags(write=False)
 

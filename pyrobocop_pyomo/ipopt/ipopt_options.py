@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import numbers
 from collections.abc import Mapping
 from typing import Any
@@ -11,6 +12,13 @@ from pyrobocop_pyomo.errors import SolverOptionError
 from .c_output import c_output_captured
 from .ipopt_library import IpoptLibrary
 
+# Names that are requested often, for "Did you mean".
+FREQUENT_OPTIONS = (
+    "acceptable_iter", "acceptable_tol", "bound_push", "bound_relax_factor", "compl_inf_tol", "constr_viol_tol",
+    "dual_inf_tol", "file_print_level", "hessian_approximation", "linear_solver", "max_cpu_time", "max_iter",
+    "max_wall_time", "mu_init", "mu_strategy", "mu_target", "nlp_scaling_method", "output_file", "print_level",
+    "print_timing_statistics", "tol", "warm_start_init_point",
+)  # fmt: skip
 # What a library has accepted once, and as what: it need not be watched again for what it prints.
 _ACCEPTED: dict[tuple[str, str, type, Any], str | int | float] = {}
 
@@ -53,9 +61,15 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
     if refused is not None:
         raise SolverOptionError(
             f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by Ipopt {_version(library)}. "
-            f"{_last_explanation(explanations[0])} See https://coin-or.github.io/Ipopt/OPTIONS.html for names and "
-            "values."
+            f"{_last_explanation(explanations[0])}{_nearest(refused, explanations[0])} "
+            "See https://coin-or.github.io/Ipopt/OPTIONS.html for names and values."
         )
+
+
+def _nearest(name: str, explanation: str) -> str:
+    """Which option may be meant, where Ipopt knows none of this name."""
+    near = difflib.get_close_matches(name, FREQUENT_OPTIONS, n=1) if "not a valid option" in explanation else []
+    return f" Did you mean '{near[0]}'?" if near else ""
 
 
 def _last_explanation(text: str) -> str:

@@ -178,7 +178,7 @@ class NodeValues:
         if expression.__class__ in native_types:
             return expression
         if not expression.is_expression_type():
-            return value(expression)
+            return _value_of_leaf(expression)
         known, kept = self._known, self._kept
         if id(expression) in known:
             return known[id(expression)]
@@ -195,7 +195,7 @@ class NodeValues:
                     if argument.is_expression_type():
                         pending.append((argument, [], iter(argument.args)))
                         break
-                    number = known[id(argument)] = value(argument)
+                    number = known[id(argument)] = _value_of_leaf(argument)
                     kept.append(argument)
                 numbers.append(number)
             else:
@@ -205,6 +205,14 @@ class NodeValues:
                 if not pending:
                     return number
                 pending[-1][1].append(number)
+
+
+def _value_of_leaf(leaf: Any) -> Any:
+    """Of a variable or a parameter; without a value an error, but none in the log: callers try values, and say so."""
+    number = value(leaf, exception=False)
+    if number is None:
+        raise ValueError(f"No value for uninitialized {leaf.__class__.__name__} object {leaf.name}")
+    return number
 
 
 def shared_value(expression: Any, exception: bool = True) -> Any:

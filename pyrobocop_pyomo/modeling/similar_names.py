@@ -7,6 +7,17 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
+# What other packages call components is a method of a phase here.
+_METHODS_OF_PHASES = {
+    "BoundaryConstraint": "phase.constraint(rule), or an ordinary Constraint on b.x.at_end",
+    "Derivative": "phase.ode(rule)",
+    "DerivativeVar": "phase.ode(rule)",
+    "Integral": "phase.integral(rule)",
+    "PathConstraint": "phase.constraint(lambda b, t: ...)",
+    "integral": "phase.integral(rule)",
+    "ode": "phase.ode(rule)",
+}
+
 
 def where_it_is(name: str, package: Any, public: Sequence[str]) -> str:
     """The end of a message about a name that a package does not have: where it is, or the nearest name.
@@ -25,6 +36,8 @@ def where_it_is(name: str, package: Any, public: Sequence[str]) -> str:
     """
     if name.startswith("_"):
         return ""
+    if name in _METHODS_OF_PHASES:
+        return f". Write {_METHODS_OF_PHASES[name]}"
     places: dict[str, str] = {}
     for known in public:
         found = getattr(package, known)

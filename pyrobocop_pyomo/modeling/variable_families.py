@@ -2,7 +2,7 @@
 
 A family is no component. Its members are, each under a name of its own, and everything that knows single variables
 knows them. `VariableFamily` is how a rule reads them: ``b.x[t]`` is an array, ``b.x[i, t]`` a member at a time. Its
-home may be a block or a proxy of one; so rules are asked between the points of a grid like any other.
+home may be a block or a proxy of one; so rules are evaluated between the points of a grid like any other.
 """
 
 from __future__ import annotations

@@ -27,6 +27,12 @@ _ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
 # Relative to the scale of each state: the step of differences, and how well the ends of elements meet.
 _DIFFERENCE = 1e-6
 _SWEEPS = 12
+# Sweeps times elements, at most, of an unstable motion; from which sweep on slopes are found anew; changes in scales.
+_MOST_ELEMENTS = 20_000
+_SWEEPS_WITH_FIRST_SLOPES = 3
+_TRUSTED = 1.0
+# A sweep that evaluates rates more often meets corners far from the plan: the next ones would not be cheaper.
+_MOST_EVALUATIONS_OF_A_SWEEP = 4000
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class Flows:
     local : array, shape (N, k, n)
         Each element from its own start.
     whole : array, shape (N, k, n), or None
-        From the start of the first element on; None where that left the finite numbers.
+        From the start of the first element on; None where that could not be followed, or left the finite numbers.
     error : float
         Estimated error of the integration, relative to the scales.
     """
@@ -119,30 +125,63 @@ def _from_first_start(
 ) -> Array | None:
     """Newton's method for the starts at which the ends of elements meet; `slopes` are those of the first sweep.
 
-    Where the motion of each element was not stiff, that from the first start is at most unstable: implicit steps
-    would follow it far away, at great cost.
+    An unstable motion goes far from the elements' own starts, where slopes along these say nothing: starts are moved
+    only as far along the motion as slopes tell how, and later sweeps, with slopes of their own, go on from there. At
+    least one more element meets the one before it after each sweep. Where the motion of each element was not stiff,
+    that from the first start is at most unstable: implicit steps would follow it far away, at great cost.
     """
-    now = starts.T.copy()
-    for _ in range(_SWEEPS):
-        gaps = paths[-1][:, :-1] - now[:, 1:]
-        changes = np.zeros_like(now)
-        changes[:, 0] = first - now[:, 0]
-        with np.errstate(all="ignore"):  # what is unstable may overflow, and is refused below
-            for i in range(gaps.shape[1]):
-                changes[:, i + 1] = slopes[:, :, i] @ changes[:, i] + gaps[:, i]
-        if not np.isfinite(changes).all():
-            return None
-        now = now + changes
+    now, sizes = starts.T.copy(), scales
+    elements = now.shape[1]
+    best, waited = -1, 0
+    counted = _Counted(rates)
+    for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
+        now = now + _moves(now, paths[-1], slopes, first, _TRUSTED * sizes)
         # What grows far beyond the plan is followed relative to its own size.
-        scales = np.maximum(scales, np.abs(now).max(axis=1))
-        found = _march(rates, now[:, None, :], scales, len(paths) - 1, tolerance, may_be_stiff=stiff)
+        sizes = np.maximum(scales, np.abs(now).max(axis=1))
+        varied = now[:, None, :]
+        if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
+            steps = _DIFFERENCE * sizes
+            varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
+        before = counted.calls
+        found = _march(counted, varied, sizes, len(paths) - 1, tolerance, may_be_stiff=stiff)
         if found is None:
             return None
         paths = found[0][:, :, 0, :]
-        left = np.abs(paths[-1][:, :-1] - now[:, 1:]).max(axis=1, initial=0.0)
-        if (left <= 10 * tolerance * scales).all():
+        if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
+            slopes = (found[0][-1][:, 1:, :] - found[0][-1][:, :1, :]) / steps[None, :, None]
+        left = np.abs(paths[-1][:, :-1] - now[:, 1:]) > 10 * tolerance * sizes[:, None]
+        if not left.any():
             return _by_element(paths)
+        met = int(left.any(axis=0).argmax())
+        best, waited = (met, 0) if met > best else (best, waited + 1)
+        if waited >= _SWEEPS or counted.calls - before > _MOST_EVALUATIONS_OF_A_SWEEP:
+            return None
     return None
+
+
+class _Counted:
+    """Rates that count how often they are evaluated."""
+
+    def __init__(self, rates: Rates) -> None:
+        self._rates, self.calls = rates, 0
+
+    def __call__(self, fraction: float, states: Array) -> Array:
+        self.calls += 1
+        return self._rates(fraction, states)
+
+
+def _moves(now: Array, ends: Array, slopes: Array, first: Array, trusted: Array) -> Array:
+    """Changes (n, N) of all starts, one element after the other, up to where they leave what the slopes can tell."""
+    changes = np.zeros_like(now)
+    changes[:, 0] = first - now[:, 0]
+    gaps = ends[:, :-1] - now[:, 1:]
+    with np.errstate(all="ignore"):  # what is unstable may overflow, and is not taken
+        for i in range(gaps.shape[1]):
+            passed_on = slopes[:, :, i] @ changes[:, i]
+            if not (np.abs(passed_on) <= trusted).all():
+                break
+            changes[:, i + 1] = passed_on + gaps[:, i]
+    return changes
 
 
 def _march(

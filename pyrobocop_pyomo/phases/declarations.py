@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Union
 
@@ -118,6 +118,16 @@ class Declaration:
             what = f"{cls.__name__} (declared at {call_site()})"
             check_keywords(what, unknown, known, DeclarationError, other_words=_OTHER_WORDS)
         return super().__new__(cls)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.__repr__ = Declaration.__repr__  # type: ignore[method-assign]  # which dataclasses leave as it is
+
+    def __repr__(self) -> str:
+        """What was declared, without what is so by default."""
+        shown = [(one, repr(getattr(self, one.name))) for one in fields(self) if one.repr]
+        given = [f"{one.name}={' '.join(text.split())}" for one, text in shown if text != repr(one.default)]
+        return f"{type(self).__name__}({', '.join(given)})"
 
     def bounds_at(self, time: float, name: str) -> Bounds:
         """Bounds at one time, checked.

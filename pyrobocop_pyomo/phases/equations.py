@@ -27,6 +27,9 @@ from .record import PhaseRecord, PreviousStates, labelled_rows, place
 from .signal_vars import NoSuchTime
 from .variables import add_generated, rate_units
 
+# What is said where a declaration or a rule comes a second time.
+RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"
+
 Rule = Callable[..., Any]
 
 # As Pyomo says it.
@@ -125,8 +128,9 @@ def _given_for_states(
 
 def _refuse_second_equation(record: PhaseRecord, name: str, what: str) -> None:
     if name in record.equation_of:
+        again = f" {RUN_AGAIN}" if f"'{record.equation_of[name]}'" in what else ""
         raise TranscriptionError(
-            f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one."
+            f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one.{again}"
         )
 
 

@@ -24,7 +24,7 @@ ARRAY_FUNCTIONS: dict[str, Any] = {
     "choose": np.where,
     "call": lambda output, *arguments: output.evaluate_arrays(arguments),
 }
-# Sets of instants whose formulas are kept, and at most so many instants are asked: some seconds.
+# Sets of instants whose formulas are kept, and at most so many instants are evaluated: some seconds.
 _KEPT, _MOST = 64, 6_000
 
 

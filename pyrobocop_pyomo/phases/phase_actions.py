@@ -119,6 +119,11 @@ class PhaseActions:
         rigid body dynamics with inelastic collisions and Coulomb friction (1996),
         doi:10.1002/(SICI)1097-0207(19960815)39:15<2673::AID-NME972>3.0.CO;2-I
         """
+        if isinstance(controls, Trajectory):
+            raise InitialGuessError(
+                f"phase '{self.name}': simulate was given a trajectory; expected a dict of controls, or nothing for "
+                "those that the phase holds. Write phase.initialize(trajectory), then phase.simulate()."
+            )
         options = SimulationOptions(
             method=method, rtol=rtol, atol=atol, unknown=unknown, restitution=dict(restitution or {})
         )

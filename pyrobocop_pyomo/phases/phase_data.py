@@ -23,6 +23,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Bounds, Control, Declaration, Duration
 from .equations import (
+    RUN_AGAIN,
     add_complementarity,
     add_constraint,
     add_constraint_at_boundaries,
@@ -112,9 +113,10 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             held = self.component(name)
             by = "an attribute that every phase has" if held is None else f"a {held.ctype.__name__}"
             by = "a vector" if name in self.record.families else by
+            again = f" {RUN_AGAIN}" if name in self.record.declarations or name in self.record.families else ""
             raise DeclarationError(
                 f"{self._what}: the name '{name}' (declared at {declaration.declared_at}) is taken. Choose another: "
-                f"there is {by} by this name."
+                f"there is {by} by this name.{again}"
             )
         with self._all_or_nothing(), PauseGC():
             if isinstance(declaration, Law):

@@ -55,8 +55,8 @@ class PointModel(Signals):
     element : int or None
         The element that instants belong to; None for the one that ends there, where two meet.
     asks_phase : bool
-        Whether rules are asked of the phase itself at the points of its grid, instead of a proxy of it. Whoever sets
-        it has put the values at all other times on the model, and puts back what was there.
+        Whether rules are evaluated on the phase itself at the points of its grid, instead of a proxy of it. Whoever
+        sets it has put the values at all other times on the model, and puts back what was there.
     past : callable or None
         ``past(name, time)``: values at earlier real times, for delays; those on the model by default.
     smallest_delay : float
@@ -410,7 +410,7 @@ class PointEquations:
         return self._point.index_at(time)
 
     def enter(self, element: int) -> None:
-        """The instants that are asked from now on are of this element."""
+        """The instants that are evaluated from now on are of this element."""
         self._point.element = element
 
     def rates(

@@ -32,14 +32,14 @@ LOGGER = logging.getLogger(__name__)
 
 # Elements at which the formulas are compared with the rules, and the largest relative difference.
 _SAMPLES, _AGREEMENT = 5, 1e-9
-# Parts of the horizon at which rules that have to know the time are asked what they read.
+# Parts of the horizon at which rules that have to know the time are evaluated for what they read.
 _SAMPLED = (0.03, 0.24, 0.51, 0.77, 0.96)
 
 
 class RuleFormulas(PointModel):
     """Asks rules for formulas that hold at all times: what rules read are variables without values, and time is one.
 
-    Rules that have to know the time as a number are asked at each instant, where that is allowed.
+    Rules that have to know the time as a number are evaluated at each instant, where that is allowed.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ class RateArrays:
     integrals : sequence of Statement
         Whose integrands follow the states: what they gain over the local fraction.
     by_instant : bool
-        Whether rules that have to know the time as a number are asked at each instant; exact integrations ask for
+        Whether rules that have to know the time as a number are evaluated at each instant; exact integrations ask for
         many of them.
 
     Notes

@@ -7,6 +7,9 @@ from typing import Any
 from pyomo.core.base.expression import IndexedExpression
 from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import IndexedVar
+from pyomo.core.expr.numvalue import value
+
+from pyrobocop_pyomo.presentation import as_html, one_line, sparkline
 
 from .delays import delayed_value, value_at_time
 
@@ -47,6 +50,26 @@ class _OverTime:
             instead = _OTHER_WORDS[name].format(name=f"b.{short}", short=short)
             raise AttributeError(f"'{self.name}', a variable over time, has no '{name}'. Write {instead}.")
         return super().__getattribute__(name)
+
+    def __repr__(self: Any) -> str:
+        return one_line(type(self).__name__, self._summary())
+
+    def _repr_html_(self: Any) -> str:
+        known = self._known()
+        in_time = known and all(isinstance(time, (int, float)) for time in known)
+        return as_html(
+            type(self).__name__, self._summary(), [sparkline([*known], [*known.values()])] if in_time else []
+        )
+
+    def _known(self: Any) -> dict[Any, float]:
+        """Values by their index, where there are any."""
+        values = {index: value(self[index], exception=False) for index in self}
+        return {index: float(number) for index, number in values.items() if number is not None}
+
+    def _summary(self: Any) -> str:
+        values = self._known().values()
+        found = f"{min(values):.6g} .. {max(values):.6g}" if values else "no values yet"
+        return f"'{self.name}' at {len(self)} times, {found}"
 
     def __setattr__(self: Any, name: str, value: Any) -> None:
         if name in _REFUSED:

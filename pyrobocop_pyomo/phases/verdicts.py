@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 # What is violated by more than this does not hold; an error of an element above this, in sizes of the states, is a
@@ -56,8 +57,9 @@ def verdict_in_words(
     grows = GROWS * max(sum_of_errors, HOLDS)
     if horizon_error is not None and not horizon_error <= grows:
         why = "contact opens or closes a moment apart" if contact else "the motion is unstable"
+        size = f"to {horizon_error:.1e}" if horizon_error < math.inf else "beyond what can be followed"
         said.append(
-            f"Integrated over the whole horizon the difference grows to {horizon_error:.1e}, since {why}: small "
+            f"Integrated over the whole horizon the difference grows {size}, since {why}: small "
             "differences at the start are large at the end. That is harmless where a controller or replanning corrects "
             "the motion on the way, for which the error per element counts, and matters where controls are replayed "
             "without measurements."

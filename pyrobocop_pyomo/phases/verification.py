@@ -15,11 +15,12 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.presentation import Presented
+from pyrobocop_pyomo.presentation import Presented, facts_table, paragraph
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
 from .between_points import check_rules_between_points
+from .bounds_between_points import BoundPassed, bounds_passed, sentence_on_bounds
 from .companions import (
     Companion,
     companions_of,
@@ -81,6 +82,9 @@ class Verification(Presented):
         The largest of `element_errors` where that of each state is divided by its size.
     contact : bool
         Whether pairs decide what happens.
+    bounds_passed : dict of name to a tuple (excess, time, bound, size, is_control)
+        States and controls whose polynomials pass a declared bound between the points of the mesh: by how much, when,
+        which bound, and how large the signal is. Bounds that are functions of time are not examined.
     """
 
     defect: float
@@ -98,11 +102,12 @@ class Verification(Presented):
     integral_errors: Mapping[str, Array] = field(default_factory=dict, repr=False, compare=False)
     relative_error: float | None = field(default=None, repr=False, compare=False)
     contact: bool = field(default=False, repr=False, compare=False)
+    bounds_passed: Mapping[str, BoundPassed] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def verdict(self) -> str:
-        """Whether the plan holds, in words, and what a large error over the horizon means for it."""
-        return verdict_in_words(
+        """Whether the plan holds, in words, what it does between the points, and what a large horizon error means."""
+        said = verdict_in_words(
             {
                 "the equations of motion are violated": self.defect,
                 "a state jumps between elements": self.continuity,
@@ -116,6 +121,7 @@ class Verification(Presented):
             0.0 if self.element_errors is None else float(self.element_errors.sum()),
             self.contact,
         )
+        return f"{said} {sentence_on_bounds(self.bounds_passed)}".rstrip()
 
     @property
     def largest_violation(self) -> float:
@@ -126,22 +132,26 @@ class Verification(Presented):
         horizon = "" if self.horizon_error is None else f", re-integration over the horizon {self.horizon_error:.1e}"
         return f"largest violation {self.largest_violation:.1e}{horizon}"
 
-    def __str__(self) -> str:
-        def show(number: float | None) -> str:
-            return "not available" if number is None else f"{number:.2e}"
+    def _rows(self) -> dict[str, str]:
+        numbers = {
+            "collocation defect": self.defect,
+            "continuity": self.continuity,
+            "equations and constraints": self.equations,
+            "bounds": self.bounds,
+            "complementarity min(a, b)": self.natural_residual,
+            "complementarity a * b": self.product,
+            "re-integration, per element": self.element_error,
+            "re-integration, horizon": self.horizon_error,
+            "motion inside elements": self.motion_error,
+            "integrals, re-integrated": self.integral_error,
+        }
+        return {what: "not available" if number is None else f"{number:.2e}" for what, number in numbers.items()}
 
-        lines = [
-            f"collocation defect          {show(self.defect)}",
-            f"continuity                  {show(self.continuity)}",
-            f"equations and constraints   {show(self.equations)}",
-            f"bounds                      {show(self.bounds)}",
-            f"complementarity min(a, b)   {show(self.natural_residual)}",
-            f"complementarity a * b       {show(self.product)}",
-            f"re-integration, per element {show(self.element_error)}",
-            f"re-integration, horizon     {show(self.horizon_error)}",
-            f"motion inside elements      {show(self.motion_error)}",
-            f"integrals, re-integrated    {show(self.integral_error)}",
-        ]
+    def _html_parts(self) -> list[str]:
+        return [facts_table(self._rows()), *(paragraph(text) for text in (*self.remarks, self.verdict))]
+
+    def __str__(self) -> str:
+        lines = [f"{what:27} {number}" for what, number in self._rows().items()]
         return "\n".join([*lines, *self.remarks, self.verdict])
 
 
@@ -197,6 +207,7 @@ def verify(block: Any, record: PhaseRecord, trajectory: Trajectory, beside: Sequ
             integral_errors=integrals,
             relative_error=None if motion is None else check.relative_error(motion),
             contact=bool(record.statements_of("complementarity")),
+            bounds_passed=bounds_passed(record, trajectory),
         )
 
 
@@ -207,7 +218,7 @@ class _TrajectoryCheck:
         self.block, self.record = block, record
         self.trajectory = trajectory
         self.grid = trajectory.grid
-        # Rules are asked at time indices, which are normalised where something of the horizon was to be found.
+        # Rules are evaluated at time indices, which are normalised where something of the horizon was to be found.
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
         companions = companions_of(block, self.indices.mesh.boundaries, beside)
@@ -416,7 +427,8 @@ class _TrajectoryCheck:
         self.remarks.extend(found.remarks)
         if found.open_loop is None:
             self.remarks.append(
-                "re-integration over the whole horizon left the finite numbers: the motion is unstable."
+                "re-integration over the whole horizon could not be followed: the motion is unstable, and goes far "
+                "from the plan."
             )
         return found
 

@@ -209,7 +209,8 @@ def solve_with_integer_controls(
     remarks = [str(rounding)]
     if not result.standing.feasible:
         remarks.append(
-            "with the rounded controls the constraints cannot be met: give more elements, or ends that are intervals"
+            "with the rounded controls the constraints cannot be met: give more elements or more switches, ends that "
+            "are intervals, or room at bounds that the relaxed plan touches"
         )
     before = len(relaxed.steps)
     return replace(

@@ -65,7 +65,7 @@ class LegacyMpcc(LegacySolverWrapper, Mpcc):
 
 def _can_be_written(model: Any) -> bool:
     """Whether every variable has a value: Pyomo writes all of them or fails."""
-    missing = [variable.name for variable in model.component_data_objects(Var) if variable.value is None]
+    missing = [variable.name for variable in model.component_data_objects(Var, active=True) if variable.value is None]
     if missing:
         logger.info(
             "'%s': %d variables have no value, '%s' among them: no row holds them. Pyomo writes only solutions with a "

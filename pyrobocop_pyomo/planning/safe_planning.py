@@ -31,6 +31,7 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .coarse_start import LEAST_SEPARATIONS, plan_on_fewer_elements
+from .colliding_guess import colliding_guess
 from .planning_round import PlanningRound, way_back
 from .recovery import MOST_ITERATIONS, Recovery, clear_margins
 from .safety_meshes import SafetyMeshes
@@ -91,7 +92,7 @@ class SafePlanning:
         self._interrupted = False
         self._meshes = SafetyMeshes([*blocks, *regions])
         self._is_start = self._is_any_start = False
-        self._began = VariableValues.of_free(model)
+        self._began = self._guess = VariableValues.of_free(model)
 
     def is_for_a_start(self, *, any_point: bool) -> None:
         """Be content with a motion that is nearly clear, or with any feasible point, on the mesh as it is."""
@@ -340,15 +341,24 @@ class SafePlanning:
         self._best.restore()
         before = sum(len(made.result.steps) for made in self.rounds[: self.rounds.index(self._best)])
         best = self._best.result
+        said = self._said_of_the_guess()
         return replace(
             best,
             stop_reason=self._stop_reason(),
+            remarks=(*best.remarks, *filter(None, [said])),
             best=replace(best.best, number=best.best.number + before),
             steps=[step for made in self.rounds for step in made.result.steps],
             checking_seconds=sum(made.result.checking_seconds for made in self.rounds),
             rounds=tuple(made.record() for made in self.rounds),
             scenes=self._scenes(),
         )
+
+    def _said_of_the_guess(self) -> str:
+        """Whether the initial guess collides, where no safe motion was found and there is time to look."""
+        assert self._best is not None
+        if self._best.is_safe or self._is_start or self._interrupted or self._settings.deadline.has_passed:
+            return ""
+        return colliding_guess(self._model, self._guess, self._blocks)
 
     def _scenes(self) -> tuple[Any, ...]:
         """What pictures show of the point on the model; without it where a pose has no value."""

@@ -26,7 +26,8 @@ from pyrobocop_pyomo.obstacles.initial_checks import (
 )
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
-from pyrobocop_pyomo.solving.iterates import Tolerances
+from pyrobocop_pyomo.solving.iterates import Quality, Tolerances
+from pyrobocop_pyomo.solving.least_violation import least_violation
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.progress import Progress
 from pyrobocop_pyomo.solving.settings import Settings
@@ -70,7 +71,7 @@ def solve(
     time_limit: float | None = None,
     feasibility_tolerance: float = 1e-6,
     complementarity_tolerance: float = 1e-7,
-    progress: bool | None = None,
+    progress: bool | Progress | None = None,
     equations: bool = True,
     scaling: bool | None = None,
 ) -> SolveResult:
@@ -195,7 +196,7 @@ def solve(
         exploration=exploration,
         deadline=Deadline.after(time_limit),
         output=tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ()),
-        progress=Progress(progress),
+        progress=Progress.of(progress),
         scaling=False if scaling is None and (blocks or regions) else scaling,
     )
     if exploration is not None and not exploration >= 0.0:
@@ -225,6 +226,9 @@ def solve(
         result = solve_with_integer_controls(model, choices, as_it_stands, settings.deadline)
     else:
         result = as_it_stands()
+    # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
+    if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
+        result = replace(result, least_violation=least_violation(model, settings.deadline))
     return replace(result, seconds=time.perf_counter() - started)
 
 

@@ -1,6 +1,6 @@
 """How objects show themselves: one line for a terminal, a small table for a notebook. Text only, no model."""
 
-from .html import Html, disclosed_text, facts_table, page, table
+from .html import Html, disclosed_text, facts_table, page, paragraph, table
 from .presented import Presented, as_html, one_line
 from .thumbnails import outline_picture, path_picture, sparkline
 
@@ -13,6 +13,7 @@ __all__ = [
     "one_line",
     "outline_picture",
     "page",
+    "paragraph",
     "path_picture",
     "sparkline",
     "table",

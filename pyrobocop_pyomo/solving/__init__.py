@@ -2,12 +2,15 @@
 
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason
+from .least_violation import LeastViolation
+from .obstructions import Obstruction
 from .pair_report import ActiveSide, PairReport
 from .persistent_nlp import PersistentNLP
 from .solve_result import SolveResult
 from .strategies import Strategy
+from .violations import Violation
 
 __all__ = [
-    "ActiveSide", "Iterate", "PairReport", "PersistentNLP", "Quality", "ScalingRecord", "SolveResult", "Standing",
-    "StopReason", "Strategy",
+    "ActiveSide", "Iterate", "LeastViolation", "Obstruction", "PairReport", "PersistentNLP", "Quality", "ScalingRecord",
+    "SolveResult", "Standing", "StopReason", "Strategy", "Violation",
 ]  # fmt: skip

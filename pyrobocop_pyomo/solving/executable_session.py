@@ -224,6 +224,10 @@ class ExecutableSession:
         except SolverNotFoundError:
             return None
 
+    def missing_rank(self) -> int:
+        """See `Session.missing_rank`; there are no derivatives here."""
+        return 0
+
     def coarsened(self, elements: int) -> None:
         """See `Session.coarsened`; a file has the whole model."""
         return

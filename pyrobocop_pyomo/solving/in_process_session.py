@@ -24,6 +24,7 @@ from pyrobocop_pyomo.mpcc.problem import violation
 from pyrobocop_pyomo.programs.aggregated_program import AggregatedProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.elastic_rows import ElasticRows
+from pyrobocop_pyomo.programs.missing_rank import missing_rank
 from pyrobocop_pyomo.programs.nonlinear_program import (
     NonlinearProgram,
     PrimalDualPoint,
@@ -205,6 +206,10 @@ class InProcessSession:
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
         return CompiledModel(self._relaxed.model, self._derivatives) if anew else self._compiled
+
+    def missing_rank(self) -> int:
+        """See `Session.missing_rank`."""
+        return missing_rank(self._compiled.nlp, self._compiled.current_point())
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
         """See `Session.primal_dual`."""

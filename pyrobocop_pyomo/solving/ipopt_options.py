@@ -47,8 +47,8 @@ def warm_start(mu: float, push: float = 1e-9) -> dict[str, Any]:
 
 
 def warm_continuation(delta: float | None) -> dict[str, Any]:
-    """Go on with a smaller delta."""
-    return warm_start(min(IPOPT_MU_INIT, delta or 1e-6))
+    """Go on with a smaller delta. A step that takes so many iterations from the last solution does not get anywhere."""
+    return {**warm_start(min(IPOPT_MU_INIT, delta or 1e-6)), "max_iter": 500}
 
 
 def inexact(delta: float) -> dict[str, Any]:

@@ -39,7 +39,7 @@ class StopReason(enum.Enum):
     FINISHED = "The procedure ran to its end."
     ITERATION_LIMIT = "Ipopt reached its iteration limit. Raise it with options={'max_iter': ...}."
     TIME_LIMIT = "The time limit was reached. Raise time_limit."
-    INTERRUPTED = "Ctrl-C interrupted the procedure."
+    INTERRUPTED = "Ctrl-C or the stop button interrupted the procedure."
     INFEASIBLE = (
         "Ipopt converged to a point of local infeasibility: no point near it violates less. Relax what is not met, or "
         "try another initial guess."

@@ -19,7 +19,7 @@ from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solve_result import SolveResult
 from .starts import coarser_copy, put_start, take_values_of_copy
-from .strategies import ADAPTIVE, SOLVE, StartingPoint, Strategy
+from .strategies import ADAPTIVE, SIMULATED, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
@@ -73,7 +73,23 @@ class PlainRuns:
             strategy = replace(strategy, options={**NEARLY_THERE, **tolerances, **strategy.options})
         if strategy.elastic_rows:
             return self._run_elastic(place, strategy, keep)
+        if strategy is SOLVE and self._settings.strategies is None and self._settings.second_tries:
+            simulated = self._run_simulated_first(place)
+            if simulated is not None and (self._found.is_certified(simulated) or simulated.stop_reason.is_final):
+                return simulated
+            if simulated is not None:
+                keep(simulated)
+                place.values.write(place.start)
         return self._runs.run(place, strategy, strategy.name)
+
+    def _run_simulated_first(self, place: Workplace) -> Iterate | None:
+        """Where equations depend on each other at the initial guess, start from the motion under its controls."""
+        dependent = place.session.missing_rank()
+        if not dependent or not self._put_start(place, SIMULATED):
+            return None
+        logger.info("'%s': %d equations are dependent at the initial guess", self._model.name, dependent)
+        strategy = replace(SIMULATED, options={"max_iter": ITERATIONS_OF_ONE, **SIMULATED.options})
+        return self._runs.run(place, strategy, SIMULATED.name)
 
     def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
         if strategy.start is StartingPoint.COARSE_MESH:

@@ -121,7 +121,7 @@ class Polish:
     exploration : Exploration
     biactive : float
         A pair whose other side is at most this large has to be shown not to descend by changing its branch. By default
-        pairs near to a change are asked as well, by linear programs, which find better solutions nearby; with less,
+        pairs near to a change are examined as well, by linear programs, which find better solutions nearby; with less,
         branches are changed where multipliers ask for it before a linear program is solved.
 
     Attributes

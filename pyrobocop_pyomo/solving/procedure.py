@@ -36,6 +36,7 @@ from .strategy_runs import StrategyRuns
 from .violations import (
     Violation,
     growing_variables,
+    motion_without_choice,
     stages_that_miss_impacts,
     violations_of_pairs,
     worst_of_each_component,
@@ -147,6 +148,8 @@ class _Procedure:
         tries = SecondTries(self._settings, self._found.best, scaled=self._places.scaling is not None)
         for strategy in tries:
             steps = len(self._log.steps)
+            if any(step.label == strategy.name for step in self._log.steps):
+                continue  # a dependent start was simulated first
             self._try(strategy)
             tries.spent += sum(step.iterations for step in self._log.steps[steps:])
             if self._found.are_enough():
@@ -216,16 +219,12 @@ class _Procedure:
         if best.stop_reason is StopReason.DIVERGED and (growing := growing_variables(self._model)):
             said.append(f"What grows: {growing}.")
         infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
-        if infeasible and best.stop_reason not in (
-            StopReason.INFEASIBLE,
-            StopReason.TIME_LIMIT,
-            StopReason.INTERRUPTED,
-        ):
-            said.append("Whether no point nearby violates less is not known: the runs ended before that was shown.")
         if infeasible and not best.stop_reason.is_final and (elsewhere := self._where_the_first_gave_up(best)):
             said.append(elsewhere)
         if infeasible and (missed := stages_that_miss_impacts(self._model)):
             said.append(missed)
+        if infeasible and (motion := motion_without_choice(self._model)):
+            said.append(motion)
         if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and not best.stop_reason.is_final:
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self._model)]
         said += [f"{finding.message} {finding.remedy}" for finding in objective_findings(self._model)]

@@ -35,6 +35,15 @@ class Progress:
         self._live = 0
         self._said: set[str] = set()
 
+    @classmethod
+    def of(cls, show: Progress | bool | None) -> Progress:
+        """The progress itself, or a new one."""
+        return show if isinstance(show, Progress) else cls(show)
+
+    def within(self, what: str) -> Progress:
+        """What a part of the work writes to: its live line, named by `what`; its lines that stay are left out."""
+        return _PartProgress(self, what)
+
     def live(self, text: str) -> None:
         """Replace the current line."""
         if self._notebook is not None:
@@ -65,12 +74,30 @@ class Progress:
     def _replace(self, *live: str) -> None:
         if time.monotonic() - self._start < NOTEBOOK_DELAY:
             return
-        shown = {"text/plain": "\n".join([*self._lines, *live])}
+        shown = {"text/plain": "\n".join([*self._lines, *filter(None, live)])}
         if self._area is None:
+            if not shown["text/plain"]:
+                return
             assert self._notebook is not None
             self._area = self._notebook(shown, raw=True, display_id=True, metadata={"progress": True})
         else:
             self._area.update(shown, raw=True, metadata={"progress": True})
+
+
+class _PartProgress(Progress):
+    """Progress of a part of some work."""
+
+    def __init__(self, whole: Progress, what: str) -> None:
+        self._whole, self._what = whole, what
+
+    def live(self, text: str) -> None:
+        self._whole.live(f"{self._what}, {text}" if text else self._what)
+
+    def line(self, text: str) -> None:
+        """Leave out what only belongs to the part."""
+
+    def line_once(self, text: str) -> None:
+        """Leave out what only belongs to the part."""
 
 
 def notebook_display() -> Any:

@@ -55,6 +55,10 @@ class Session(Protocol):
         """
         ...
 
+    def missing_rank(self) -> int:
+        """Equations that are dependent at the point on the model, to first order; 0 where that is not known."""
+        ...
+
     def coarsened(self, elements: int) -> Session | None:
         """A session of the same model on about so many elements; None where there is no such program."""
         ...

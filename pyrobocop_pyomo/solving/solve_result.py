@@ -20,6 +20,7 @@ from pyrobocop_pyomo.presentation import Presented, disclosed_text, facts_table,
 
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason, step_header
+from .least_violation import LeastViolation
 from .pair_report import ActiveSide, PairReport, pair_reports
 from .result_findings import ModelReference, findings_of_outcome
 from .result_pictures import draw_history, draw_pairs, draw_plan, draw_products
@@ -66,6 +67,9 @@ class SolveResult(Presented):
         Elapsed time in all, writing included.
     violations : tuple of Violation
         What an infeasible point does not meet: the worst of each component, the largest first.
+    least_violation : LeastViolation or None
+        Of an infeasible point: whether any point near it violates less, and which bounds, fixed values and rows stand
+        against that; None for models that are large or have rows without derivatives.
     remarks : tuple of str
         What happened on the way that the user should know, such as an initial guess that could not be evaluated.
     safety : SafetyReport or None
@@ -100,6 +104,7 @@ class SolveResult(Presented):
     checking_seconds: float
     seconds: float
     violations: tuple[Violation, ...] = ()
+    least_violation: LeastViolation | None = None
     remarks: tuple[str, ...] = ()
     safety: SafetyReport | None = None
     rounds: Sequence[Any] = ()
@@ -137,8 +142,10 @@ class SolveResult(Presented):
             The outcome and each violation are findings about ``Subject.OUTCOME``. Where the model is gone, or after
             unpickling, there is nothing else.
         """
-        verdict = f"{self._verdict} {self.stop_reason.value}"
-        return findings_of_outcome(self.name, verdict, self.solved, self.violations, self.remarks, self.model())
+        verdict = f"{self._verdict} {self._why_it_ended}"
+        least = () if self.least_violation is None else (str(self.least_violation),)
+        remarks = (*least, *self.remarks)
+        return findings_of_outcome(self.name, verdict, self.solved, self.violations, remarks, self.model())
 
     @property
     def discretisation(self) -> DiscretisationEstimate:
@@ -250,8 +257,8 @@ class SolveResult(Presented):
     def plot(self, figure: Any = None) -> Any:
         """Draw what came out, and the way there; returns a figure.
 
-        Where there are obstacles or regions: the scene, then the clearances that are asked and proven over time. Last,
-        and otherwise alone: objective, delta, mu and residuals over the iterations of all runs.
+        Where there are obstacles or regions: the scene, then the clearances that are required and proven over time.
+        Last, and otherwise alone: objective, delta, mu and residuals over the iterations of all runs.
         """
         if self.safety is None:
             return draw_history(self.name, self.steps, self.best_step, figure)
@@ -310,11 +317,18 @@ class SolveResult(Presented):
         motion = "" if self.safety is None or self.safe else f" {advice_on_motion(self.safety)}"
         unmet = "".join(f" {violation}." for violation in self.violations[:SHOWN_VIOLATIONS])
         raise SolveFailed(
-            f"'{self.name}': {self.stop_reason.value} {self._verdict} Best point, kept on the model (step "
+            f"'{self.name}': {self._why_it_ended} {self._verdict} Best point, kept on the model (step "
             f"{self.best_step + 1} of {len(self.steps)}): {self._residuals}.{unmet and f' Not met:{unmet}'}{motion}"
+            + (f" {self.least_violation}" if self.least_violation is not None else "")
             + "".join(f" {remark}" for remark in self.remarks),
             self,
         )
+
+    @property
+    def _why_it_ended(self) -> str:
+        if self.least_violation is not None and self.least_violation.is_proof:
+            return "Ipopt found no point that meets all constraints, and there is none."
+        return self.stop_reason.value
 
     @property
     def _verdict(self) -> str:
@@ -331,8 +345,11 @@ class SolveResult(Presented):
     def one_line(self) -> str:
         """Verdict, objective and violation, in a few words."""
         motion = "" if self.safe is None else ", safe" if self.safe else ", NOT SAFE"
+        # What a run that was cut short has reached says nothing of the problem.
+        cut = {StopReason.INTERRUPTED: " when interrupted", StopReason.TIME_LIMIT: " at the time limit"}
+        reached = f"{self.quality.name.lower()}{cut.get(self.stop_reason, '')}"
         return (
-            f"'{self.name}': {self.quality.name.lower()}{motion}, objective {self.objective:.8g}, constraints "
+            f"'{self.name}': {reached}{motion}, objective {self.objective:.8g}, constraints "
             f"{self.constraint_violation:.1e}, {self.iterations} iterations"
         )
 
@@ -343,7 +360,7 @@ class SolveResult(Presented):
         motion = None if self.safe is None else "safe" if self.safe else "NOT SAFE"
         facts = {
             "verdict": self._verdict,
-            "stopped because": self.stop_reason.value,
+            "stopped because": self._why_it_ended,
             "objective": f"{self.objective:.8g}",
             "residuals": self._residuals,
             "pairs": pair_sentence(self.pairs, self.multipliers, self.certificate) if self.residuals else None,
@@ -351,15 +368,19 @@ class SolveResult(Presented):
             "effort": f"{self.iterations} iterations in {self.seconds:.2f} s",
         }
         unmet = [(str(violation),) for violation in self.violations]
+        against = [] if self.least_violation is None else [(str(one),) for one in self.least_violation.obstructions]
         return [
             facts_table(facts),
             *([table(("not met, the worst of each component",), unmet)] if unmet else []),
+            *([table(("what stands against it",), against)] if against else []),
             disclosed_text("as text", str(self)),
         ]
 
     def __str__(self) -> str:
-        feasible = self.quality is not Quality.INFEASIBLE
-        mesh = self.discretisation if feasible else DiscretisationEstimate(self.objective, {})
+        # A mesh is judged where there is an answer: not where rows are violated, nor on the way to infinity.
+        judged = self.quality is not Quality.INFEASIBLE and self.stop_reason is not StopReason.DIVERGED
+        mesh = self.discretisation if judged else DiscretisationEstimate(self.objective, {})
+        least = self.least_violation
         unmet = [f"  {violation}" for violation in self.violations[:SHOWN_VIOLATIONS]]
         if len(self.violations) > SHOWN_VIOLATIONS:
             unmet.append(f"  ... and of {len(self.violations) - SHOWN_VIOLATIONS} more components")
@@ -367,13 +388,14 @@ class SolveResult(Presented):
             [
                 f"{'NOT SAFE: ' if self.safe is False else ''}{'COARSE MESH: ' if mesh.is_large else ''}{self.name}: "
                 f"{self._verdict}",
-                *(line for line in (mesh.sentence(), mesh.advice()) if line and feasible),
+                *(line for line in (mesh.sentence(), mesh.advice()) if line and judged),
                 *(shorten(remark, REMARK_CHARACTERS, placeholder=" ...") for remark in mesh.remarks),
                 # A run that never began has neither.
-                self.stop_reason.value + (f" {self.solver}, derivatives by {self.derivatives}." if self.solver else ""),
+                self._why_it_ended + (f" {self.solver}, derivatives by {self.derivatives}." if self.solver else ""),
                 f"objective {self.objective:.8g}, {self._residuals}; "
                 f"{self.iterations} iterations in {self.seconds:.2f} s",
                 *(["Not met, the worst of each component:", *unmet] if unmet else []),
+                *(least.lines() if least is not None else []),
                 *([] if self.scaling is None else [str(self.scaling)]),
                 *self.remarks,
                 *([pair_sentence(self.pairs, self.multipliers, self.certificate)] if self.residuals else []),

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.diagnosis.places import place_in_words
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import Control, Parameter, phases_of
 
 from .iterates import Tolerances
 
@@ -106,6 +106,22 @@ def growing_variables(model: Any, least: float = 1e10) -> str:
             largest[name] = max(largest.get(name, 0.0), abs(data.value))
     named = sorted(largest, key=lambda name: -largest[name])[:_NAMED]
     return ", ".join(f"'{name}' ({largest[name]:.1e})" for name in named)
+
+
+def motion_without_choice(model: Any) -> str:
+    """What to say of phases with pairs in which nothing can be chosen; empty where there are none."""
+    names = [
+        f"'{phase.name}'"
+        for phase in phases_of(model)
+        if not (phase.record.names(Control) or phase.record.names(Parameter) or phase.has_normalised_time)
+        and any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True))
+    ]
+    if not names:
+        return ""
+    return (
+        f"Phase {', '.join(names)} has nothing to choose, and pairs: simulate() finds its motion element by element. "
+        "phase.initialize(phase.simulate()) makes it the initial guess."
+    )
 
 
 def stages_that_miss_impacts(model: Any) -> str:

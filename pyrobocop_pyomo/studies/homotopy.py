@@ -268,7 +268,7 @@ class _Follower:
         options = {**self._options, "time_limit": seconds_left(self._deadline)}
         if self._position >= 0.0 and not {"strategies", "schedule"} & options.keys():
             options["strategies"] = FOLLOWING_STRATEGIES
-        result, error = result_or_error(self._model, options)
+        result, error = result_or_error(self._model, options, self._bar.within(f"at {position:.4g}"))
         seconds = time.perf_counter() - started
         accepted = result is not None and result.quality is not Quality.INFEASIBLE
         return HomotopyStep(position, accepted, result=result, error=error, seconds=seconds)

@@ -151,6 +151,8 @@ def multistart(
         if outcome is not None:
             outcomes.append(outcome)
             bar.line(f"start {table_row(columns, outcome, len(outcomes))}")
+            if len(outcomes) < starts:
+                bar.live(f"{len(outcomes)} of {starts} starts done")
         return ()
 
     def given_up(task: Task) -> tuple[Task, ...]:
@@ -170,13 +172,14 @@ def multistart(
             for number in range(starts):
                 if outcomes and deadline.has_passed:
                     break
-                take(solver.solve(number, deadline))
+                take(solver.solve(number, deadline, bar.within(f"{number} of {starts} starts done")))
                 if outcomes[-1].cut_short:
                     break
         except KeyboardInterrupt:
             if not outcomes:
                 values.write(values.taken)
                 raise
+    bar.live("")
     order = ranked(outcomes)
     values.write(order[0].values if order[0].result is not None else values.taken)
     return MultistartResult(
@@ -193,13 +196,14 @@ class _StartSolver:
         self._model, self._options, self._values = model, options, VariableValues.of_free(model)
         self._random = None if spread is None else RandomStarts(model, seed, spread)
 
-    def solve(self, number: int, deadline: Deadline) -> StartOutcome:
+    def solve(self, number: int, deadline: Deadline, progress: Progress | bool = False) -> StartOutcome:
         started = time.perf_counter()
         self._values.write(self._values.taken)
         if self._random is not None and number:
             self._random.put(number)
         try:
-            result, error = result_or_error(self._model, {**self._options, "time_limit": seconds_left(deadline)})
+            options = {**self._options, "time_limit": seconds_left(deadline)}
+            result, error = result_or_error(self._model, options, progress)
         except Exception as raised:
             if hasattr(raised, "add_note"):
                 raised.add_note(f"'{self._model.name}': raised by start {number}.")

@@ -15,6 +15,7 @@ from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.presentation import Presented, table
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving.progress import Progress
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,7 +106,9 @@ def seconds_left(deadline: Deadline) -> float | None:
     return None if deadline.left is None else max(deadline.left, 1e-3)
 
 
-def result_or_error(model: Any, options: Mapping[str, Any]) -> tuple[SolveResult | None, str]:
+def result_or_error(
+    model: Any, options: Mapping[str, Any], progress: Progress | bool = False
+) -> tuple[SolveResult | None, str]:
     """Solve one problem of a study: the result, or None and the error that it ended with.
 
     Raises
@@ -114,7 +117,7 @@ def result_or_error(model: Any, options: Mapping[str, Any]) -> tuple[SolveResult
         With which no other problem of the study could do better.
     """
     try:
-        return solve(model, progress=False, **options), ""
+        return solve(model, progress=progress, **options), ""
     except (ModelError, SolverNotFoundError):
         raise
     except PyRobocopError as error:
@@ -268,7 +271,9 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
 
     def _summary(self) -> str:
         solved = sum(outcome.result is not None and outcome.result.solved for outcome in self.outcomes)
-        return f"'{self.name}': {len(self.outcomes)} outcomes, {solved} solved, {len(self.remaining)} not tried"
+        count, left = len(self.outcomes), len(self.remaining)
+        not_tried = f", {left} not tried" if left else ""
+        return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}"
 
     def _html_parts(self) -> list[str]:
         header = (self.numbered_by, *(column.header().strip() for column in self.columns))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
+from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -24,10 +26,13 @@ from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containment
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
+from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .moved_plans import MovedPlans, PlaceInProgram
 from .outcomes import seconds_left
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,8 @@ class HorizonStep(Presented):
     safety : SafetyReport or None
         On the motion of the plan, past all obstacles and inside all regions of the model; None where it has none, or
         where nothing is to be verified.
+    remark : str
+        What was done about an initial guess that could not be evaluated, or which expression has no value there.
     """
 
     make_plan: Callable[[], Trajectory] = field(repr=False, compare=False)
@@ -55,6 +62,7 @@ class HorizonStep(Presented):
     seconds: float
     ipopt_seconds: float
     safety: SafetyReport | None = None
+    remark: str = ""
 
     @cached_property
     def plan(self) -> Trajectory:
@@ -73,7 +81,8 @@ class HorizonStep(Presented):
 
     def _summary(self) -> str:
         safe = "" if self.safe is None else f", {'safe' if self.safe else 'NOT SAFE'}"
-        return f"{'solved' if self.solved else self.status.name.lower()}, {self.iterations} iterations{safe}"
+        remark = f". {self.remark}" if self.remark else ""
+        return f"{'solved' if self.solved else self.status.name.lower()}, {self.iterations} iterations{safe}{remark}"
 
 
 class RecedingHorizon:
@@ -176,6 +185,14 @@ class RecedingHorizon:
             return x
 
         outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline), moved=moved)
+        remark = ""
+        if outcome.status is IpoptStatus.INVALID_NUMBER and self._program.state is None:
+            # Nothing was solved yet: the initial guess is at fault, such as states that are zero without one.
+            remark = self._move_to_defined_start()
+            if remark:
+                outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline), moved=moved)
+            else:
+                remark = self._undefined()
         if outcome.status.solved:
             plan = self._plan(self._place_in_program().read(outcome.x))
         else:
@@ -183,7 +200,18 @@ class RecedingHorizon:
             plan = self._plan(self._values.read())
         safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
-        return HorizonStep(plan, outcome.status, outcome.iterations, seconds, outcome.seconds, safety)
+        return HorizonStep(plan, outcome.status, outcome.iterations, seconds, outcome.seconds, safety, remark)
+
+    def _move_to_defined_start(self) -> str:
+        """As `solve` does it; what was done, or nothing where no such start is found."""
+        remark = defined_start(self._program.model)
+        if remark:
+            logger.info("phase '%s': %s", self.phase.name, remark)
+        return remark
+
+    def _undefined(self) -> str:
+        undefined = named_undefined_rows(self._program.model)
+        return undefined and f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
 
     def _place_in_program(self) -> PlaceInProgram:
         if self._place is None or self._place.variables is not self._program.variables:

@@ -39,7 +39,7 @@ class RefinementEnd(enum.Enum):
     MESH_LIMIT = "The limit of meshes was reached. Raise most_meshes, or start from a finer mesh."
     ELEMENT_LIMIT = "The next mesh would exceed the limit of elements. Raise most_elements or the tolerance."
     TIME_LIMIT = "The time limit was reached. Raise time_limit, or start from a finer mesh."
-    INTERRUPTED = "Ctrl-C interrupted the refinement."
+    INTERRUPTED = "Ctrl-C or the stop button interrupted the refinement."
     STALLED = (
         "Twice as many elements have not made the errors smaller: a control that jumps inside an element, or the "
         "solver's own accuracy, keeps them. Put a boundary where it jumps (mesh=), or raise the tolerance."
@@ -240,6 +240,12 @@ def solve_refined(
     Haman & Rao, Adaptive mesh refinement and error estimation method for optimal control using direct collocation,
     arXiv:2410.07488; Patterson, Hager & Rao, A ph mesh refinement method for optimal control, doi:10.1002/oca.2114
     """
+    if not callable(build):
+        raise ModelError(
+            f"solve_refined was given {type(build).__name__} '{getattr(build, 'name', build)}' to solve; expected a "
+            "function that builds the model on any mesh: def build(mesh): ... PhaseBlock(..., mesh=mesh) ... return m, "
+            "and solve_refined(build)."
+        )
     if not (isinstance(tolerance, (int, float)) and 0 < tolerance < math.inf):
         raise ModelError(f"tolerance = {tolerance!r}; expected a positive number.")
     if not (isinstance(objective_tolerance, (int, float)) and objective_tolerance > 0):
@@ -257,7 +263,8 @@ def solve_refined(
     halved = False
     while True:
         coarser = None if best is None else best[2]
-        step, found = _solve_on(builder, meshes, coarser, deadline, time_limit_per_mesh, options)
+        shown = {"progress": bar.within(f"mesh {len(steps) + 1}"), **options}
+        step, found = _solve_on(builder, meshes, coarser, deadline, time_limit_per_mesh, shown)
         if not steps:
             bar.line(f"{found.model.name}: refining to {tolerance:g}")
             bar.line(table_header(columns, RefinedResult.numbered_by))
@@ -387,7 +394,7 @@ def _solve_on(
 
     def solved(model: Any, limits: Mapping[str, Any]) -> SolveResult:
         limit = seconds_left(deadline.within(time_limit))
-        return solve(model, **{"progress": False, **options, **limits, "time_limit": limit})
+        return solve(model, **{**options, **limits, "time_limit": limit})
 
     model = builder.model(meshes)
     if coarser is not None:

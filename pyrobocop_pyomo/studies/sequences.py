@@ -188,7 +188,7 @@ class SequenceRanking(StudyResult[SequenceOutcome]):
 
 
 Build = Callable[[ModeSequence], Any]
-SolveOne = Callable[[int, ModeSequence], "SequenceOutcome | None"]
+SolveOne = Callable[..., "SequenceOutcome | None"]
 Take = Callable[[SequenceOutcome], bool]
 
 
@@ -261,7 +261,7 @@ def solve_sequences(
         _solve_one, build=build, options=options, deadline=deadline, time_limit_per_sequence=time_limit_per_sequence
     )
     if workers == 1:
-        _solve_here(solve_one, tasks, take)
+        _solve_here(solve_one, tasks, take, bar)
     else:
         check_picklable({"build": build, "the options": dict(options)})
 
@@ -290,6 +290,7 @@ def _solve_one(
     options: Mapping[str, Any],
     deadline: Deadline,
     time_limit_per_sequence: float | None,
+    progress: Progress | bool = False,
 ) -> SequenceOutcome | None:
     """The outcome of a sequence; None where no time is left for it."""
     if deadline.has_passed and number:
@@ -298,7 +299,7 @@ def _solve_one(
     try:
         model = build(sequence)
         limit = seconds_left(deadline.within(time_limit_per_sequence))
-        result = solve(model, **{"progress": False, **options, "time_limit": limit})
+        result = solve(model, **{"progress": progress, **options, "time_limit": limit})
     except SolverNotFoundError:
         raise
     except Exception as error:  # whatever goes wrong with one sequence must not lose the others
@@ -310,10 +311,10 @@ def _solve_one(
     )  # fmt: skip
 
 
-def _solve_here(solve_one: SolveOne, tasks: list[ModeSequence], take: Take) -> None:
+def _solve_here(solve_one: SolveOne, tasks: list[ModeSequence], take: Take, bar: Progress) -> None:
     try:
         for number, task in enumerate(tasks):
-            outcome = solve_one(number, task)
+            outcome = solve_one(number, task, progress=bar.within(f"{number} of {len(tasks)} sequences done"))
             if outcome is None or not take(outcome):
                 return
     except KeyboardInterrupt:

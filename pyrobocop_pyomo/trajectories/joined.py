@@ -174,7 +174,10 @@ class JoinedTrajectory(Presented):
         return sorted({*super().__dir__(), *self._states, *self._signals, *self._families})
 
     def _summary(self) -> str:
-        return f"{len(self.parts)} phases ({self._parts_named()}): {', '.join([*self._states, *self._signals])}"
+        count = len(self.parts)
+        return (
+            f"{count} phase{'s' * (count != 1)} ({self._parts_named()}): {', '.join([*self._states, *self._signals])}"
+        )
 
     def _html_parts(self) -> list[str]:
         rows = [(name, "state", sparkline(self.time, getattr(self, name))) for name in self._states]

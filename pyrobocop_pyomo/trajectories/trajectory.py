@@ -362,7 +362,8 @@ class Trajectory(Presented):
 
     def _summary(self) -> str:
         start, end = self.grid.mesh.boundaries[0], self.grid.mesh.boundaries[-1]
-        of = [f"{len(self.states)} states", f"{len(self.signals)} signals", f"{self.grid.mesh.elements} elements"]
+        counts = {"state": len(self.states), "signal": len(self.signals), "element": self.grid.mesh.elements}
+        of = [f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items()]
         return f"'{self.name}', t = {start:g} .. {end:g}: {', '.join(of)}: {', '.join(self.names)}"
 
     def _html_parts(self) -> list[str]:
@@ -378,7 +379,7 @@ class Trajectory(Presented):
 
 
 class _Values(dict[str, Any]):
-    """Values by name; those of vectors and matrices are put together when they are asked for."""
+    """Values by name; those of vectors and matrices are put together when they are requested."""
 
     def __init__(self, families: Mapping[str, FamilyNames], values: Mapping[str, Any]) -> None:
         super().__init__(values)

@@ -1,0 +1,150 @@
+"""The least violation of a model's rows near a point, by linear programs, and what holds it there."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pyomo.core.base.constraint import Constraint
+
+from pyrobocop_pyomo.complementarity import pairs_of
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.modeling.row_violations import largest_violation, number_or_nan
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored, within_bounds
+
+from .obstructions import SHOWN, Obstruction, grouped
+from .violated_rows import StatedRow, ViolatedRows, stated_rows
+
+# Larger models are left alone: each round differentiates every row.
+MOST_ROWS = 20_000
+MOST_ROUNDS = 40
+MOST_SECONDS = 3.0
+# A step that is predicted to take away a smaller share than this, per unit of its radius, is none.
+STATIONARY = 1e-3
+# A step is taken where it takes away at least this share of what is predicted.
+SUFFICIENT = 0.1
+# Sums of violations below this are rounding: the rows can be met.
+MET = 1e-6
+
+
+class Least(enum.Enum):
+    """What linear programs show of the violation near a point; the value is a sentence."""
+
+    PROVEN = "All rows are linear, and no values meet them together."
+    LOCAL = "No point nearby violates less: linear programs find no step that does."
+    UNKNOWN = "Points nearby violate less: the runs ended before the least violation."
+    NONE = (
+        "The rows can be met: linear programs lead from there to a point that meets them all. Another initial guess or "
+        "more iterations may lead to a solution."
+    )
+
+
+@dataclass(frozen=True)
+class LeastViolation:
+    """Where the violation of all rows together is least, near a point.
+
+    Attributes
+    ----------
+    kind : Least
+    has_pairs : bool
+        Whether pairs take part: then it is meant with the same sides at zero, and known only where something holds it.
+    total : float
+        What is left in sum, each row in its own measure: the most that moving one variable by its size changes it.
+    obstructions : tuple of Obstruction
+        Bounds, fixed values and rows whose relaxation would lessen it, those that matter most first; fixed values last.
+    """
+
+    kind: Least
+    has_pairs: bool
+    total: float
+    obstructions: tuple[Obstruction, ...] = ()
+
+    @property
+    def is_proof(self) -> bool:
+        """Whether no values at all meet the rows, whatever the sides of pairs."""
+        return self.kind is Least.PROVEN and not self.has_pairs
+
+    def __str__(self) -> str:
+        first, *others = self.lines(indent="")
+        return f"{first} {'; '.join(others)}." if others else first
+
+    def lines(self, indent: str = "  ") -> list[str]:
+        """What is known as sentences, then one obstruction per line."""
+        said = "With the same sides of its pairs at zero, no point nearby violates less."
+        said = said if self.has_pairs else self.kind.value
+        if not self.obstructions:
+            return [said]
+        left = len(self.obstructions) - SHOWN
+        more = [f"{indent}and {left} more"] if left > 0 else []
+        named = [f"{indent}{obstruction}" for obstruction in self.obstructions[:SHOWN]]
+        return [f"{said} What stands against it, of which one must give way:", *named, *more]
+
+
+def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolation | None:
+    r"""Lessen the sum of all violations by linear programs, and read from their multipliers what stands against it.
+
+    In each round the rows are linearised, and :math:`\sum_i w_i (p_i + q_i)` is minimised over steps within a trust
+    region and within the bounds. The weights are the reciprocals of the rows' largest slopes. Values that are fixed
+    take part by their multipliers only. The model's values are put back.
+
+    Parameters
+    ----------
+    model : Block
+        Of its pairs, the side that is at zero stays there.
+    deadline : Deadline
+
+    Returns
+    -------
+    LeastViolation or None
+        None for models that are large, have rows without values or derivatives, or take longer than the deadline; with
+        pairs also where linear programs lead further, since another side of a pair may be the cause.
+
+    References
+    ----------
+    Fletcher & Sainz de la Maza, Nonlinear programming and nonsmooth optimization by successive linear programming,
+    Math. Program. 43 (1989), 235-256, doi:10.1007/BF01582292
+    """
+    pairs = pairs_of(model)
+    rows = stated_rows(model, pairs)
+    if not 0 < len(rows) <= MOST_ROWS:
+        return None
+    if pairs and largest_violation(row.data for row in rows if row.data.ctype is Constraint) <= MET:
+        return None  # what is not met are the pairs themselves
+    deadline = deadline.within(MOST_SECONDS)
+    free = {id(v): v for row in rows for v in variables_in(row.body, include_fixed=False)}.values()
+    with values_restored(free):
+        put_values([*free], [within_bounds(number_or_nan(variable), variable) for variable in free])
+        is_linear = all(row.body.polynomial_degree() in (0, 1) for row in rows)
+        found = _descended(rows, is_linear, bool(pairs), deadline)
+    return None if found is None or (pairs and not found.obstructions) else found
+
+
+def _descended(
+    rows: Sequence[StatedRow], is_linear: bool, has_pairs: bool, deadline: Deadline
+) -> LeastViolation | None:
+    """Go down from the values on the model."""
+    radius = math.inf if is_linear else 1.0
+    at = ViolatedRows(rows)
+    for _ in range(MOST_ROUNDS):
+        if deadline.has_passed or not at.is_finite:
+            return None
+        if at.total <= MET:
+            return LeastViolation(Least.NONE, has_pairs, at.total)
+        step = at.step(radius, deadline)
+        if step is None:
+            return None
+        if at.total - step.total <= STATIONARY * min(radius, 1.0) * at.total:
+            kind = Least.PROVEN if is_linear else Least.LOCAL
+            return LeastViolation(kind, has_pairs, step.total, grouped(at.obstructing(step)))
+        at.put(step)
+        after = ViolatedRows(rows, at.weights)
+        if after.is_finite and at.total - after.total >= SUFFICIENT * (at.total - step.total):
+            at, radius = after, 2.0 * radius
+        else:
+            at.put()
+            radius = 0.25 * min(radius, step.length)
+    return LeastViolation(Least.UNKNOWN, has_pairs, at.total)

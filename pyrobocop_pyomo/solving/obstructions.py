@@ -1,0 +1,116 @@
+"""What holds a point where its rows cannot be met: bounds, fixed values and rows, by component."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.diagnosis.places import is_equation_of_a_phase, place_in_words, separation_of, time_of
+
+# So many are named in a sentence.
+SHOWN = 5
+
+
+@dataclass(frozen=True)
+class ObstructingData:
+    """One bound, fixed value or row.
+
+    Attributes
+    ----------
+    data : component data
+        A variable or a row.
+    sign : str
+        ``"<="``, ``">="``, or ``"="`` where it is fixed; empty for a row.
+    value : float
+        The bound, or the fixed value.
+    influence : float
+        By how much the least violation falls where it gives way by its own size.
+    """
+
+    data: Any
+    sign: str
+    value: float
+    influence: float
+
+
+@dataclass(frozen=True)
+class Obstruction:
+    """The bounds of one side, fixed values or rows of one component.
+
+    Attributes
+    ----------
+    name : str
+        Of the component, or of its only data.
+    words : str
+        What it is, with its number and where in time.
+    influence : float
+        By how much the least violation falls where they give way by their own size, in sum.
+    """
+
+    name: str
+    words: str
+    influence: float
+
+    def __str__(self) -> str:
+        return self.words
+
+
+def grouped(data: Iterable[ObstructingData]) -> tuple[Obstruction, ...]:
+    """Obstructions by component and side, the most influential first; then those of pairs, then fixed values.
+
+    Equations of phases carry what is required at one time to the next: they are left out wherever there is anything
+    else.
+    """
+    groups: dict[Hashable, list[ObstructingData]] = {}
+    for one in data:
+        groups.setdefault(_label(one), []).append(one)
+    stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
+    # Ends are fixed, and contact is stated, in almost every problem: what else stands there comes first.
+    ranked = [(_rank(some[0]), _obstruction(some)) for some in stated or groups.values()]
+    return tuple(obstruction for _, obstruction in sorted(ranked, key=lambda each: (each[0], -each[1].influence)))
+
+
+def _label(one: ObstructingData) -> Hashable:
+    if not one.sign and (separation := separation_of(one.data)) is not None:
+        return separation[:3]
+    return id(one.data.parent_component()), one.sign, one.value if one.sign == "=" else None
+
+
+def _rank(one: ObstructingData) -> int:
+    return 2 if one.sign == "=" else int(one.data.parent_component().ctype in PAIR_TYPES)
+
+
+def _obstruction(some: list[ObstructingData]) -> Obstruction:
+    influence, first, component = sum(one.influence for one in some), some[0], some[0].data.parent_component()
+    separations = [] if first.sign else [found for one in some if (found := separation_of(one.data)) is not None]
+    if separations:
+        block, one_shape, other_shape, _ = separations[0]
+        span = _span([start for *_, start in separations])
+        return Obstruction(
+            block, f"the clearance between '{one_shape}' and '{other_shape}' of '{block}' {span}", influence
+        )
+    if len(some) == 1 and not first.sign:
+        return Obstruction(first.data.name, place_in_words(first.data), influence)
+    times = [time for time in (time_of(one.data) for one in some) if time is not None]
+    name = first.data.name if len(some) == 1 else component.name
+    words = f"'{component.name if times else name}'"
+    if first.sign:
+        words += f" {_bound(some)}"
+    else:
+        words = f"{'pairs of' if component.ctype in PAIR_TYPES else 'constraint'} {words}"
+    if len(some) > 1:
+        words += f" at {len(some)} of {len(component)} {'points,' if times else 'indices'}"
+    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence)
+
+
+def _span(times: list[float]) -> str:
+    first, last = min(times), max(times)
+    return f"at t = {first:g}" if first == last else f"t = {first:g} to {last:g}"
+
+
+def _bound(some: list[ObstructingData]) -> str:
+    sign, values = some[0].sign, [one.value for one in some]
+    least, most = min(values), max(values)
+    return f"{'fixed at' if sign == '=' else sign} {least:.6g}" + ("" if least == most else f" .. {most:.6g}")
