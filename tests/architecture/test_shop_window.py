@@ -62,8 +62,9 @@ PUBLIC = {
         KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
     """,
     "results": """
-        ActiveSide BodyPairSafety Certificate Diagnosis DiscretisationEstimate Iterate JoinedTrajectory Multipliers
-        PairReport PhaseEstimate SafetyReport ScalingRecord Standing Stationarity Verification
+        ActiveSide BodyPairSafety Certificate Diagnosis DiscretisationEstimate Iterate JoinedTrajectory LeastViolation
+        Multipliers Obstruction PairReport PhaseEstimate SafetyReport ScalingRecord Standing Stationarity Verification
+        Violation
     """,
     "teams": """
         BalancedPenalties BarrierPath BarrierRounds ConstantBarrier ConstantPenalties Coordination GrowingPenalties Hub

@@ -5,10 +5,13 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pyrobocop_pyomo
 
 from .sources import ROOT, folder_trees, nodes
+
+PROJECT = ROOT.parent
 
 # What an expert in nonlinear programming, trajectory optimisation or robotics would look for -> what it replaces.
 RETIRED = {
@@ -78,6 +81,9 @@ def test_no_retired_word_in_a_public_name() -> None:
 # Turns of phrase that have to be read twice -> what is written instead.
 RETIRED_PHRASES = {
     "is asked": "is evaluated, is required, is requested",
+    "are asked": "are evaluated, are required, are requested",
+    "are refused by name": "raise an error that names ...",
+    "is refused by name": "raises an error that names ...",
     "have no say": "are ignored",
     "has no say": "is ignored",
     "without a word": "by default",
@@ -85,17 +91,31 @@ RETIRED_PHRASES = {
     "is told by name": "raises ... naming it",
     "shall": "must",
     "a certain point": "a certified point",
+    "kept from everything": "keeps a clearance of ...",
     "typical slips": "typical mistakes",
     "written anew": "an independent implementation",
 }
+# Where people read: docstrings, comments and messages, and all pages, those that are generated included.
+TEXTS = {"pyrobocop_pyomo": ("*.py",), "docs": ("*.md",), "examples": ("*.py", "*.md"), "benchmarks": ("*.py", "*.md")}
 
 
-def test_no_retired_phrase_in_docstrings_comments_and_messages() -> None:
-    pattern = re.compile(rf"(?i)\b({'|'.join(map(re.escape, RETIRED_PHRASES))})\b")
-    offenders = [
-        f"{path}, line {number}: '{found.group(1)}'; write {RETIRED_PHRASES[found.group(1).lower()]}"
-        for path in folder_trees()
-        for number, line in enumerate((ROOT / path).read_text(encoding="utf-8").splitlines(), start=1)
-        if (found := pattern.search(line))
-    ]
+def texts() -> Iterator[Path]:
+    """Sources and pages, and those at the root of the project."""
+    for folder, endings in TEXTS.items():
+        for ending in endings:
+            yield from (path for path in (PROJECT / folder).rglob(ending) if "_build" not in path.parts)
+    yield from PROJECT.glob("*.md")
+
+
+def test_no_retired_phrase_where_people_read() -> None:
+    # A phrase may be broken over two lines.
+    phrases = "|".join(r"\s+".join(map(re.escape, phrase.split())) for phrase in RETIRED_PHRASES)
+    pattern = re.compile(rf"(?i)\b({phrases})\b")
+    offenders = []
+    for path in texts():
+        text = path.read_text(encoding="utf-8")
+        for found in pattern.finditer(text):
+            phrase = " ".join(found[1].lower().split())
+            line = text.count("\n", 0, found.start()) + 1
+            offenders.append(f"{path.relative_to(PROJECT)}, line {line}: '{phrase}'; write {RETIRED_PHRASES[phrase]}")
     assert not offenders, "\n".join(offenders)

@@ -166,6 +166,34 @@ def test_far_obstacles_cost_little_and_change_nothing() -> None:
     assert [row[-1] for row in rows.values()] == ["clear"] * 3
 
 
+def test_a_scene_of_many_obstacles_ends_safe() -> None:
+    assert "8x15: 1 of 1 safe" in run_quick("obstacle_scale")
+
+
+def test_a_parking_case_ends_safe() -> None:
+    assert "1 of 1 safe" in run_quick("parking_cases")
+
+
+def test_paths_of_cars_are_measured() -> None:
+    lines = run_quick("car_paths").splitlines()
+    assert [line.split()[0] for line in lines] == ["reverse", "parallel", "mean"]
+
+
+def test_distances_of_many_pairs_take_less_than_one_by_one() -> None:
+    lines = [line.rsplit(maxsplit=1) for line in run_quick("distances").splitlines() if line and "us per" not in line]
+    microseconds = {name.strip(): float(value) for name, value in lines}
+    assert len(microseconds) == 8 + 4
+    assert min(microseconds.values()) > 0.0
+    assert microseconds["plane, 100 at once"] < microseconds["plane, apart"]  # a tenth of it, on an idle machine
+
+
+def test_evaluations_and_their_preparation_are_measured() -> None:
+    evaluated, prepared = run_quick("evaluation_costs").split("\n\n")
+    assert [line.split()[0] for line in evaluated.splitlines()[2:]] == ["cart_pole", "planar_pushing"]
+    alike, different = (line.split() for line in prepared.splitlines()[2:])
+    assert [alike[:2], different[:2]] == [["40", "alike"], ["40", "different"]]
+
+
 def test_random_parkings_end_safe_where_the_points_alone_collide() -> None:
     rows = {line.split()[1]: line.split()[2:] for line in run_quick("obstacle_success").splitlines()[2:]}
     scenes, feasible, safe, too_close, overlap = map(int, rows["nodes"][:5])
@@ -195,6 +223,10 @@ def test_planners_of_a_rod() -> None:
     table = run_quick("rod_teams")
     for planner in ("central", "hub", "paper"):
         assert planner in table
+    exchanged = [line.split()[-1] for line in table.splitlines() if "/" in line.rpartition(" ")[2]]
+    most = [int(number) for row in exchanged if row[0].isdigit() for number in row.split("/")]
+    assert most  # bytes that a robot receives and sends in a round: a few kilobytes, as the README says
+    assert max(most) < 10_000
 
 
 def test_the_table_of_examples_shows_every_case_and_writes_its_pages(tmp_path: Path) -> None:
@@ -238,6 +270,12 @@ def test_no_plan_that_is_called_safe_comes_closer_when_it_is_integrated_again() 
     assert [row[0] for row in rows] == ["unicycle", "car", "arm", "quadrotor", "cart", "slider"]
     assert sum(int(row[2]) for row in rows) >= 2  # called safe
     assert all(int(row[4]) == 0 for row in rows)  # though they are not
+
+
+def test_strategies_are_tried_where_one_run_is_not_enough() -> None:
+    table = run_quick("second_tries")
+    assert "6 of 6 starts are solved by one run" in table
+    assert table.splitlines()[-3].split()[0] == "solved"
 
 
 def test_textbook_problems_give_their_published_values_and_say_so() -> None:

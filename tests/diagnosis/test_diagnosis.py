@@ -81,7 +81,7 @@ def test_the_report_reads_from_the_worst_to_advice() -> None:
     diagnosis = rcp.diagnose(m)
     assert [finding.severity for finding in diagnosis.findings] == [Severity.ERROR, Severity.WARNING, Severity.ADVICE]
     text = str(diagnosis)
-    assert text.startswith("Diagnosis of 'pushing': 1 errors, 2 other findings")
+    assert text.startswith("Diagnosis of 'pushing': 1 error, 2 other findings")
     assert "19 degrees of freedom (10 in controls)" in text
     assert "- error, what was stated: 2 objectives are active: 'cost', 'second'." in text
     assert "- warning, undetermined variables: 1 variables" in text

@@ -22,16 +22,16 @@ class CodeBlock:
     heading: str
 
 
-def code_blocks(page: Path, language: str) -> list[CodeBlock]:
+def code_blocks(page: Path, *languages: str) -> list[CodeBlock]:
     content = page.read_text(encoding="utf-8")
     found = []
     for match in FENCE.finditer(content):
-        if match["language"] == language:
+        if match["language"] in languages:
             before = content[: match.start()]
             # A comment in a shell or Python block above also starts with '#': look outside of the blocks only.
             headings = re.findall(r"^#+ (.+)$", FENCE.sub("", before), re.MULTILINE)
             line = before.count("\n") + 2
-            found.append(CodeBlock(page, line, language, match["text"], headings[-1] if headings else ""))
+            found.append(CodeBlock(page, line, match["language"], match["text"], headings[-1] if headings else ""))
     return found
 
 

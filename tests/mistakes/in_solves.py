@@ -11,12 +11,12 @@ import pyrobocop_pyomo as rcp
 from .entries import cart, driven, effort, fails
 
 
-@fails("equation of 'x' of phase 'p' at t = ", "Relax what is not met")
+@fails("equation of 'x' of phase 'p' at t = ", "no values meet them together", "'p.u' <= 2 at ", "'p.x' fixed at 1")
 def too_little_time(m: Any, followed: bool) -> None:
     driven(m, duration=2.0 if followed else 0.5)
 
 
-@fails("equation of '", "of phase 'p' at t = ", "Relax what is not met")
+@fails("of phase 'p' at t = ", "one must give way:\n  'p.u' ", "'p.u' <= 0.1 at ")
 def too_little_force(m: Any, followed: bool) -> None:
     driven(m, force=2.0 if followed else 0.1)
 
@@ -73,3 +73,34 @@ def too_few_iterations(m: Any, followed: bool) -> Any:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.5 * pyo.sin(3 * b.x[t])})
     m.effort = pyo.Objective(expr=b.integral(effort))
     return {"options": {"max_iter": 200 if followed else 1}}
+
+
+@fails("The initial guess collides: 'cart' with 'wall', overlap 0.", "hybrid_a_star(", "p.initialize(", "multistart")
+def a_guess_through_an_obstacle_and_few_iterations(m: Any, followed: bool) -> Any:
+    m.p = b = rcp.PhaseBlock(duration=2.0, elements=8, stages=1)
+    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
+    b.vx, b.vy = rcp.Control(), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        bodies={"cart": rcp.Body(rcp.Polytope.box(0.4, 0.4), pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t], 0.0))},
+        obstacles={"wall": rcp.Polytope.box(0.4, 2, center=(2, 0.3))},
+        clearance=0.05,
+    )
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.vx[t] ** 2 + b.vy[t] ** 2))
+    b.initialize_straight_lines()
+    if followed:
+        around = {"x": [0, 1.5, 2.5, 4], "y": [0, -1.2, -1.2, 0]}
+        b.initialize(rcp.initial_guesses.waypoint_initial_guess(b, around, even_in="xy"))
+    return {"options": {"max_iter": 100 if followed else 2}}
+
+
+@fails("Phase 'p' has pairs and several stages per element", "take stages=1, or two phases with a jump")
+def several_stages_at_an_impact(m: Any, followed: bool) -> Any:
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=6, stages=1 if followed else 3)
+    b.x, b.v = rcp.State(initial=1.0), rcp.State(initial=0)
+    b.force = rcp.Algebraic(bounds=(0, None))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.force[t] - 9.81})
+    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.force[t] >= 0))
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.force[t] ** 2))
+    return {"strategies": "tight"}

@@ -155,3 +155,39 @@ def elements_in_the_words_of_pyomo_dae(m: Any, followed: bool) -> None:
 @refused("PhaseBlock was given 2.0, 10 by position", "PhaseBlock(duration=..., elements=...)")
 def a_phase_by_position(m: Any, followed: bool) -> None:
     m.p = rcp.PhaseBlock(duration=2.0, elements=10) if followed else rcp.PhaseBlock(2.0, 10)
+
+
+@refused("Polytope(...)", "rcp.Polytope.from_vertices(corners)")
+def a_polytope_by_its_constructor(m: Any, followed: bool) -> None:
+    corners = [(0, 0), (1, 0), (0, 1)]
+    _ = rcp.Polytope.from_vertices(corners) if followed else rcp.Polytope(corners)
+
+
+@refused("no attribute 'PathConstraint'", "phase.constraint(lambda b, t: ...)")
+def a_path_constraint_in_the_words_of_others(m: Any, followed: bool) -> None:
+    b = driven(m)
+    if followed:
+        b.constraint(lambda b, t: b.v[t] <= 2)
+    else:
+        b.fast = rcp.PathConstraint(lambda b, t: b.v[t] <= 2)
+
+
+@refused("solve_refined was given ConcreteModel 'cart'", "def build(mesh)")
+def a_model_to_refine(m: Any, followed: bool) -> None:
+    def build(mesh: Any) -> Any:
+        made = pyo.ConcreteModel(name="cart")
+        made.p = b = rcp.PhaseBlock(duration=2, mesh=mesh)
+        b.x = rcp.State(initial=0, final=1)
+        b.u = rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+        made.effort = pyo.Objective(expr=b.integral(effort))
+        return made
+
+    driven(m)
+    _ = rcp.studies.solve_refined(build if followed else m, progress=False)
+
+
+@fails("Ipopt option 'maxiter'", "Did you mean 'max_iter'?")
+def an_option_that_ipopt_writes_otherwise(m: Any, followed: bool) -> Any:
+    driven(m)
+    return {"options": {"max_iter" if followed else "maxiter": 200}}

@@ -76,12 +76,15 @@ def test_what_doubles_in_the_tree_grows_by_one_node():
     assert function(0.3, -1.2) == [shared_value(node)]
 
 
-def test_without_a_value_it_is_an_error_or_none():
+def test_without_a_value_it_is_an_error_or_none_and_nothing_in_the_log(caplog):
     m = _model()
     m.x[1].set_value(None)
-    with pytest.raises(ValueError, match="No value for uninitialized"):
+    with pytest.raises(ValueError, match=r"No value for uninitialized VarData object x\[1\]"):
         shared_value(m.x[1] + pyo.sin(m.x[0]))
+    with pytest.raises(ValueError, match=r"No value for uninitialized VarData object x\[1\]"):
+        NodeValues().of(m.x[1])
     assert shared_value(m.x[1] + pyo.sin(m.x[0]), exception=False) is None
+    assert caplog.records == []
     m.x[1].set_value(-1.0)
     with pytest.raises(ValueError, match="math domain"):
         shared_value(pyo.log(m.x[1]))

@@ -231,6 +231,22 @@ def test_a_second_equation_for_a_state_is_refused_and_names_the_first() -> None:
     b.check()
 
 
+def test_a_cell_that_is_run_again_is_answered_by_which_cells_to_run() -> None:
+    _, b = started()
+
+    def motion(b, t):
+        return {b.x: b.u[t]}
+
+    b.ode(motion)
+    with pytest.raises(DeclarationError, match="cell that is run again"):
+        b.x = rcp.State(initial=0)
+    with pytest.raises(TranscriptionError, match="cell that is run again"):
+        b.ode(motion)
+    with pytest.raises(DeclarationError) as of_every_phase:
+        b.time = rcp.State(initial=0)
+    assert "again" not in str(of_every_phase.value)
+
+
 @pytest.mark.parametrize("kind", ["ode", "residual", "constraint", "complementarity"])
 def test_the_exception_of_a_rule_comes_out_unchanged(kind: str) -> None:
     m, b = started()

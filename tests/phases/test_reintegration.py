@@ -173,6 +173,26 @@ def test_ends_meet_for_unstable_equations_too(growth: float) -> None:
     np.testing.assert_allclose(flows.local[:, -1, 0], starts[:, 0] * np.exp(0.1 * growth), rtol=1e-8)
 
 
+def test_an_unstable_motion_is_followed_far_from_its_plan() -> None:
+    """A pendulum let go near the top, in elements that start near the bottom: the whole turns over and over."""
+    width, elements = 0.1, 80
+
+    def rates(fraction: float, states: np.ndarray) -> np.ndarray:
+        return width * np.stack([states[1], 9.81 * np.sin(states[0])])
+
+    starts = np.tile([3.1, 0.0], (elements, 1))
+    first = np.array([0.05, 0.0])
+    flows = integrate_flows(rates, starts, np.array([3.0, 6.0]), 4, 1e-9, first)
+    assert flows is not None
+    assert flows.whole is not None
+    exact = solve_ivp(
+        lambda t, y: [y[1], 9.81 * np.sin(y[0])], (0, width * elements), first, rtol=1e-12, atol=1e-12,
+        t_eval=width * np.arange(1, elements + 1),
+    )  # fmt: skip
+    assert abs(exact.y[0]).max() > np.pi
+    np.testing.assert_allclose(flows.whole[:, -1, :], exact.y.T, atol=1e-3)
+
+
 def test_what_cannot_be_integrated_is_explained() -> None:
     m = pyo.ConcreteModel()
     m.p = b = rcp.PhaseBlock(elements=2, scheme="implicit_euler")

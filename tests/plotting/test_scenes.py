@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 from base64 import b64decode
 from itertools import pairwise
 from pathlib import Path
@@ -140,10 +143,33 @@ def test_an_animation_plays_where_a_notebook_shows_it(tmp_path: Path) -> None:
     assert film._repr_html_() is None
 
 
-def test_without_a_name_an_animation_goes_to_a_temporary_file() -> None:
+def test_without_a_name_an_animation_is_there_as_long_as_its_object(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     film = rcp.drawing.animate_scene(TIME, [car()], [], frames=2, seconds=1)
-    assert film.stat().st_size > 1000
-    film.unlink()
+    content = film.read_bytes()
+    assert len(content) > 1000
+    kept = film.save(tmp_path / "kept.png")
+    assert kept == tmp_path / "kept.gif"
+    assert kept.save(kept) == kept
+    del film
+    assert list(tmp_path.iterdir()) == [kept]
+    assert kept.read_bytes() == content
+    kept.unlink()
+    with pytest.raises(FileNotFoundError):
+        kept.save(tmp_path / "again.gif")
+
+
+def test_a_temporary_animation_is_removed_when_python_ends(tmp_path: Path) -> None:
+    code = (
+        "from pyrobocop_pyomo.plotting import animation_file; f = animation_file(None); f.write_bytes(b'.'); print(f)"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path), "TEMP": str(tmp_path), "TMP": str(tmp_path)}
+    command = [sys.executable, "-c", code]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert str(tmp_path) in ended.stdout
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_film_needs_ffmpeg_and_says_so_before_drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,6 +177,10 @@ def test_a_film_needs_ffmpeg_and_says_so_before_drawing(tmp_path: Path, monkeypa
     with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
         rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
+    gif = rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
+    with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
+        gif.save(tmp_path / "a.mp4")
+    assert list(tmp_path.iterdir()) == [gif]
 
 
 def test_figures_show_themselves_without_pyplot_and_survive_a_pickle() -> None:

@@ -54,8 +54,8 @@ def test_options_of_the_command_go_where_they_belong():
     assert solver.config.solver_options.value() == {"tol": 1e-9, "linear_solver": "mumps"}
 
 
-def test_model_with_variables_that_have_no_value(caplog):
-    """Pyomo could not write the solution; the log says so instead."""
+def test_solution_of_a_discretised_model(caplog):
+    """Every variable has a value at every point; where one has none, Pyomo could not write any, and the log says so."""
     caplog.set_level(logging.INFO)
     m = pyo.ConcreteModel(name="decay")
     m.t = ContinuousSet(bounds=(0, 1))
@@ -68,5 +68,11 @@ def test_model_with_variables_that_have_no_value(caplog):
     results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
     pyo.assert_optimal_termination(results)
     m.solutions.store_to(results)
+    written = results.solution.variable
+    assert written["u[0]"]["Value"] == m.u[0].value
+    assert len(written) == len(m.x) + len(m.u)
+    m.unused = pyo.Var()
+    results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
+    m.solutions.store_to(results)
     assert len(results.solution) == 0
-    assert "variables have no value, 'u[0]' among them" in caplog.text
+    assert "1 variables have no value, 'unused' among them" in caplog.text

@@ -192,7 +192,10 @@ def test_progress_has_a_line_per_start(monkeypatch):
     stream = io.StringIO()
     monkeypatch.setattr(module, "Progress", lambda show: Progress(show, stream))
     rcp.studies.multistart(two_valleys(), 3, progress=True, **QUICK)
-    assert len([line for line in stream.getvalue().splitlines() if "start" in line]) == 3
+    lines = [line.rpartition("\r")[2] for line in stream.getvalue().split("\n")]
+    assert len([line for line in lines if line.startswith("start")]) == 3
+    assert "\r1 of 3 starts done, two valleys: iteration 0" in stream.getvalue()
+    assert not lines[-1].strip()
 
 
 @pytest.mark.parametrize(
@@ -243,7 +246,7 @@ def test_a_model_that_cannot_be_sent_is_solved_here_and_the_log_says_why(
 
 @pytest.mark.casadi
 def test_an_exception_names_the_start_that_raised_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(model: pyo.ConcreteModel, options: dict) -> None:
+    def broken(*arguments: object) -> None:
         raise ZeroDivisionError("in a function of the user")
 
     monkeypatch.setattr(module, "result_or_error", broken)

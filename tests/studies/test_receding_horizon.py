@@ -168,3 +168,21 @@ def test_an_obstacle_that_would_start_anew_with_each_step_is_told(caplog: pytest
 def test_without_obstacles_nothing_is_said_of_safety() -> None:
     m = regulator()
     assert rcp.studies.RecedingHorizon(m, m.ahead).step({"x": 0.5, "v": 0.0}).safe is None
+
+
+def test_first_step_starts_where_the_equations_have_values():
+    """States without an initial guess are zero between the ends, where a rate by exp(-1 / T) has no value."""
+    m = pyo.ConcreteModel(name="reactor")
+    m.ahead = b = rcp.PhaseBlock(duration=1.0, elements=4)
+    b.temperature = rcp.State(initial=350)
+    b.heat = rcp.Control(bounds=(-50, 50))
+    b.ode(lambda b, t: {b.temperature: b.heat[t] - 1e3 * pyo.exp(-2000 / b.temperature[t])})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.temperature[t] - 340) ** 2 + b.heat[t] ** 2))
+    controller = rcp.studies.RecedingHorizon(m, b)
+    step = controller.step({"temperature": 352.0})
+    assert step.solved
+    assert "division by" in step.remark
+    assert "division by" in str(step)
+    following = controller.step({"temperature": 351.0}, advance=0.25)
+    assert following.solved
+    assert not following.remark

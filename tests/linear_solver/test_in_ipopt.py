@@ -1,0 +1,69 @@
+"""The linear solver inside Ipopt: many runs leave no memory behind, and Ctrl-C leaves the process usable."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import threading
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+
+pytestmark = [pytest.mark.casadi, pytest.mark.skipif(sys.platform == "win32", reason="signals and memory of POSIX")]
+
+OWN = {"linear_solver": "ldl"}
+
+
+def pendulum(elements: int) -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="pendulum")
+    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements)
+    b.angle, b.rate = rcp.State(initial=0, final=3.14), rcp.State(initial=0, final=0)
+    b.torque = rcp.Control(bounds=(-3, 3))
+    b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: b.torque[t] - 4.9 * pyo.sin(b.angle[t])})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.torque[t] ** 2))
+    return m
+
+
+def test_a_thousand_runs_leave_no_memory_behind(library):
+    nlp = CompiledModel(pendulum(2), "vectorised").nlp
+
+    def run(times: int) -> None:
+        for _ in range(times):
+            assert run_ipopt(nlp, {**OWN, "max_iter": 3, "print_level": 0}).iterations == 3
+
+    run(100)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    run(1000)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    assert grown < 8192 * (1024 if sys.platform == "darwin" else 1)  # a run of this size holds more than 100 kB
+
+
+@pytest.mark.ctrl_c
+def test_ctrl_c_at_any_instant_keeps_a_point_and_the_next_run_is_as_ever(library):
+    nlp = CompiledModel(pendulum(1500), "vectorised").nlp
+    whole = run_ipopt(nlp, OWN)
+    assert whole.status is IpoptStatus.SOLVED
+    for part in range(1, 9):
+        reached = threading.Event()
+        timer = threading.Timer(0.001 * part, os.kill, (os.getpid(), signal.SIGINT))
+
+        def press_later(record, reached=reached, timer=timer):
+            if not reached.is_set():  # no earlier: a press before the run ends the test session
+                reached.set()
+                timer.start()
+
+        outcome = run_ipopt(nlp, OWN, on_iteration=press_later)
+        timer.join()
+        assert outcome.status is IpoptStatus.INTERRUPTED
+        assert np.isfinite(outcome.x).all()
+    again = run_ipopt(nlp, OWN)
+    assert again.iterations == whole.iterations
+    assert again.objective == whole.objective

@@ -1,0 +1,59 @@
+"""What is said about problems whose first statement cannot work names what to write instead."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.solving.violations import motion_without_choice
+
+pytestmark = pytest.mark.casadi
+
+
+def dropped(**declarations):
+    m = pyo.ConcreteModel(name="dropped")
+    m.fall = b = rcp.PhaseBlock(duration=0.5, elements=4, scheme="implicit_euler")
+    b.height, b.speed = rcp.State(initial=1.0), rcp.State(initial=0)
+    b.force = rcp.Algebraic(bounds=(0, None))
+    for name, declaration in declarations.items():
+        setattr(b, name, declaration)
+    b.ode(lambda b, t: {b.height: b.speed[t], b.speed: b.force[t] - 9.81})
+    m.cost = pyo.Objective(expr=b.speed[b.final_time] ** 2)
+    return m
+
+
+def test_pair_whose_side_is_a_condition_is_answered_by_how_to_write_it():
+    m = dropped()
+    m.fall.height.setlb(0.5)
+    m.fall.complementarity(lambda b, t: rcp.complements(0.1 - b.height[t] >= 0, b.force[t] >= 0), name="near")
+    with pytest.raises(ComplementarityError, match=r"'fall\.near.*complements\(gap >= 0, force >= 0\)"):
+        rcp.solve(m, progress=False)
+
+
+def test_motion_without_choice_is_told_to_be_simulated():
+    m = dropped()
+    m.fall.complementarity(lambda b, t: rcp.complements(b.height[t] >= 0, b.force[t] >= 0), name="floor")
+    assert "'fall' has nothing to choose" in motion_without_choice(m)
+    m.fall.initialize(m.fall.simulate())  # as it says
+    rcp.solve(m, progress=False).raise_for_status()
+    chosen = dropped(push=rcp.Control())
+    chosen.fall.complementarity(lambda b, t: rcp.complements(b.height[t] >= 0, b.force[t] >= 0), name="floor")
+    assert not motion_without_choice(chosen)
+    assert not motion_without_choice(dropped())  # no pairs
+
+
+def test_rounded_control_that_cannot_meet_a_bound_is_not_explained_by_its_relaxation():
+    """The level must stay at 1, which half the inflow does and neither none nor all of it."""
+    m = pyo.ConcreteModel(name="tank")
+    m.fill = b = rcp.PhaseBlock(duration=4.0, elements=4)
+    b.level = rcp.State(initial=1.0, bounds=(0.99, 1.01))
+    b.valve = rcp.Control(integer=(0, 1))
+    b.ode(lambda b, t: {b.level: b.valve[t] - 0.5})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.level[t] - 1) ** 2))
+    result = rcp.solve(m, progress=False)
+    assert not result.solved
+    assert result.rounding is not None
+    assert result.least_violation is None
+    assert "more elements or more switches" in str(result)
