@@ -1,12 +1,13 @@
 """Paths of hybrid A*: CPU seconds, lengths and cusps for parking from many places.
 
-    python benchmarks/car_paths.py [places per slot]
+    python benchmarks/car_paths.py [--quick] [places per slot]
 
 The car and the slots are those of the example; starts are random, half of them heading along the street.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 import time
@@ -38,7 +39,11 @@ def starts(case: str, count: int) -> list[tuple[float, float, float]]:
 
 def main() -> None:
     """A line for each path."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="one place per slot")
+    parser.add_argument("places", type=int, nargs="?", default=10, help="per slot")
+    arguments = parser.parse_args()
+    count = 1 if arguments.quick else arguments.places
     seconds, cusps = [], []
     for case, scene in CASES.items():
         for start in starts(case, count):

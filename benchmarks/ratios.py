@@ -8,6 +8,7 @@ milliseconds are of one iteration: "linear algebra" is all of Ipopt's linear sys
 "rest" what else the solver does; of fatrop, whose clock for linear systems is no CPU clock, "rest" contains them.
 "around" is everything outside the solver, in all iterations together: stating, transforming, handing over, checking.
 "ratio" is the total against the first row. Who needs less in total than this package is marked "faster".
+
 With ``--docs docs`` the page ``docs/examples/ratios.md`` is written.
 """
 
@@ -107,10 +108,11 @@ def ways() -> dict[str, Callable[[int, Path], Costs]]:
 def page(rows: list[tuple[object, ...]]) -> str:
     """The page of the documentation."""
     quicker = sum(row[-1] == "faster" for row in rows)
-    text = (__doc__ or "").split("\n\n", 2)[2].strip().replace("``", "`")
+    text = (__doc__ or "").split("\n\n")[2].strip().replace("``", "`")
     table = markdown([title for title, _ in COLUMNS], cells_of(rows, COLUMNS), left=2)
     return (
-        f"# Ratios\n\nThe cart-pole swing-up by several programs, measured in one run. {text}\n\n{table}\n\n"
+        "# Ratios\n\nThe cart-pole swing-up by several programs, measured in one run by "
+        f"`python benchmarks/ratios.py --docs docs`. {text}\n\n{table}\n\n"
         f"{quicker} of {len(rows)} rows need less than this package with its default linear solver, ldl, on the same "
         "mesh.\n"
     )

@@ -57,7 +57,7 @@ def steps(elements: int, repeats: int) -> tuple[list[float], list[float], list[i
     for k in range(repeats + 1):
         started = time.perf_counter()
         made = controller.step(disturbed(k), advance=0.04 if k else 0.0)
-        made.plan.force[0]  # a plan is made when it is asked for
+        made.plan.force[0]  # a plan is made at its first use
         total.append(1e3 * (time.perf_counter() - started))
         done.append(made)
         assert made.solved

@@ -5,8 +5,8 @@ each other in the middle of the crossing, and a solver that starts from there ha
 which they pass each other is chosen once, by a seeded random direction. The corners of the streets are endless
 wedges.
 
-Both are points with a heading, a speed and a curvature, in one phase: the distance between two bodies is asked at the
-same time for both.
+Both are points with a heading, a speed and a curvature, in one phase: the distance between two bodies is evaluated
+at the same time for both.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Swing a pendulum up with a motor that is barely stronger than gravity.
 
-The published problem takes the moment of inertia as ``m g l^2``, a slip of the pen: gravity does not belong into
+The published problem takes the moment of inertia as ``m g l^2``, a mistake: gravity does not belong into
 an inertia. It is kept for comparison; ``build(inertia="physical")`` takes ``m l^2``.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,

@@ -9,8 +9,8 @@ the start of each element, so that the last state is neither paid for nor kept o
 
 ``thrown`` starts upright with a rate that the motor cannot stop in time: the left wall has to.
 
-The published problem takes the moment of inertia as ``m g l^2``, and the walls' torque as force over ``l m``: slips of
-the pen, kept for comparison; ``build(physical=True)`` takes ``m l^2``, and force times lever ``l cos(theta)``.
+The published problem takes the moment of inertia as ``m g l^2``, and the walls' torque as force over ``l m``: two
+mistakes, kept for comparison; ``build(physical=True)`` takes ``m l^2``, and force times lever ``l cos(theta)``.
 
 Raghunathan, Jha & Romeres, PYROBOCOP: Python-based Robotic Control & Optimization Package for Manipulation,
 ICRA 2022, doi:10.1109/ICRA46639.2022.9812069
