@@ -17,7 +17,7 @@ import nbformat
 
 FOLDER = Path(__file__).parent
 # Where this machine keeps its packages, and files that are gone.
-PLACES = re.compile(r"/[^\s()'\"<>]*/(?=site-packages/|animation_)")
+PLACES = re.compile(r"/[^\s()'\"<>]*/(?=site-packages/|animation\.gif)")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?")
 
 
