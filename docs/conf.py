@@ -1,6 +1,7 @@
 """Sphinx settings; build with ``python -m sphinx -W -b html docs docs/_build/html``."""
 
 import os
+from importlib.util import find_spec
 
 import pyrobocop_pyomo
 
@@ -18,10 +19,18 @@ extensions = [
 exclude_patterns = ["_build"]
 
 nb_execution_mode = "off"  # the notebooks hold their outputs; tests/notebooks executes them
+nb_merge_streams = True  # lines printed between two signs of progress are one block
 
 myst_enable_extensions = ["dollarmath", "deflist", "amsmath", "colon_fence"]
 myst_heading_anchors = 3
 myst_dmath_double_inline = True
+
+# Formulas render without a network: MathJax is copied from this package, which is no extension here. The variant that
+# draws in SVG needs no fonts.
+offline = os.path.dirname(find_spec("sphinx-mathjax-offline").origin)
+html_static_path = ["_static", os.path.join(offline, "static", "mathjax", "tex-svg-full.js")]
+html_css_files = ["custom.css"]
+mathjax_path = "tex-svg-full.js"
 
 math_number_all = False
 math_eqref_format = "({number})"
