@@ -4,9 +4,11 @@
 
 Each seed is a plan: a unicycle, a car, an arm of two links, a planar quadrotor, a cart with drag, or a slider that a
 finger pushes with friction, among random obstacles, on 3 to 40 elements of a random scheme. What `rcp.solve` calls
-safe is integrated again by `scipy.integrate.solve_ivp` at tolerances of 1e-10, open loop, with dynamics that are
-written in NumPy once more; the slider, whose contact slips and sticks by elements, starts each of them where the plan
-does. Distances are those of shapely at 60 instants per element. *false* counts the plans called safe whose motion
+safe is integrated again by `scipy.integrate.solve_ivp` at tolerances of 1e-10, open loop, with independent
+dynamics in NumPy. The contact of the slider slips or sticks element by element, so each of its elements is integrated
+from the start that the plan gives it.
+
+Distances are those of shapely at 60 instants per element. *false* counts the plans called safe whose motion
 comes closer than the clearance less its tolerance of 1 %; *worst* is the largest of these shortfalls, as a share of
 the clearance.
 """

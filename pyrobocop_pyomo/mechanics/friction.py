@@ -188,8 +188,8 @@ class CoulombSlip(SignalLaw):
     Attributes
     ----------
     normal, tangential : rule
-        Force of what slips on the other, newtons: the normal part, which must not be negative, and the part in the
-        direction of positive slip.
+        Force that the sliding body exerts on the surface, newtons: the normal part, which must not be negative, and the
+        part in the direction of positive slip.
     coefficient : number, rule, or parameter of the phase
         Coulomb's coefficient.
     fastest : float or None
