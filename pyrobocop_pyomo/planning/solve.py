@@ -10,6 +10,7 @@ from numbers import Real
 from typing import Any, TextIO
 
 from pyrobocop_pyomo.complementarity import Schedule
+from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
@@ -204,6 +205,7 @@ def solve(
     for phase in phases_of(model):
         phase.check()
     refuse_inconsistent_units(model)
+    doubts = doubts_before_solve(model)
     for block in blocks:
         check_clearances(block, feasibility_tolerance)
         warn_about_soft_clearance(block)
@@ -229,7 +231,7 @@ def solve(
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
-    return replace(result, seconds=time.perf_counter() - started)
+    return replace(result, doubts=(*doubts, *result.doubts), seconds=time.perf_counter() - started)
 
 
 def _check_limits(time_limit: Any, feasibility_tolerance: Any, complementarity_tolerance: Any) -> None:

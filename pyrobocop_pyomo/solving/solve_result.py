@@ -9,7 +9,7 @@ from textwrap import shorten
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.diagnosis import Diagnosis
+from pyrobocop_pyomo.diagnosis import Diagnosis, Finding
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.motion import SafetyReport
@@ -72,6 +72,9 @@ class SolveResult(Presented):
         against that; None for models that are large or have rows without derivatives.
     remarks : tuple of str
         What happened on the way that the user should know, such as an initial guess that could not be evaluated.
+    doubts : tuple of Finding
+        Why the point may not be what was meant although all residuals are small, such as phases that nothing joins;
+        the first lines of the text say so.
     safety : SafetyReport or None
         How clear of obstacles the continuous motion is, and of the sides of regions that it is to stay in; None for
         a model without `ObstacleAvoidanceBlock` and `Containment`.
@@ -106,6 +109,7 @@ class SolveResult(Presented):
     violations: tuple[Violation, ...] = ()
     least_violation: LeastViolation | None = None
     remarks: tuple[str, ...] = ()
+    doubts: tuple[Finding, ...] = ()
     safety: SafetyReport | None = None
     rounds: Sequence[Any] = ()
     scenes: Sequence[Any] = field(default=(), repr=False)
@@ -345,11 +349,12 @@ class SolveResult(Presented):
     def one_line(self) -> str:
         """Verdict, objective and violation, in a few words."""
         motion = "" if self.safe is None else ", safe" if self.safe else ", NOT SAFE"
+        doubtful = ", DOUBTFUL" if self.doubts else ""
         # What a run that was cut short has reached says nothing of the problem.
         cut = {StopReason.INTERRUPTED: " when interrupted", StopReason.TIME_LIMIT: " at the time limit"}
         reached = f"{self.quality.name.lower()}{cut.get(self.stop_reason, '')}"
         return (
-            f"'{self.name}': {reached}{motion}, objective {self.objective:.8g}, constraints "
+            f"'{self.name}': {reached}{motion}{doubtful}, objective {self.objective:.8g}, constraints "
             f"{self.constraint_violation:.1e}, {self.iterations} iterations"
         )
 
@@ -365,6 +370,7 @@ class SolveResult(Presented):
             "residuals": self._residuals,
             "pairs": pair_sentence(self.pairs, self.multipliers, self.certificate) if self.residuals else None,
             "motion": motion,
+            "doubtful": " ".join(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts) or None,
             "effort": f"{self.iterations} iterations in {self.seconds:.2f} s",
         }
         unmet = [(str(violation),) for violation in self.violations]
@@ -386,8 +392,9 @@ class SolveResult(Presented):
             unmet.append(f"  ... and of {len(self.violations) - SHOWN_VIOLATIONS} more components")
         return "\n".join(
             [
-                f"{'NOT SAFE: ' if self.safe is False else ''}{'COARSE MESH: ' if mesh.is_large else ''}{self.name}: "
-                f"{self._verdict}",
+                f"{'NOT SAFE: ' if self.safe is False else ''}{'COARSE MESH: ' if mesh.is_large else ''}"
+                f"{'DOUBTFUL: ' if self.doubts else ''}{self.name}: {self._verdict}",
+                *(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts),
                 *(line for line in (mesh.sentence(), mesh.advice()) if line and judged),
                 *(shorten(remark, REMARK_CHARACTERS, placeholder=" ...") for remark in mesh.remarks),
                 # A run that never began has neither.
