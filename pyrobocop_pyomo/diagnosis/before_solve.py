@@ -8,6 +8,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 
 from .findings import Finding, Severity, Subject
+from .statements import scaled_pair_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -22,7 +23,7 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     Finding
         An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
     """
-    yield from ()
+    yield from scaled_pair_findings(model)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:

@@ -17,7 +17,13 @@ from .difficult_forms import form_findings
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
 from .linearised_rows import LinearisedRows
 from .scaling import scaling_advice
-from .statements import misplaced_findings, objective_findings, statement_findings, unit_findings
+from .statements import (
+    misplaced_findings,
+    objective_findings,
+    scaled_pair_findings,
+    statement_findings,
+    unit_findings,
+)
 from .structure import structural_findings
 from .values import boundary_findings, data_findings, decided_findings, rate_findings, row_findings, values_missing
 
@@ -51,7 +57,7 @@ def diagnose(model: Any) -> Diagnosis:
         )
     phases = phases_of(model)
     remarks: list[str] = []
-    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model)]
+    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model), *scaled_pair_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
     findings += form_findings(model)

@@ -18,6 +18,7 @@ from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.expressions import holds_variable
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -86,6 +87,23 @@ def misplaced_findings(block: Any) -> Iterator[Finding]:
                     (part.name,),
                     f"Write m.{name} = rcp.Complementarity(expr=rcp.complements(...)).",
                 )
+
+
+def scaled_pair_findings(block: Any) -> Iterator[Finding]:
+    """Pairs that Pyomo's ``core.scale_model`` has passed over, while it scaled the variables that they hold."""
+    factors = getattr(block.model(), "component_scaling_factor_map", {})
+    named: set[str] = set()
+    for source in active_sources(block) if factors else ():
+        name = source.parent_component().name
+        scaled = [held for side in sides_of(source) for held in variables_in(side) if factors.get(held, 1) != 1]
+        if scaled and name not in named:
+            named.add(name)
+            yield _error(
+                f"'{name}' holds '{scaled[0].name}', which core.scale_model multiplied by {factors[scaled[0]]:g}; it "
+                "changes constraints, and leaves pairs as they were: they mean something else now.",
+                (name,),
+                "Apply pyrobocop.relax_complementarity before core.scale_model, or solve the model itself.",
+            )
 
 
 def objective_findings(model: Any) -> Iterator[Finding]:
