@@ -22,7 +22,7 @@ from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
 from .model_checks import active_expressions, refuse_discrete, single_objective
-from .model_terms import collect_terms
+from .model_terms import collect_terms, refuse_unknown_components
 from .named_nodes import with_named_nodes
 from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
 from .nonlinear_program import FloatArray, NonlinearProgram
@@ -112,6 +112,7 @@ class CompiledModel:
         self.seconds_building = time.perf_counter() - started
 
     def _compile_file(self, build: ProgramBuilder) -> None:
+        refuse_unknown_components(self.model)
         started = time.perf_counter()
         by_calls = not reads_names(build)
         named = with_named_nodes(self.model, self.objective, by_calls=by_calls)

@@ -396,5 +396,5 @@ def refuse_unknown_components(model: BlockData) -> None:
         )
         raise ModelError(
             f"'{model.name}' has active components that are no constraints, and that a solver would not see: {shown}. "
-            "Transform them, or deactivate them."
+            "Transform them (rcp.solve does so with pairs), or deactivate them."
         )

@@ -200,6 +200,19 @@ def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(r
 
 
 @pytest.mark.casadi
+def test_a_scaled_and_renamed_phase_may_have_a_free_duration() -> None:
+    m = pyo.ConcreteModel("sprint")
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=1), elements=4)
+    b.x, b.u = rcp.State(initial=0, final=1), rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.time_taken = pyo.Objective(expr=b.duration)
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[b.x] = 100
+    scaled = pyo.TransformationFactory("core.scale_model").create_using(m)
+    assert rcp.solve(scaled).objective == pytest.approx(1.0)
+
+
+@pytest.mark.casadi
 def test_pairs_that_a_scaling_has_passed_over_are_refused() -> None:
     m = robot()
     m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
