@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from pyomo.core.base.component import ModelComponentFactory
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.constraint import Constraint
@@ -17,11 +16,7 @@ from pyrobocop_pyomo.errors import LinkError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.variable_values import unfixed, values_restored
-from pyrobocop_pyomo.numerics.mixed_complementarity import solve_mixed_complementarity
 from pyrobocop_pyomo.phases import PhaseBlock, PhaseBlockData
-from pyrobocop_pyomo.phases.companions import put_on_model
-from pyrobocop_pyomo.phases.element_system import ElementSystem
 from pyrobocop_pyomo.phases.equations import rule_name
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -36,6 +31,7 @@ from .link_states import (
     states_given,
     states_of_both,
 )
+from .tied_starts import solved_start
 
 
 @dataclass
@@ -120,25 +116,11 @@ class LinkData(BuiltBlockData):
             When its relations do not determine them.
         """
         rows = [row for row in (*self.continuity.values(), *self.jump.values()) if row.equality]
-        expressions = [(row.name, row.body - row.upper) for row in rows]
         read = {id(variable) for row in rows for variable in variables_in(row.body, include_fixed=True)}
         starts = {name: self.second.component(name)[self.second.initial_time] for name in self._second_states}
         starts = {name: variable for name, variable in starts.items() if id(variable) in read}
-        if len(rows) != len(starts):
-            raise LinkError(
-                f"{self._what}: {len(rows)} equations for the start of {len(starts)} states "
-                f"({', '.join(starts) or 'none'}). Give the start of '{self.second.name}' yourself."
-            )
-        unknowns = list(starts.values())
-        with put_on_model([(self.first, trajectory)]), values_restored(unknowns), unfixed(unknowns):
-            guess = np.array([0.0 if variable.value is None else variable.value for variable in unknowns])
-            solution = solve_mixed_complementarity(ElementSystem(unknowns, expressions, []).problem(), guess)
-        if not solution.solved:
-            raise LinkError(
-                f"{self._what}: its relations have no solution for the start of '{self.second.name}' (residual "
-                f"{solution.residual:.1e} in '{rows[solution.worst].name}')."
-            )
-        return dict(zip(starts, solution.point.tolist(), strict=True))
+        found = solved_start(self._what, self.second, rows, starts.values(), [(self.first, trajectory)])
+        return dict(zip(starts, found, strict=True))
 
     @property
     def _second_states(self) -> list[str]:

@@ -7,14 +7,18 @@ indexed `Expression` is followed through its own rule. Everything else of the mo
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from pyomo.common.errors import TemplateExpressionError
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.initializer import IndexedCallInitializer
+from pyomo.core.base.var import ScalarVar
 
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 
@@ -31,6 +35,37 @@ class _Index:
 
 
 INDEX = _Index()
+
+
+class AnyTime(ScalarVar):
+    """Stands for all times in the formulas of a rule, which fails where it takes it for one of them.
+
+    What follows from one value, by ``pyo.value(t)`` or ``str(t)``, would be taken for what holds at all times.
+    """
+
+    _is_asked = False
+
+    @contextmanager
+    def asked(self) -> Iterator[None]:
+        """Context in which a rule gets it, and neither its value nor its text."""
+        self._is_asked = True
+        try:
+            yield
+        finally:
+            self._is_asked = False
+
+    def __call__(self, exception: bool = True) -> Any:
+        """Its value, outside of `asked`."""
+        self._refuse()
+        return super().__call__(exception=exception)
+
+    def __str__(self) -> str:
+        self._refuse()
+        return str(super().__str__())
+
+    def _refuse(self) -> None:
+        if self._is_asked:  # of errors in values, Pyomo logs all but these
+            raise TemplateExpressionError(self, "the rule has to know the time as a number")
 
 
 @dataclass(frozen=True)

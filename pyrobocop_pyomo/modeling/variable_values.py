@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from operator import attrgetter
 from typing import Any
+from zlib import crc32
 
 from pyomo.common.collections import ComponentMap
+from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var, VarData
 from pyomo.core.staleflag import StaleFlagManager
 
@@ -107,6 +110,18 @@ def put_values(variables: Sequence[Any], values: Sequence[float | None], *, flag
     for variable, number in zip(variables, values, strict=True):
         variable._value = number
         variable._stale = 0 if number is None else StaleFlagManager.get_flag(variable._stale)
+
+
+def checksum(numbers: Iterable[Any]) -> int:
+    """A number that other values hardly share, the same in every process."""
+    return crc32(repr(list(numbers)).encode())
+
+
+def checksum_of_model(model: Any) -> int:
+    """The checksum of all variables and mutable parameters of a model."""
+    variables = map(_VALUE, model.component_data_objects(Var))
+    data = (map(_VALUE, of.values()) for of in model.component_objects(Param) if of.mutable)
+    return checksum(chain(variables, *data))
 
 
 @contextmanager

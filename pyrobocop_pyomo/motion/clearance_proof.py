@@ -125,6 +125,7 @@ def verify_clearance(
         motion=_motion_text(motion.description(watched), lines),
         motion_is_assumed=motion.is_assumed(watched) or bool(lines),
         equations=led.statement,
+        equations_unknown=bool(led.why_unknown),
     )
 
 

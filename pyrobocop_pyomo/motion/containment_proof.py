@@ -78,6 +78,7 @@ def verify_inside(
         motion=motion.description({"body": body}),
         motion_is_assumed=motion.is_assumed({"body": body}),
         equations=led.statement,
+        equations_unknown=bool(led.why_unknown),
     )
 
 

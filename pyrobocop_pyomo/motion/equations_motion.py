@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.links import LinkData
-from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
+from pyrobocop_pyomo.links.tied_starts import ties_of
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.reintegration import Reintegration
+from pyrobocop_pyomo.trajectories import Trajectory
 
 from .motion import Motion
 from .moving_shapes import MovingShape
@@ -26,6 +26,8 @@ from .pose_templates import SignalFormulas
 
 # Distances are compared at a number of instants in each element; in between they may be larger, by much less than this.
 BETWEEN_INSTANTS = 1.1
+# As a share of the size of a state, or of one: what the equations of another phase may take for its plan.
+FAR_COMPANION = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class EquationsMotion:
     deviation : dict of str to array, shape (intervals,)
         By the name of a moving part: how far any of its corners gets from where the plan has it; by the text of a
         clearance: how far what is required gets from what the plan asks for. Zero where a body
-        moves by a formula in time; infinite where the motion of the equations left the finite numbers.
+        moves by a formula in time; infinite where the motion of the equations left the finite numbers, or is not known.
     how : str
         How it was found, in words; empty where it is not known.
     why_unknown : str
@@ -52,7 +54,10 @@ class EquationsMotion:
     def statement(self) -> str:
         """What is known of the motion of the equations, in words; nothing where there are none."""
         if self.why_unknown:
-            return f"the motion of the equations is not known, and not proven: {self.why_unknown}"
+            return (
+                f"the motion of the equations is not known, and not proven: {self.why_unknown} Where a controller "
+                "tracks the plan itself, ask for the plan alone by equations=False."
+            )
         if not self.how:
             return ""
         largest = max((float(of.max(initial=0.0)) for of in self.deviation.values()), default=0.0)
@@ -89,24 +94,30 @@ def equations_motion(
     moving = [(shape, template) for shape, template in found_in if isinstance(template, SignalFormulas)]
     phases: dict[int, Any] = {}
     lengths = lengths or {}
+
+    def unknown(why: str) -> EquationsMotion:
+        # What nobody knows is as far away as it can be: unknown is never safe.
+        names = [*(shape.name for shape, template in moving if _reads(template)), *lengths]
+        return EquationsMotion({name: np.full(len(motion.intervals), np.inf) for name in names}, why_unknown=why)
+
     for template in [*(template for _, template in moving), *lengths.values()]:
         for signal in template.signals:
             home = None if signal.component is None else signal.component.parent_block()
             if isinstance(home, PhaseBlockData):
                 phases[id(home)] = home
     if not phases:
-        reads_signals = any(signal.component is not None for _, template in moving for signal in template.signals)
+        reads_signals = any(_reads(template) for _, template in moving)
         if motion.interpolation is None or motion.interpolation.is_assumed or not reads_signals:
             return EquationsMotion()
-        return EquationsMotion(why_unknown="the model has rows at its points for them, which say nothing in between.")
+        return unknown("the model has rows at its points for them, which say nothing in between.")
     found: dict[int, Any] = {}
     for key, phase in phases.items():
         try:
             found[key] = reintegrated(phase)
         except PyRobocopError as error:
-            return EquationsMotion(why_unknown=str(error))
+            return unknown(str(error))
         if len(found[key].errors) != len(motion.intervals):
-            return EquationsMotion(why_unknown=f"phase '{phase.name}' has other elements than the motion.")
+            return unknown(f"phase '{phase.name}' has other elements than the motion.")
     by_template: dict[int, Array] = {}
     deviation = {}
     for shape, template in moving:
@@ -121,33 +132,69 @@ def equations_motion(
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
-    """The motion of a phase's equations at the current values, from where those of the phases before it end.
+    """The motion of a phase's equations at the current values, from where those of the phases before it lead.
 
-    Links say where a phase starts when the one before ends elsewhere than planned, jumps included. A link that closes a
-    circle, as in a periodic motion, starts at the plan.
+    All rows that tie its start, links and their jumps included, say where a phase starts when another one ends
+    elsewhere than planned. What closes a circle, as in a periodic motion, starts at the plan.
 
     Parameters
     ----------
     phase : PhaseBlock
     after : tuple of PhaseBlock
         Phases that follow this one, for which it is evaluated.
+
+    Raises
+    ------
+    PyRobocopError
+        When its motion, or where it starts, is not known.
     """
     following = (phase, *after)
-    for link in blocks_of_kind(phase.model(), LinkData):
-        if link.second is phase and not any(link.first is other for other in following):
-            first = link.first
-            before = reintegrated(first, following)
-            if before.contact:
-                break  # each element starts where the plan does
-            if before.open_loop is None:
-                return replace(phase.reintegrate(), open_loop=None)
-            planned = first.trajectory()
-            ends = {name: float(states[-1, -1]) for name, states in before.open_loop.items()}
-            led = {name: np.append(planned.states[name][:-1], end) for name, end in ends.items()}
-            found: Reintegration = phase.reintegrate(initial=link.start_after(replace(planned, states=led)))
-            return found
-    whole: Reintegration = phase.reintegrate()
-    return whole
+    ties = ties_of(phase)
+    led = []
+    for other in ties.before:
+        if any(other is known for known in following):
+            continue
+        before = reintegrated(other, following)
+        if before.contact:
+            continue  # each element starts where the plan does
+        if before.open_loop is None:
+            return replace(phase.reintegrate(), open_loop=None)
+        led.append((other, _led(other.trajectory(), before)))
+    for other in ties.beside:
+        _refuse_far_companion(phase, other)
+    found: Reintegration = phase.reintegrate(initial=ties.start_after(led) or None)
+    return found
+
+
+def _refuse_far_companion(phase: Any, other: Any) -> None:
+    """Equations read the plan of another phase: its motion must be that, by a small share of the size of each state."""
+    motion = other.reintegrate()
+    for name, planned in motion.planned.items():
+        led = None if motion.states is None else motion.states[name]
+        away = np.inf if led is None else float(np.abs(led - planned).max())
+        if not away <= FAR_COMPANION * max(1.0, float(np.abs(planned).max())):
+            raise TrajectoryError(
+                f"the equations of phase '{phase.name}' read states of '{other.name}', whose own equations lead "
+                f"'{name}' {away:.2g} away from its plan. Give '{other.name}' more elements."
+            )
+
+
+def _led(planned: Trajectory, found: Reintegration) -> Trajectory:
+    """The trajectory of a plan with the states that its equations lead to."""
+    assert found.open_loop is not None
+    states = {name: values.copy() for name, values in planned.states.items()}
+    for name, values in states.items():
+        away = found.open_loop[name] - found.planned[name]
+        for nodes, difference in zip(planned.grid.node_positions, away, strict=True):
+            fractions = planned.grid.scheme.state_nodes
+            values[nodes] = planned.states[name][nodes] + np.interp(fractions, found.fractions, difference)
+        values[-1] = found.open_loop[name][-1, -1]
+    return replace(planned, states=states)
+
+
+def _reads(template: SignalFormulas) -> bool:
+    """Whether a pose reads variables of the model over time, which equations may move."""
+    return any(signal.component is not None for signal in template.signals)
 
 
 def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: int) -> Array:

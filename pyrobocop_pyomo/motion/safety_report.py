@@ -12,6 +12,8 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import ClearanceCurve, plot_clearances
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, table
 
+_NOT_BY_EQUATIONS = "but not for the motion of its equations"
+
 
 @dataclass(frozen=True, eq=False)
 class BodyPairSafety(Presented):
@@ -46,8 +48,8 @@ class BodyPairSafety(Presented):
     interval_clearance : array, shape (intervals,)
         What is required at the instant of `interval_distance`; `interval_proven` refers to it.
     interval_deviation : array, shape (intervals,)
-        How far the equations lead the parts from where the plan has them, under its controls. Distances are those of
-        the plan; this is taken off what is proven for it.
+        How far the equations lead the parts from where the plan has them, under its controls; infinite where that is
+        not known. Distances are those of the plan; this is taken off what is proven for it.
     preferred : float or None
         A larger clearance that was preferred, where there is one; `safe` says nothing about it.
     interval_ends : array, shape (intervals, 2), optional
@@ -134,6 +136,12 @@ class BodyPairSafety(Presented):
         return tuple(np.flatnonzero(~(proven >= self.interval_clearance - self.tolerance)).tolist())
 
     @property
+    def plan_is_proven(self) -> bool:
+        """Whether the clearance is proven of the plan, wherever the motion of its equations is not known."""
+        proven = self.interval_proven >= self.interval_clearance - self.tolerance
+        return bool(np.all(proven & ~np.isfinite(self.interval_deviation)))
+
+    @property
     def violated(self) -> tuple[int, ...]:
         """Intervals (or points) with an instant at which the plan itself is too close."""
         return tuple(np.flatnonzero(self.interval_distance < self.interval_clearance - self.tolerance).tolist())
@@ -180,6 +188,8 @@ class SafetyReport(Presented):
         Whether nothing in the model says that the motion is this one.
     equations : str
         How the motion of the equations was found, and how far it is from the plan; empty where there are none.
+    equations_unknown : bool
+        Whether there are equations whose motion is not known, for the reason that `equations` says.
     """
 
     body_pairs: tuple[BodyPairSafety, ...]
@@ -187,11 +197,17 @@ class SafetyReport(Presented):
     motion: str = ""
     motion_is_assumed: bool = False
     equations: str = ""
+    equations_unknown: bool = False
 
     @property
     def safe(self) -> bool:
-        """Whether every body pair is proven clear at all times."""
+        """Whether every body pair is proven clear at all times; what is not known is never safe."""
         return all(pair.safe for pair in self.body_pairs)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether no other plan would be proven better: safe, but for equations whose motion is not known."""
+        return all(pair.safe or (self.equations_unknown and pair.plan_is_proven) for pair in self.body_pairs)
 
     @property
     def worst(self) -> BodyPairSafety | None:
@@ -284,7 +300,8 @@ class SafetyReport(Presented):
         violated = sum(1 for pair in self.body_pairs if pair.violated)
         plan_only = sum(1 for pair in self.body_pairs if pair.verdict == "plan only")
         still_open = sum(1 for pair in self.body_pairs if not pair.safe and not pair.violated) - plan_only
-        by_plan = f", {plan_only} clear for the plan, but not for the motion of its equations" if plan_only else ""
+        why = "but the motion of its equations is not known" if self.equations_unknown else _NOT_BY_EQUATIONS
+        by_plan = f", {plan_only} clear for the plan, {why}" if plan_only else ""
         return (
             f"NOT SAFE: {violated} of {len(self.body_pairs)} body pairs too close, {still_open} undecided{by_plan}"
             f"{of_motion}\n{about}{self.table()}"
@@ -303,6 +320,7 @@ def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
         motion="; ".join(motions),
         motion_is_assumed=any(report.motion_is_assumed for report in collected),
         equations="\n".join(equations),
+        equations_unknown=any(report.equations_unknown for report in collected),
     )
 
 

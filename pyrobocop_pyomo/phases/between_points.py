@@ -7,14 +7,18 @@ points, or that reads expressions which nothing gives for all times, has no answ
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.trajectories import Trajectory
 
+from .companions import is_of_grid
 from .delays import AheadOfMotion, past_on_model
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement
@@ -25,6 +29,10 @@ _BETWEEN = 0.3717
 
 # Largest relative difference of a rate by the proxy from the one by the phase.
 _AGREEMENT = 1e-9
+
+# Parts of an element: so far beside the points rules are compared with the rows. What is measured there by rates that
+# change quickly, or by the tolerance of a solver, is no other rule.
+_BESIDE, _SAME_RATE = 1e-9, 1e-5
 
 
 def check_rules_between_points(
@@ -62,6 +70,56 @@ def check_rules_between_points(
     finally:
         point.asks_phase, point.element, point.past = asks_phase, element, past
         point.leave_nodes()
+
+
+def refuse_data_at_points(
+    block: Any, record: PhaseRecord, trajectory: Trajectory, rates: Callable[[float, Array], Array]
+) -> None:
+    """Refuse equations that say something at their points and something else on both sides of these.
+
+    A rule of the time may jump at a point; what differs from both sides are numbers for the points alone, such as those
+    of a dictionary with a default for all other times.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+        With the values of the trajectory on the model.
+    record : PhaseRecord
+    trajectory : Trajectory
+    rates : callable
+        ``rates(fraction, states)``: derivatives at a local fraction of all elements, shape ``(n, N)``, at states of
+        that shape.
+
+    Raises
+    ------
+    TrajectoryError
+        Naming the state, and both numbers.
+    """
+    grid, names = trajectory.grid, record.names_of_states
+    stated_by_rows = [name for name in names if name in record.rates]
+    if not is_of_grid(record, grid) or not stated_by_rows:
+        return
+    stated = {name: [number_or_nan(record.rates[name][time]) for time in record.grid.points] for name in stated_by_rows}
+    per_stage = {name: np.array(numbers)[grid.stage_positions] for name, numbers in stated.items()}
+    for stage, fraction in enumerate(grid.scheme.c.tolist()):
+        states = np.array([trajectory.element_states(name) @ grid.scheme.state_at([fraction])[0] for name in names])
+        with np.errstate(all="ignore"):
+            beside = [rates(fraction + side * _BESIDE, states) for side in (-1.0, 1.0)]
+        for name in stated_by_rows:
+            row, at = per_stage[name][:, stage], names.index(name)
+            differences = [np.abs(found[at] - row) / (1.0 + np.abs(row)) for found in beside]
+            differs = np.min(differences, axis=0) > _SAME_RATE
+            # At its very ends a phase has one side only.
+            times = np.array(grid.mesh.boundaries[:-1]) + fraction * np.array(grid.mesh.widths)
+            differs &= (times > grid.mesh.boundaries[0]) & (times < grid.mesh.boundaries[-1])
+            if differs.any():
+                i = int(np.argmax(differs))
+                raise TrajectoryError(
+                    f"phase '{block.name}': the equation of '{name}' says {row[i]:g} at the point t = {times[i]:g} of "
+                    f"the grid, but {beside[0][at, i]:g} just before and {beside[1][at, i]:g} just after it. What it "
+                    "says is known at the points only. Give data over time as an rcp.Table, and compute with t by "
+                    "Pyomo's functions."
+                )
 
 
 def _past_of_any_value(block: Any, record: PhaseRecord) -> Any:

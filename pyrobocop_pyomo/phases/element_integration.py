@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.complementarity import Complementarity
-from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, TrajectoryError, TranscriptionError
 from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.numerics import Array, Scheme
 from pyrobocop_pyomo.numerics.flows import Flows
@@ -334,7 +334,7 @@ def _whole_by_steps(
                 return None
             times = np.append(start + (end - start) * fractions[:-1], end)
             carried.append(np.array([so_far.state(time) for time in times.tolist()]))
-    except TrajectoryError:
+    except (TrajectoryError, TranscriptionError):
         raise  # a rule that cannot be asked says nothing about the motion
     except (OverflowError, ZeroDivisionError, ValueError):
         return None
@@ -432,7 +432,7 @@ def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array, f
                 )  # fmt: skip
         except _TooStiff:
             continue
-        except TrajectoryError:
+        except (TrajectoryError, TranscriptionError):
             raise  # a rule that cannot be asked says nothing about the motion
         except (OverflowError, ZeroDivisionError, ValueError):
             return nothing

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
@@ -14,7 +13,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.complementarity import Complementarity, canonical_form, side_values
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
-from pyrobocop_pyomo.modeling.variable_values import put_values
+from pyrobocop_pyomo.modeling.variable_values import checksum, put_values
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -144,10 +143,11 @@ class PhaseValues:
         return words if fingerprint == self._fingerprint(values) else "changed since rcp.solve"
 
     def _fingerprint(self, values: Mapping[str, Array]) -> int:
-        """A number that other values hardly share, the same in every process."""
         phase, record = self._phase, self._record
         parameters = [float(value(phase.component(name))) for name in record.names(Parameter)]
-        return crc32(np.concatenate([*values.values(), parameters, real_grid(phase, record).mesh.boundaries]).tobytes())
+        return checksum(
+            np.concatenate([*values.values(), parameters, real_grid(phase, record).mesh.boundaries]).tolist()
+        )
 
     def note_outcome(self, words: str) -> None:
         """Keep how the solve ended that has left the values."""

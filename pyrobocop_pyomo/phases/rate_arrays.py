@@ -18,6 +18,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.rule_proxies import AnyTime
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -31,7 +32,9 @@ from .record import PhaseRecord, Statement
 LOGGER = logging.getLogger(__name__)
 
 # Elements at which the formulas are compared with the rules, and the largest relative difference.
-_SAMPLES, _AGREEMENT = 5, 1e-9
+_SAMPLES, _AGREEMENT = 8, 1e-9
+# Places within them that no scheme has a point at.
+_BETWEEN = (0.3717, 0.8129)
 # Parts of the horizon at which rules that have to know the time are evaluated for what they read.
 _SAMPLED = (0.03, 0.24, 0.51, 0.77, 0.96)
 
@@ -60,8 +63,8 @@ class RuleFormulas(PointModel):
 
     def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, *, by_instant: bool = False) -> None:
         super().__init__(block, record, indices, grid)
-        self._scratch.index_of_time = Var(initialize=0.0)
-        self._scratch.clock = Var(initialize=0.0)
+        self._scratch.index_of_time = AnyTime()
+        self._scratch.clock = AnyTime()
         self.index = self._scratch.index_of_time
         self._by_instant = by_instant
         self.asks_by_instant = False
@@ -115,7 +118,8 @@ class RuleFormulas(PointModel):
         """
         rule = statement.rule
         try:
-            return entries(rule(self._proxy, self.index))  # type: ignore[misc]
+            with self._scratch.index_of_time.asked(), self._scratch.clock.asked():
+                return entries(rule(self._proxy, self.index))  # type: ignore[misc]
         except PyRobocopError:
             raise
         except Exception:  # a rule may compute with the time, or compare it
@@ -345,6 +349,10 @@ class RateArrays:
             rates[j] = known.of(rate) * self._widths
         return rates
 
+    def at_instants(self, fraction: float, states: Array) -> Array:
+        """Derivatives by real time at a local fraction of all elements, of states of shape ``(n, N)``."""
+        return np.asarray(self(fraction, states[:, None, :])[:, 0, :] / self._widths, dtype=float)
+
     def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
         return TrajectoryError(
             f"phase '{self._phase}': a rule has '{node}', which {reason} and has no value between the points of "
@@ -372,10 +380,13 @@ class RateArrays:
 
     def _compare(self, point: PointModel, record: PhaseRecord) -> None:
         """Ask the rules for single instants, and compare."""
-        fraction = 0.3717  # no scheme has a point there
+        for fraction in _BETWEEN:
+            self._compare_at(fraction, point, record)
+
+    def _compare_at(self, fraction: float, point: PointModel, record: PhaseRecord) -> None:
         states = np.array([self._trajectory.element_states(name)[:, 0] for name in self._names])
         with np.errstate(all="ignore"):
-            rates = self(fraction, states[:, None, :])[:, 0, :] / self._widths
+            rates = self.at_instants(fraction, states)
         declared, indices, _ = self._declared_at(fraction)
         for i in np.unique(np.linspace(0, len(self._widths) - 1, _SAMPLES).astype(int)).tolist():
             point.element = i

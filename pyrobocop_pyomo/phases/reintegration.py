@@ -21,7 +21,7 @@ from pyrobocop_pyomo.numerics.flows import Flows, integrate_elements, integrate_
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .between_points import check_rules_between_points
+from .between_points import check_rules_between_points, refuse_data_at_points
 from .companions import companions_of, indices_of, put_on_model
 from .delays import past_of
 from .element_integration import integrate_inside, signals_at
@@ -228,6 +228,7 @@ def _flows(
         flows = None if delays else _side_by_side(block, record, trajectory, indices, point, first)
         if flows is None:
             rates = _single_rates(record, trajectory, point)
+            refuse_data_at_points(block, record, trajectory, _by_element(rates, trajectory))
             flows = integrate_inside(trajectory, rates, fractions, first, point if delays else None)
     finally:
         point.past = past
@@ -249,6 +250,7 @@ def _side_by_side(
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
     try:
         rates = RateArrays(block, record, trajectory, indices, point)
+        refuse_data_at_points(block, record, trajectory, rates.at_instants)
     except TrajectoryError:
         return None
     return integrate_flows(rates, starts, scales, SAMPLES, TOLERANCE, first)
@@ -303,6 +305,17 @@ def _integral(
     if found is None:
         raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
     return planned, found[0][:, -1, -1]
+
+
+def _by_element(rates: Any, trajectory: Trajectory) -> Any:
+    """Rates at one instant of one element as those of all elements at a local fraction."""
+    mesh = trajectory.grid.mesh
+
+    def all_rates(fraction: float, states: Array) -> Array:
+        times = [start + fraction * width for start, width in zip(mesh.boundaries[:-1], mesh.widths, strict=True)]
+        return np.array([rates(i, time, states[:, i]) for i, time in enumerate(times)]).T
+
+    return all_rates
 
 
 def _single_rates(record: PhaseRecord, trajectory: Trajectory, point: PointModel) -> Any:

@@ -102,9 +102,9 @@ class PlanningRound:
         return self.result.standing
 
     @property
-    def is_safe(self) -> bool:
-        """Whether it is a plan to go by."""
-        return self.safe and self.quality is not Quality.INFEASIBLE
+    def is_settled(self) -> bool:
+        """Whether it is a plan to go by, as far as can be known."""
+        return self.result.safety.is_settled and self.quality is not Quality.INFEASIBLE
 
     @property
     def is_nearly_safe(self) -> bool:

@@ -313,18 +313,18 @@ class SafePlanning:
 
     @property
     def _is_good_enough(self) -> bool:
-        """Safe; or feasible, where nobody asked for more than the points, or another plan starts from this one."""
+        """As safe as is known; or feasible, where only points were asked for, or another plan starts from this one."""
         assert self._best is not None
         asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
         if self._is_start and not self._is_any_start:
-            return self._best.is_safe or self._best.is_nearly_safe
+            return self._best.is_settled or self._best.is_nearly_safe
         enough = self._is_any_start or not asked
-        return self._best.is_safe or (self._best.quality is not Quality.INFEASIBLE and enough)
+        return self._best.is_settled or (self._best.quality is not Quality.INFEASIBLE and enough)
 
     def _is_clear_enough(self, report: SafetyReport) -> bool:
-        """Safe; or nearly clear, where another plan starts from this one."""
+        """As safe as is known; or nearly clear, where another plan starts from this one."""
         worst = report.worst
-        return report.safe or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
+        return report.is_settled or (self._is_start and worst is not None and worst.shortfall <= worst.clearance)
 
     def _tightened(self, reports: Sequence[SafetyReport], *, split: bool) -> str:
         """Ask for more where the motion was not safe; returns what was done, or nothing if nothing can be."""
@@ -356,7 +356,7 @@ class SafePlanning:
     def _said_of_the_guess(self) -> str:
         """Whether the initial guess collides, where no safe motion was found and there is time to look."""
         assert self._best is not None
-        if self._best.is_safe or self._is_start or self._interrupted or self._settings.deadline.has_passed:
+        if self._best.is_settled or self._is_start or self._interrupted or self._settings.deadline.has_passed:
             return ""
         return colliding_guess(self._model, self._guess, self._blocks)
 
@@ -373,7 +373,7 @@ class SafePlanning:
         last = self.rounds[-1].result.stop_reason
         if self._interrupted:
             return StopReason.INTERRUPTED
-        if self._best.is_safe:
+        if self._best.is_settled:
             return self._best.result.stop_reason
         if last.is_final:
             return last

@@ -16,6 +16,7 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
+from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
 from pyrobocop_pyomo.obstacles.clocks import check_clocks
 from pyrobocop_pyomo.obstacles.initial_checks import (
     check_clearances,
@@ -231,7 +232,13 @@ def solve(
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
-    result = replace(result, doubts=(*doubts, *result.doubts), seconds=time.perf_counter() - started)
+    fingerprint = None if result.safety is None else checksum_of_model(model)
+    result = replace(
+        result,
+        doubts=(*doubts, *result.doubts),
+        seconds=time.perf_counter() - started,
+        fingerprint=fingerprint,
+    )
     note_outcome(model, result.outcome)
     return result
 

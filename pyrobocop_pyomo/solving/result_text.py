@@ -57,6 +57,8 @@ def advice_on_motion(safety: SafetyReport) -> str:
     """What a motion that is not safe lacks, and what may help."""
     if safety.safe:
         return "The motion keeps its clearances, but is not feasible."
+    if safety.is_settled:
+        return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
     return (
         f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give an initial "
         "guess that is clear of obstacles: for a car, rcp.initial_guesses.hybrid_a_star(start, goal, body=..., "

@@ -12,6 +12,7 @@ from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.diagnosis import Diagnosis, Finding
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate, DiscretisationProbe
 from pyrobocop_pyomo.errors import SolveFailed
+from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
@@ -30,6 +31,10 @@ from .violations import Violation
 
 # So many components that are not met are named in a text.
 SHOWN_VIOLATIONS = 5
+CHANGED = (
+    "Variables or parameters of the model have other values than those of which this was found: whether its motion is "
+    "safe is not known. Solve again, or ask verify() of its avoidance blocks."
+)
 # Why an error of the mesh is not known is said in so many characters; ``result.discretisation`` says all.
 REMARK_CHARACTERS = 200
 
@@ -88,6 +93,8 @@ class SolveResult(Presented):
         here is in the units of the model.
     probe : DiscretisationProbe or None
         From which `discretisation` is estimated.
+    fingerprint : int or None
+        Checksum of the values of the model when a motion was judged: with others `safe` is not known.
     model : ModelReference
         Called, it gives the model, as long as somebody else keeps it; see `diagnose`.
     rounding : IntegerRounding or None
@@ -117,6 +124,7 @@ class SolveResult(Presented):
     scaling: ScalingRecord | None = field(default=None, repr=False)
     probe: DiscretisationProbe | None = field(default=None, repr=False)
     rounding: Any = None
+    fingerprint: int | None = field(default=None, repr=False)
     model: ModelReference = field(default_factory=ModelReference, repr=False)
 
     @property
@@ -184,8 +192,22 @@ class SolveResult(Presented):
 
     @property
     def safe(self) -> bool | None:
-        """Whether all clearances are proven for the whole motion; None for a model without obstacles and regions."""
+        """Whether all clearances are proven for the whole motion, that of the equations included.
+
+        What is not known is not safe. None for a model without obstacles and regions, and where the model has other
+        values of variables or parameters by now than the motion that was proven.
+        """
+        return None if self._has_changed else self._was_safe
+
+    @property
+    def _was_safe(self) -> bool | None:
         return None if self.safety is None else self.safety.safe and self.quality is not Quality.INFEASIBLE
+
+    @property
+    def _has_changed(self) -> bool:
+        """Whether a motion was proven, and the model has other values by now."""
+        model = self.model() if self._was_safe and self.fingerprint is not None else None
+        return model is not None and checksum_of_model(model) != self.fingerprint
 
     @property
     def largest_product(self) -> float:
@@ -205,14 +227,14 @@ class SolveResult(Presented):
     @property
     def solved(self) -> bool:
         """True when the point is `Quality.OPTIMAL` and, where there are obstacles, the motion is proven to be safe."""
-        return self.quality is Quality.OPTIMAL and self.safe is not False
+        return self.quality is Quality.OPTIMAL and self._was_safe is not False
 
     @property
     def outcome(self) -> str:
         """What trajectories say of it: "solved", "feasible", "infeasible", "NOT SAFE" or "DOUBTFUL"."""
         if self.quality is not Quality.OPTIMAL:
             return self.quality.name.lower()
-        return "NOT SAFE" if self.safe is False else "DOUBTFUL" if self.doubts else SOLVED
+        return "NOT SAFE" if self._was_safe is False else "DOUBTFUL" if self.doubts else SOLVED
 
     @cached_property
     def pairs(self) -> list[PairReport]:
@@ -274,7 +296,7 @@ class SolveResult(Presented):
         """
         if self.safety is None:
             return draw_history(self.name, self.steps, self.best_step, figure)
-        return draw_plan(self.name, self.scenes, self.safety, self.safe, self.steps, self.best_step, figure)
+        return draw_plan(self.name, self.scenes, self.safety, self._was_safe, self.steps, self.best_step, figure)
 
     def plot_pairs(self, component: str | None = None, *, axis_label: str | None = None, figure: Any = None) -> Any:
         """Draw both sides of the pairs of a component over its index.
@@ -326,7 +348,7 @@ class SolveResult(Presented):
                 f"{advice_on_motion(self.safety)}\n{self.safety}",
                 self,
             )
-        motion = "" if self.safety is None or self.safe else f" {advice_on_motion(self.safety)}"
+        motion = "" if self.safety is None or self._was_safe else f" {advice_on_motion(self.safety)}"
         unmet = "".join(f" {violation}." for violation in self.violations[:SHOWN_VIOLATIONS])
         raise SolveFailed(
             f"'{self.name}': {self._why_it_ended} {self._verdict} Best point, kept on the model (step "
@@ -354,9 +376,16 @@ class SolveResult(Presented):
         stationarity = "" if self.stationarity is None else f", stationarity {self.stationarity:.1e}"
         return f"constraints {self.constraint_violation:.1e}{of_scale}{pairs if self.residuals else ''}{stationarity}"
 
+    @property
+    def _motion(self) -> str:
+        """What is known of the motion, in few words; nothing without obstacles and regions."""
+        if self._has_changed:
+            return "changed since it was safe"
+        return "" if self._was_safe is None else "safe" if self._was_safe else "NOT SAFE"
+
     def one_line(self) -> str:
         """Verdict, objective and violation, in a few words."""
-        motion = "" if self.safe is None else ", safe" if self.safe else ", NOT SAFE"
+        motion = f", {self._motion}" if self._motion else ""
         doubtful = ", DOUBTFUL" if self.doubts else ""
         # What a run that was cut short has reached says nothing of the problem.
         cut = {StopReason.INTERRUPTED: " when interrupted", StopReason.TIME_LIMIT: " at the time limit"}
@@ -370,14 +399,13 @@ class SolveResult(Presented):
         return self.one_line()
 
     def _html_parts(self) -> list[str]:
-        motion = None if self.safe is None else "safe" if self.safe else "NOT SAFE"
         facts = {
             "verdict": self._verdict,
             "stopped because": self._why_it_ended,
             "objective": f"{self.objective:.8g}",
             "residuals": self._residuals,
             "pairs": pair_sentence(self.pairs, self.multipliers, self.certificate) if self.residuals else None,
-            "motion": motion,
+            "motion": self._motion or None,
             "doubtful": " ".join(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts) or None,
             "effort": f"{self.iterations} iterations in {self.seconds:.2f} s",
         }
@@ -394,14 +422,16 @@ class SolveResult(Presented):
         # A mesh is judged where there is an answer: not where rows are violated, nor on the way to infinity.
         judged = self.quality is not Quality.INFEASIBLE and self.stop_reason is not StopReason.DIVERGED
         mesh = self.discretisation if judged else DiscretisationEstimate(self.objective, {})
-        least = self.least_violation
+        least, changed = self.least_violation, self._has_changed
         unmet = [f"  {violation}" for violation in self.violations[:SHOWN_VIOLATIONS]]
         if len(self.violations) > SHOWN_VIOLATIONS:
             unmet.append(f"  ... and of {len(self.violations) - SHOWN_VIOLATIONS} more components")
         return "\n".join(
             [
-                f"{'NOT SAFE: ' if self.safe is False else ''}{'COARSE MESH: ' if mesh.is_large else ''}"
+                f"{'NOT SAFE: ' if self._was_safe is False else ''}{'CHANGED: ' if changed else ''}"
+                f"{'COARSE MESH: ' if mesh.is_large else ''}"
                 f"{'DOUBTFUL: ' if self.doubts else ''}{self.name}: {self._verdict}",
+                *([CHANGED] if changed else []),
                 *(f"{doubt.message} {doubt.remedy}" for doubt in self.doubts),
                 *(line for line in (mesh.sentence(), mesh.advice()) if line and judged),
                 *(shorten(remark, REMARK_CHARACTERS, placeholder=" ...") for remark in mesh.remarks),

@@ -1,0 +1,118 @@
+"""Where a phase starts is what all rows say that tie it to the motion of other phases, however they are written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+
+
+def halves(joined: str) -> Any:
+    """A motion in two phases on a coarse mesh, from whose start its equations lead far away."""
+    m = pyo.ConcreteModel(name=joined)
+    m.one = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler")
+    m.two = rcp.PhaseBlock(duration=1.0, elements=4, scheme="implicit_euler", start=m.one)
+    for b, start in ((m.one, (0.0, 1.0)), (m.two, (None, None))):
+        b.x, b.y = rcp.State(initial=start[0]), rcp.State(initial=start[1])
+        b.ode(lambda b, t: {b.x: 0.3 * b.y[t], b.y: pyo.cos(2 * b.time_at(t)) - 0.2 * b.y[t]})
+    ends = {name: m.one.component(name)[m.one.final_time] for name in "xy"}
+    starts = {name: m.two.component(name)[m.two.initial_time] for name in "xy"}
+    if joined == "link":
+        m.link = rcp.Link(m.one, m.two)
+    elif joined == "two links":
+        m.later = rcp.Link(m.one, m.two, states=["y"])
+        m.first = rcp.Link(m.one, m.two, states=["x"])
+    elif joined == "constraints":
+        m.x = pyo.Constraint(expr=starts["x"] == ends["x"])
+        m.y = pyo.Constraint(expr=starts["y"] - ends["y"] == 0.0)
+    elif joined == "constraints of the phase":
+        m.two.from_x = pyo.Constraint(expr=2.0 * starts["x"] == 2.0 * ends["x"])
+        m.two.from_y = pyo.Constraint(expr=starts["y"] == ends["y"])
+    elif joined == "link and constraint":
+        m.link = rcp.Link(m.one, m.two, states=["x"])
+        m.y = pyo.Constraint(expr=starts["y"] == ends["y"])
+    elif joined == "variable in between":
+        m.height = pyo.Var()
+        m.x = pyo.Constraint(expr=starts["x"] == ends["x"])
+        m.y = pyo.Constraint(expr=starts["y"] == m.height)
+        m.z = pyo.Constraint(expr=m.height == ends["y"])
+    elif joined == "band":
+        m.x = pyo.Constraint(expr=pyo.inequality(-1e-4, starts["x"] - ends["x"], 1e-4))
+        m.y = pyo.Constraint(expr=starts["y"] == ends["y"])
+    elif joined == "contradiction":
+        m.link = rcp.Link(m.one, m.two)
+        m.x = pyo.Constraint(
+            expr=starts["x"] + starts["y"] == ends["x"] + 2.0 * ends["y"] - m.one.y[0.0] - 0.0368407744
+        )
+    m.one.initialize(m.one.simulate(method="scheme"))
+    m.two.initialize(m.two.simulate(method="scheme", initial={name: end.value for name, end in ends.items()}))
+    if joined == "variable in between":
+        m.height.set_value(ends["y"].value)
+    return m
+
+
+def verified(m: Any) -> Any:
+    m.two.avoid = rcp.ObstacleAvoidanceBlock(
+        m.two.time,
+        body=rcp.Polytope.box(0.1, 0.1),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 9.0))},
+        clearance=0.1,
+    )
+    return m.two.avoid.verify()
+
+
+@pytest.mark.parametrize(
+    "joined",
+    ["two links", "constraints", "constraints of the phase", "link and constraint", "variable in between"],
+)
+def test_rows_that_say_the_same_tie_the_same(joined: str) -> None:
+    (expected,) = verified(halves("link")).body_pairs
+    (found,) = verified(halves(joined)).body_pairs
+    np.testing.assert_allclose(found.interval_deviation, expected.interval_deviation, rtol=1e-9)
+    assert found.interval_deviation[0] > 0.15  # as far as the first phase ends from its plan
+
+
+@pytest.mark.parametrize("joined", ["band", "contradiction"])
+def test_a_start_that_the_rows_do_not_determine_is_not_known(joined: str) -> None:
+    report = verified(halves(joined))
+    assert not report.safe
+    assert "not known" in str(report).splitlines()[0]
+    assert "phase 'two'" in report.equations
+
+
+def test_rows_about_later_states_and_other_starts_tie_nothing() -> None:
+    m = halves("none")
+    expected = verified(m).body_pairs[0].interval_deviation
+    m.budget = pyo.Constraint(expr=sum(m.one.x.values()) + sum(m.two.x.values()) <= 100.0)
+    m.beside = pyo.Constraint(expr=m.two.x[m.two.initial_time] >= m.one.x[0.0])
+    assert m.two.avoid.verify().safe
+    np.testing.assert_array_equal(m.two.avoid.verify().body_pairs[0].interval_deviation, expected)
+
+
+@pytest.mark.parametrize(("elements", "known"), [(4, False), (40, True)])
+def test_equations_that_read_another_phase_need_to_know_its_motion(elements: int, known: bool) -> None:
+    """Two phases side by side: the second one repeats what the first one does."""
+    m = pyo.ConcreteModel()
+    m.leader = a = rcp.PhaseBlock(duration=1.0, elements=elements, scheme="radau", stages=2)
+    m.follower = b = rcp.PhaseBlock(duration=1.0, elements=elements, scheme="radau", stages=2)
+    a.x = rcp.State(initial=0.0)
+    a.ode(lambda a, t: {a.x: 1.0 - 5.0 * a.x[t]})
+    b.y = rcp.State(initial=0.0)
+    b.ode(lambda b, t: {b.y: m.leader.x[t]})
+    a.initialize(a.simulate(method="scheme"))
+    b.initialize(b.simulate(method="scheme"))
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.1, 0.1),
+        pose=lambda b, t: rcp.planar_pose(b.y[t], 0.0),
+        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 9.0))},
+        clearance=0.1,
+    )
+    report = b.avoid.verify()
+    assert report.safe is known
+    assert known or "read states of 'leader'" in report.equations

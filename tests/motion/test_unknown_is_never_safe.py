@@ -1,0 +1,141 @@
+"""What is not known of the motion of the equations is never safe, and the first lines say so."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import SolveFailed
+
+pytestmark = pytest.mark.ipopt
+
+State = Callable[[Any, Any, Any], Any]
+
+
+def mover(drift: State, prepare: Callable[[Any], None] = lambda m: None) -> Any:
+    """A point that drives along a wall, with a drift to the side."""
+    m = pyo.ConcreteModel(name="mover")
+    m.drive = b = rcp.PhaseBlock(duration=1.0, elements=6, scheme="radau", stages=2)
+    b.x, b.y, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(bounds=(-3, 3))
+    prepare(m)
+    b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + drift(m, b, t)})
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.05, 0.05),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles={"wall": rcp.Polytope.box(4.0, 0.1, center=(0.5, 0.3))},
+        clearance=0.05,
+    )
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2 + b.y[t] ** 2))
+    return m
+
+
+def _dictionary(m: Any) -> None:
+    m.given = {t: 0.2 for t in m.drive.points}  # noqa: C420
+
+
+def _param(m: Any) -> None:
+    m.given = pyo.Param(list(m.drive.points), initialize=0.2, mutable=True)
+
+
+def _fixed(m: Any) -> None:
+    m.given = pyo.Var(list(m.drive.points), initialize=0.2)
+    m.given.fix()
+
+
+@pytest.mark.parametrize(
+    ("drift", "prepare"),
+    [
+        (lambda m, b, t: m.given[t], _dictionary),
+        (lambda m, b, t: m.given[t], _param),
+        (lambda m, b, t: m.given[t], _fixed),
+        (lambda m, b, t: m.given.get(t, 0.0), _dictionary),
+        (lambda m, b, t: 0.1 * b.y.delayed(t, 0.05), lambda m: None),
+    ],
+    ids=["dictionary", "param", "fixed variable", "dictionary with a default", "delay without history"],
+)
+def test_equations_that_are_known_at_their_points_only(drift: State, prepare: Callable[[Any], None]) -> None:
+    m = mover(drift, prepare)
+    result = rcp.solve(m, progress=False)
+    assert result.safe is False
+    assert not result.solved
+    assert str(result).startswith("NOT SAFE")
+    assert "the motion of its equations is not known" in str(result.safety).splitlines()[0]
+    assert len(result.rounds) == 1  # no other plan could be proven better
+    with pytest.raises(SolveFailed, match="not known"):
+        result.raise_for_status()
+    # The plan alone, where somebody says that it is tracked.
+    assert rcp.solve(m, progress=False, equations=False).safe
+
+
+@pytest.mark.parametrize(
+    "is_on",
+    [
+        lambda t: 0.51 < pyo.value(t) < 0.65,
+        lambda t: 0.51 < pyo.value(2 * t) / 2 < 0.65,
+        lambda t: str(t).startswith("0.5"),
+        lambda t: f"{t}".startswith("0.5"),
+        lambda t: isinstance(t, float) and 0.51 < t < 0.65,
+    ],
+    ids=["value", "value of a formula", "text", "format", "class"],
+)
+def test_a_rule_that_takes_t_for_a_number_is_asked_at_each_instant(
+    is_on: Callable[[Any], bool], caplog: pytest.LogCaptureFixture
+) -> None:
+    """The points of the mesh miss the pulse; the motion of the equations does not."""
+    m = mover(lambda m, b, t: 3.0 if is_on(t) else 0.0)
+    for variable in m.drive.u.values():
+        variable.set_value(0.0)
+    m.drive.initialize(m.drive.simulate())
+    m.drive.y[:].set_value(0.0)  # as the rows of the mesh have it, which the pulse misses
+    m.drive.u[:].set_value(0.0)
+    report = m.drive.avoid.verify()
+    duration = np.mean([is_on(t) for t in np.linspace(0.0, 1.0, 1001).tolist()])
+    assert report.body_pairs[0].deviation > 0.9 * 3.0 * duration
+    assert not caplog.records
+
+
+def test_a_time_index_without_real_time_is_compared_too() -> None:
+    """Rates are by real time, also where the indices of the phase are not."""
+    m = pyo.ConcreteModel()
+    m.drive = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(1, 4), initial_guess=2.0), elements=5)
+    b.x, b.y = rcp.State(initial=0), rcp.State(initial=0)
+    b.ode(lambda b, t: {b.x: 1.0 + 0.1 * b.time_at(t), b.y: -b.y[t] + b.x[t]})
+    b.initialize(b.simulate())
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.05, 0.05),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
+        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(9.0, 0.0))},
+        clearance=0.05,
+    )
+    assert b.avoid.verify().safe
+
+
+def test_a_jump_in_time_at_a_point_is_known() -> None:
+    for force in (lambda t: 1.0 if t >= 0.5 else 0.0, lambda t: 1.0 if t > 0.5 else 0.0):
+        m = mover(lambda m, b, t, force=force: force(t))
+        m.drive.initialize(m.drive.simulate())
+        assert np.isfinite(m.drive.avoid.verify().body_pairs[0].deviation)
+
+
+def test_what_was_safe_is_not_known_once_the_model_has_changed() -> None:
+    m = mover(lambda m, b, t: m.wind, lambda m: m.add_component("wind", pyo.Param(initialize=0.1, mutable=True)))
+    result = rcp.solve(m, progress=False)
+    assert result.safe is True
+    m.wind = 0.4
+    assert result.safe is None
+    assert str(result).startswith("CHANGED")
+    assert "changed" in result.one_line()
+    assert result.solved  # that it was
+    m.wind = 0.1
+    assert result.safe is True
+    m.drive.y[1.0].set_value(0.1)
+    assert result.safe is None
+    assert pickle.loads(pickle.dumps(result)).safe is True  # a record, which knows no model
