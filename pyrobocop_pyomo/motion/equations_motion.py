@@ -17,7 +17,7 @@ from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.links.tied_starts import ties_of
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import PhaseBlockData
-from pyrobocop_pyomo.phases.reintegration import Reintegration
+from pyrobocop_pyomo.phases.reintegration import Reintegration, reintegrate
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .motion import Motion
@@ -105,8 +105,11 @@ def equations_motion(
             home = None if signal.component is None else signal.component.parent_block()
             if isinstance(home, PhaseBlockData):
                 phases[id(home)] = home
+    reads_signals = any(_reads(template) for _, template in moving)
+    # Where a phase states no equations, whatever moves a body is chosen, and there is no other motion than the plan.
+    if phases and not any(map(_states_equations, phases.values())):
+        return EquationsMotion()
     if not phases:
-        reads_signals = any(_reads(template) for _, template in moving)
         if motion.interpolation is None or motion.interpolation.is_assumed or not reads_signals:
             return EquationsMotion()
         return unknown("the model has rows at its points for them, which say nothing in between.")
@@ -158,17 +161,20 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
         if before.contact:
             continue  # each element starts where the plan does
         if before.open_loop is None:
-            return replace(phase.reintegrate(), open_loop=None)
+            return replace(_states(phase), open_loop=None)
         led.append((other, _led(other.trajectory(), before)))
     for other in ties.beside:
         _refuse_far_companion(phase, other)
-    found: Reintegration = phase.reintegrate(initial=ties.start_after(led) or None)
-    return found
+    return _states(phase, ties.start_after(led))
+
+
+def _states(phase: Any, initial: Mapping[str, float] | None = None) -> Reintegration:
+    return reintegrate(phase, phase.record, phase.trajectory(), initial=initial, states_only=True)
 
 
 def _refuse_far_companion(phase: Any, other: Any) -> None:
     """Equations read the plan of another phase: its motion must be that, by a small share of the size of each state."""
-    motion = other.reintegrate()
+    motion = _states(other)
     for name, planned in motion.planned.items():
         led = None if motion.states is None else motion.states[name]
         away = np.inf if led is None else float(np.abs(led - planned).max())
@@ -190,6 +196,16 @@ def _led(planned: Trajectory, found: Reintegration) -> Trajectory:
             values[nodes] = planned.states[name][nodes] + np.interp(fractions, found.fractions, difference)
         values[-1] = found.open_loop[name][-1, -1]
     return replace(planned, states=states)
+
+
+def _states_equations(phase: Any) -> bool:
+    """Whether a phase says how its states or algebraics move."""
+    for statement in phase.record.statements:
+        rows = phase.component(statement.name)
+        equations = statement.kind == "constraint" and any(row.equality for row in rows.values())
+        if equations or statement.kind in ("ode", "residual", "step map"):
+            return True
+    return False
 
 
 def _reads(template: SignalFormulas) -> bool:

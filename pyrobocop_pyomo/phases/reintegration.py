@@ -129,6 +129,8 @@ def reintegrate(
     trajectory: Trajectory,
     point: PointModel | None = None,
     initial: Mapping[str, float] | None = None,
+    *,
+    states_only: bool = False,
 ) -> Reintegration:
     """See `PhaseActions.reintegrate`.
 
@@ -141,6 +143,8 @@ def reintegrate(
         Asks the rules, by values of the trajectory that stand on the model already.
     initial : dict of state name to number, optional
         Where the open loop starts; as the plan does by default.
+    states_only : bool
+        Leave out the integrals, which take longer than the states where there are delays.
     """
     names = record.names_of_states
     if not names:
@@ -160,7 +164,7 @@ def reintegrate(
             flows, fractions = _flows(block, record, trajectory, point, first)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
-        integrals, remarks = _integrals(block, record, trajectory, point)
+        integrals, remarks = ({}, ()) if states_only else _integrals(block, record, trajectory, point)
         if not np.isfinite(flows.local).all():
             _refuse_undefined(block, record, trajectory, point)
     planned = trajectory.element_polynomials(fractions)

@@ -139,3 +139,21 @@ def test_what_was_safe_is_not_known_once_the_model_has_changed() -> None:
     m.drive.y[1.0].set_value(0.1)
     assert result.safe is None
     assert pickle.loads(pickle.dumps(result)).safe is True  # a record, which knows no model
+
+
+def test_where_no_equations_are_stated_the_plan_is_the_motion() -> None:
+    m = pyo.ConcreteModel()
+    m.drive = b = rcp.PhaseBlock(duration=1.0, elements=3)
+    b.x, b.y = rcp.State(initial=0), rcp.Control(initial_guess=0.0)
+    b.constraint(lambda b, t: b.derivative(b.x)[t] <= 1.0, name="slow")
+    b.initialize(x=0.0)
+    b.avoid = rcp.ObstacleAvoidanceBlock(
+        b.time,
+        body=rcp.Polytope.box(0.05, 0.05),
+        pose=lambda b, t: rcp.planar_pose(b.x[t], 0.0),
+        obstacles={"post": rcp.Polytope.box(0.1, 0.1, center=(0.0, 1.0))},
+        clearance=0.05,
+    )
+    assert b.avoid.verify().safe
+    b.constraint(lambda b, t: b.derivative(b.x)[t] == b.y[t], name="follows")
+    assert not b.avoid.verify().safe  # an equation, which is not known between its points
