@@ -238,7 +238,10 @@ class Iterate(Presented):
 
     def excess(self, tolerances: Tolerances) -> float:
         """How far the residuals exceed the tolerances; 1 if they do not."""
-        violation = self.constraint_violation if self.relative_violation is None else self.relative_violation
+        # Numbers that have grown without end violate a row by no more than the size of its terms: relative violations
+        # say what is met, and not what is nearer to it.
+        relative = self.constraint_violation if self.relative_violation is None else self.relative_violation
+        violation = relative if relative <= tolerances.feasibility else self.constraint_violation
         found = max(violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
         return found if found == found else float("inf")
 
