@@ -40,8 +40,8 @@ class Scales:
     def unscaled(self, point: PrimalDualPoint, nlp: NonlinearProgram) -> PrimalDualPoint:
         """A point of the scaled program as one of the program `nlp`, within its bounds.
 
-        What is on a bound stays there. What Ipopt lets pass it, by parts of a size, is put there: a bound at zero has no
-        size in the units of the user.
+        What is on a bound stays there, and what Ipopt lets pass it, by parts of a size, is put there: a bound at zero
+        has no size in the units of the user.
         """
         x = np.clip(self.x * point.x, nlp.x_lower, nlp.x_upper)
         for bound in (nlp.x_lower, nlp.x_upper):

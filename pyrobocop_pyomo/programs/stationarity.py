@@ -64,7 +64,7 @@ def stationarity(nlp: NonlinearProgram, point: PrimalDualPoint, sizes: FloatArra
         np.maximum.at(weight, rows, weights[columns])
         slack = np.where(multipliers > 0.0, nlp.g_upper - values, values - nlp.g_lower)
         there = weight > 0.0
-        of_rows = np.abs(multipliers[there]) * np.clip(slack, 0.0, reach)[there] / weight[there]
+        of_rows = np.abs(multipliers[there]) * np.minimum(np.abs(slack), reach)[there] / weight[there]
         found = finite(np.concatenate([found, of_rows]), nlp.derivatives, "gradient of the Lagrangian")
     return float(found.max(initial=0.0))
 
