@@ -17,7 +17,8 @@ from pyrobocop_pyomo.ipopt.c_output import c_output_captured
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .branch import Branch, restricted
 from .linear_programs import LinearProgram
@@ -240,6 +241,7 @@ def strong_multipliers(
     point: Linearisation,
     branch: Branch,
     solved: PrimalDualPoint,
+    sizes: FloatArray,
     reach: float = 1e-3,
     tolerance: float = 1e-6,
 ) -> Multipliers | None:
@@ -253,6 +255,8 @@ def strong_multipliers(
         Whose nonlinear program the point solves.
     solved : PrimalDualPoint
         The same point with the solver's multipliers.
+    sizes : float array, shape (n,)
+        Of the variables there.
     reach : float
         A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
     tolerance : float
@@ -264,7 +268,7 @@ def strong_multipliers(
         None says nothing: other multipliers may have the signs.
     """
     nlp = restricted(program, branch)
-    if lagrangian_residual(nlp, solved) > tolerance:
+    if stationarity(nlp, solved, sizes) > tolerance:
         return None
     rows, lower, upper = solved.complete(nlp)
     scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))

@@ -120,7 +120,7 @@ def automatic_scaling(
     AutomaticScaling
     """
     nlp, x = compiled.nlp, compiled.current_point()
-    variables, constraints = ComponentGroups(compiled.variables), ComponentGroups(compiled.constraints)
+    variables, constraints = compiled.groups
     known = _known_scales(variables, _widths(variables, nlp))
     stated = scaling_factors(compiled, missing=np.nan) if stated is None else stated
     x_stated = np.full(nlp.n, np.nan) if stated.x is None else _inverse(stated.x)
@@ -163,12 +163,28 @@ def variable_sizes(compiled: CompiledModel) -> FloatArray:
     float array, shape (n,)
     """
     nlp, x = compiled.nlp, compiled.current_point()
-    variables, constraints = ComponentGroups(compiled.variables), ComponentGroups(compiled.constraints)
+    variables, constraints = compiled.groups
     widths = _widths(variables, nlp)
     known = _known_scales(variables, np.zeros(widths.shape))
     scales = _without_rounding(nlp, x, variables, constraints, known, np.ones(known.shape, dtype=bool))
     widths = np.where((widths > 0.0) & np.isfinite(widths), widths, 1.0)
     return np.where(np.isnan(scales), widths, scales)[variables.numbers]
+
+
+def objective_slope(compiled: CompiledModel) -> float:
+    """What the objective of a model with pairs is divided by: its largest derivative, where that is below 1.
+
+    Larger ones Ipopt divides by itself. Smaller ones are zero to its tolerances, and to those of linear programs.
+
+    Parameters
+    ----------
+    compiled : CompiledModel
+    """
+    nlp, x = compiled.nlp, compiled.current_point()
+    gradients = np.array([_gradient(nlp, x), _gradient(nlp, beside(nlp, x, variable_sizes(compiled)))])
+    slope = float(np.abs(gradients[np.isfinite(gradients)]).max(initial=0.0))
+    slope = max(slope, _CONSTANT * _size_of_objective(nlp, x))
+    return slope if 0.0 < slope < 1.0 else 1.0
 
 
 def _without_rounding(

@@ -8,6 +8,7 @@ doi:10.1007/s10107-004-0559-y).
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -36,7 +37,7 @@ from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling, variable_sizes
+from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
@@ -100,8 +101,8 @@ class ExecutableSession:
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
-        # What the run is divided by, and judged by. With pairs that is a matter of the polish.
-        self._compiled = None if relaxed.pairs else self.compiled()
+        # What the run is divided by, and judged by.
+        self._compiled = self.compiled()
         self._stated = scaling_factors(self._compiled, missing=np.nan) if scaling and self._compiled else None
         self.scaling: AutomaticScaling | None = None
         names = {*_SUFFIXES} if self._stated is not None else {*_SUFFIXES} - {"scaling_factor"}
@@ -116,6 +117,12 @@ class ExecutableSession:
         for name, direction in _SUFFIXES.items():
             if name in names:
                 self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
+
+    @functools.cached_property
+    def _of_objective(self) -> dict[str, float]:
+        """Ipopt's option for an objective that is too small, of a model with pairs."""
+        slope = objective_slope(self._compiled) if self._relaxed.pairs and self._compiled is not None else 1.0
+        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
 
     def _take_sizes(self) -> None:
         """See `Session.scaling`: of the point on the model."""
@@ -167,6 +174,7 @@ class ExecutableSession:
             suffix.update(entries)
 
     def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
+        options = {**self._of_objective, **options}
         if "nlp_scaling_method" not in options:
             self._take_sizes()
             options = {**_SCALED, **options} if self.scaling is not None else options
@@ -188,7 +196,9 @@ class ExecutableSession:
             row_multipliers=self._row_multipliers(),
             **facts,
         )
-        return iterate if self._compiled is None else replace(iterate, stationarity=self._stationarity(iterate))
+        # With pairs that is a matter of the polish: the program of the file is another one for each delta.
+        judged = self._compiled is not None and not self._relaxed.pairs
+        return replace(iterate, stationarity=self._stationarity(iterate)) if judged else iterate
 
     def _stationarity(self, iterate: Iterate) -> float:
         assert self._compiled is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TextIO
@@ -33,7 +34,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
 from pyrobocop_pyomo.programs.scales import Scales
 from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling, variable_sizes
+from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
 from .coarse_mesh import coarsen
 from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
@@ -109,6 +110,12 @@ class InProcessSession:
             elastic._scales = replace(scales, x=rows.completed(scales.x, scales.g), objective=1.0)
         return elastic
 
+    @functools.cached_property
+    def _of_objective(self) -> dict[str, float]:
+        """Ipopt's option for an objective that is too small, of a model with pairs."""
+        slope = objective_slope(self._compiled) if self._relaxed.pairs else 1.0
+        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
+
     def _take_sizes(self) -> None:
         """Let the sizes be those of the point on the model: what a run is divided by belongs to where it starts."""
         if self._is_scaled and self._seen_as is None:
@@ -162,6 +169,7 @@ class InProcessSession:
             point = PrimalDualPoint(seen_as.restrict(point.x))
         if start is not None:
             point = replace(start.multipliers, x=point.x)
+        options = {**self._of_objective, **options}
         how: dict[str, Any] = {"deadline": deadline, "on_iteration": on_iteration, "output": self._output}
         if "nlp_scaling_method" not in options:
             self._take_sizes()
