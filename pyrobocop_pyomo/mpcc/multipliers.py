@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 # Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
 # as good as dependent, and a mixed-integer program could not tell such a number from its own tolerance.
 LARGEST_MULTIPLIER = 1e5
+# What multipliers may leave of the stationarity conditions, relative to what has to balance.
+STATIONARY = 1e-5
 # Multipliers that leave no more than this part of the tolerance need not be the best ones.
 NEARLY = 0.1
 
@@ -260,7 +262,7 @@ def strong_multipliers(
     reach : float
         A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
     tolerance : float
-        Relative to the objective's gradient.
+        Of signs, relative to the objective's gradient, and of what counts as zero.
 
     Returns
     -------
@@ -268,7 +270,7 @@ def strong_multipliers(
         None says nothing: other multipliers may have the signs.
     """
     nlp = restricted(program, branch)
-    if stationarity(nlp, solved, sizes) > tolerance:
+    if stationarity(nlp, solved, sizes) > STATIONARY:
         return None
     rows, lower, upper = solved.complete(nlp)
     scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
@@ -336,7 +338,7 @@ def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
 
 
 def classify(
-    problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
+    problem: MultiplierProblem, tolerance: float = STATIONARY, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
 ) -> Multipliers | None:
     """Find the strongest kind of stationarity that a point meets.
 
