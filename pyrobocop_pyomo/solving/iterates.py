@@ -73,13 +73,14 @@ class Tolerances:
     Attributes
     ----------
     feasibility : float
-        Largest violation of a constraint, a bound or a side; relative to its scale, where that is above 1.
+        Largest violation of a constraint, a bound or a side; relative to the largest term that it adds up at the point,
+        where that is above 1.
     product : float
         Largest product ``a b`` of a pair.
     natural : float
         Largest ``|min(a, b)|`` of a pair that counts as exactly complementary.
     stationarity : float
-        Largest relative gradient of the Lagrangian.
+        Largest residual of first-order conditions, relative to what has to balance in them.
     """
 
     feasibility: float = 1e-6
@@ -169,8 +170,8 @@ class Iterate(Presented):
     constraint_violation, largest_product, largest_natural_residual : float
         Recomputed from the user's model, whatever Ipopt says.
     relative_violation : float or None
-        The largest violation where that of a row or a bound whose scale is above 1 is divided by its scale: what is
-        compared with the tolerance; None where nothing was scaled.
+        The largest violation where that of a row or a bound whose largest term at the point is above 1 is divided by
+        it: what is compared with the tolerance; None before that is checked.
     options : mapping
         Ipopt's options of the run, resolved.
     path : sequence of (mu, delta)
@@ -182,7 +183,8 @@ class Iterate(Presented):
     stop_reason : StopReason
         Why the run ended.
     stationarity : float or None
-        Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
+        What the point and its multipliers leave of the first-order conditions, relative to what has to balance in
+        them; None where multipliers are not at hand.
     certificate : Certificate
         Whether another branch through the point descends.
     values : list of float, optional
