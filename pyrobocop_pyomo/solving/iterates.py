@@ -122,7 +122,8 @@ class Standing:
     def is_better_than(self, other: Standing) -> bool:
         """Feasible first, then safe, then exactly complementary, then the objective, then what is shown and proven.
 
-        Differences of the objective that are within a solver's tolerance do not decide. A pair that is met only
+        Differences of the objective that are within a solver's tolerance do not decide, nor do those by which a point
+        that is not shown to be stationary may fall below one that is. A pair that is met only
         loosely flatters the objective; an exact point may cost up to 1 % more than a loose one, unless only the loose
         one is shown to be stationary.
         """
@@ -135,7 +136,7 @@ class Standing:
             if self.exact:
                 return gain > (-1e-2 if self.optimal or not other.optimal else 1e-6)
             return gain > (1e-2 if other.optimal or not self.optimal else -1e-6)
-        if abs(gain) > 1e-6:
+        if abs(gain) > (1e-6 if self.optimal == other.optimal else 1e-4):
             return gain > 0.0
         return (self.certified, self.optimal) > (other.certified, other.optimal)
 
