@@ -314,3 +314,8 @@ def test_ratios_compare_one_program(tmp_path: Path) -> None:
         assert f"| {way} |" in page
     assert "other objective" not in table
     assert "did not converge" not in table
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills and full disks are those of a forked process")
+def test_no_fault_loses_a_file() -> None:
+    assert "nothing was lost" in run_quick("file_faults")
