@@ -44,6 +44,9 @@ class PhaseEstimate(Presented):
         What is not known, and why; and which states pass their bounds between the points of the mesh.
     net : float or None
         What all elements together add to the error of the objective, estimated; errors of different signs cancel.
+    passed : float
+        By how much bounds and path constraints that states pass between the points flatter the objective, estimated:
+        the mean excess beside each point times the multiplier there. `objective` is at least as large.
     """
 
     name: str
@@ -54,6 +57,7 @@ class PhaseEstimate(Presented):
     objective: Array | None
     remarks: tuple[str, ...] = ()
     net: float | None = None
+    passed: float = 0.0
 
     @property
     def elements(self) -> int | None:
@@ -97,7 +101,7 @@ class DiscretisationEstimate(Presented):
         if not parts or len(parts) < len(known):
             return None
         nets, sizes = zip(*parts, strict=True)
-        return max(abs(sum(nets)), CANCELLED * sum(sizes))
+        return max(abs(sum(nets)), CANCELLED * sum(sizes), sum(phase.passed for phase in self.phases.values()))
 
     @property
     def relative_objective_error(self) -> float | None:

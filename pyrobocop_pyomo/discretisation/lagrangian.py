@@ -119,8 +119,10 @@ class PhaseLagrangian:
                         found.add(i)
         return frozenset(found)
 
-    def errors(self, size: float) -> tuple[Array, Array]:
+    def errors(self, size: float) -> tuple[Array, Array, Array]:
         """What each element adds to the error of the objective, shapes ``(N,)``: with its sign, and as a bound.
+
+        Third comes what is passed between the points, times its multipliers: the objective is too good by so much.
 
         Parameters
         ----------
@@ -143,15 +145,16 @@ class PhaseLagrangian:
             here = between.integrand({})
             first = weights @ here - scheme.b @ stages.integrand({})
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
+            passed = between.passed()
         # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
         net = first - second
         parts = np.abs(first) + np.abs(second)
         # Where the polynomials of the controls mean nothing, each part is as large as what the element holds.
         lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
         bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
-        if not np.isfinite(bound).all():
+        if not np.isfinite(bound + passed).all():
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
-        return widths * net, widths * bound
+        return widths * net, np.maximum(widths * bound, passed), passed
 
 
 class _Instants:
@@ -166,7 +169,7 @@ class _Instants:
     """
 
     def __init__(self, phase: PhaseLagrangian, fractions: Array, rates: Mapping[str, Array] | None = None) -> None:
-        self._of = phase
+        self._of, self._fractions = phase, fractions
         trajectory, multipliers = phase._trajectory, phase._multipliers
         scheme, mesh = trajectory.grid.scheme, trajectory.grid.mesh
         self._at_stages = at_stages = scheme.stage_polynomial_at(fractions)
@@ -267,17 +270,51 @@ class _Instants:
                 total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
         return of._sign * total
 
+    def passed(self) -> Array:
+        """Excess over inequalities of states alone, times the multipliers beside it; shape ``(N,)``.
+
+        A multiplier of the mesh stands at a point; where the motion passes the bound between two points, that of the
+        continuous problem stands there. A polynomial through the densities has both signs, and what it gives cancels.
+        """
+        of, known = self._of, self._evaluator(self._values)
+        rows = [
+            ([known(part) for part in row], density) for i, (row, density) in enumerate(of._rows) if i not in of.apart
+        ]
+        rows += [
+            ((self._values[name], *((bound, np.inf) if side == 0 else (-np.inf, bound))), density)
+            for (name, bound, _), (_, side, density) in zip(self._bounds, of._multipliers.bounds, strict=True)
+            if name not in of.free
+        ]
+        scheme, widths = of._trajectory.grid.scheme, np.array(of._trajectory.grid.mesh.widths)
+        count, stages = len(widths), scheme.stages
+        # The gap before each stage of the phase, and the one after the last.
+        gaps = np.searchsorted(scheme.c, self._fractions)[:, None] + stages * np.arange(count)
+        total = np.zeros(count)
+        for (body, lower, upper), density in rows:
+            for excess, sign in ((lower - body, of._sign), (body - upper, -of._sign)):
+                weights = (widths[:, None] * scheme.b * np.maximum(sign * density, 0.0)).ravel()
+                beyond = np.where(np.equal(lower, upper), 0.0, np.maximum(excess, 0.0))
+                mean = np.zeros(count * stages + 1)
+                np.add.at(mean, gaps, beyond / np.bincount(gaps.ravel(), minlength=mean.size)[gaps])
+                after = mean[1:] > mean[:-1]
+                places = np.minimum((np.arange(count * stages) + after) // stages, count - 1)
+                np.add.at(total, places, weights * np.maximum(mean[1:], mean[:-1]))
+        return total
+
     def least(self) -> Array:
         """The integrand where controls, and algebraics that rows determine, are as good as the instant lets them be."""
         of = self._of
         if of.apart:
             return least_integrand_within_rows(self, {name: self.values_of(name) for name in of.free})
-        stages = [
-            {name: np.broadcast_to(of._signals[name][:, k], self._index.shape) for name in of.free}
-            for k in range(of._stages)
-            if all(name in of._signals for name in of.free)
-        ]
-        return least_integrand(self, {name: self.values_of(name) for name in of.free}, stages)
+        starts = []
+        if all(name in of._signals for name in of.free):
+            starts = [{name: of._signals[name][:, k] for name in of.free} for k in range(of._stages)]
+            # Where some control is largest or smallest in the whole plan: it may have left another valley too late.
+            every = {name: of._signals[name].ravel() for name in of.free}
+            extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
+            starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
+        starts = [{name: np.broadcast_to(of, self._index.shape) for name, of in start.items()} for start in starts]
+        return least_integrand(self, {name: self.values_of(name) for name in of.free}, starts)
 
     def values_of(self, name: str) -> Array:
         """A control or algebraic at the instants."""

@@ -110,7 +110,7 @@ class _Captured:
     def error(self, size: float) -> PhaseEstimate:
         """The errors of the phase, as far as they can be estimated; `size` is that of the objective."""
         remarks = []
-        motion, state, largest, objective, net = None, "", 0.0, None, None
+        motion, state, largest, objective, net, flattered = None, "", 0.0, None, None, 0.0
         name = self.phase.name
         try:
             self._refuse_other_rules()
@@ -121,9 +121,10 @@ class _Captured:
             self._refuse_other_rules()
             if self._multipliers is None:
                 raise TrajectoryError(self._why)
-            net, objective = PhaseLagrangian(
+            nets, objective, excesses = PhaseLagrangian(
                 self.phase, self._trajectory, self._multipliers, self._weights, self._sign
             ).errors(abs(size))
+            net, flattered = float(nets.sum()), float(excesses.sum())
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
         passed = bounds_passed(self.phase.record, self._trajectory)
@@ -132,9 +133,7 @@ class _Captured:
         if of_states:
             remarks.append(f"phase '{name}': {of_states}")
         order = self._trajectory.grid.scheme.order
-        return PhaseEstimate(
-            name, order, motion, state, largest, objective, tuple(remarks), None if net is None else float(net.sum())
-        )
+        return PhaseEstimate(name, order, motion, state, largest, objective, tuple(remarks), net, flattered)
 
     def _refuse_other_rules(self) -> None:
         if self.phase.record.discrete_states:
