@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases.bounds_between_points import WORTH_A_SENTENCE
 from pyrobocop_pyomo.presentation import Presented
 
 # Relative to the objective, and to the size of each state: what is above is said before anything else.
@@ -47,6 +48,10 @@ class PhaseEstimate(Presented):
     passed : float
         By how much bounds and path constraints that states pass between the points flatter the objective, estimated:
         the mean excess beside each point times the multiplier there. `objective` is at least as large.
+    excesses : array, shape (N,), or None
+        How far each element passes bounds of states and path inequalities of states alone between the points, as a part
+        of the size of what is limited, where that is above one. Those that controls or algebraics can meet are not
+        looked at: other controls between the points meet them.
     """
 
     name: str
@@ -58,6 +63,7 @@ class PhaseEstimate(Presented):
     remarks: tuple[str, ...] = ()
     net: float | None = None
     passed: float = 0.0
+    excesses: Array | None = None
 
     @property
     def elements(self) -> int | None:
@@ -119,6 +125,13 @@ class DiscretisationEstimate(Presented):
         return max(known) if known and len(known) == len(found) else None
 
     @property
+    def excess(self) -> float | None:
+        """How far some bound or path inequality of states is passed between the points, as a part of its size."""
+        found = [None if of.excesses is None else float(of.excesses.max(initial=0.0)) for of in self.phases.values()]
+        known = [excess for excess in found if excess is not None]
+        return max(known) if known and len(known) == len(found) else None
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What is not known, and why; and which states pass their bounds between the points of the mesh."""
         return tuple(remark for phase in self.phases.values() for remark in phase.remarks)
@@ -168,6 +181,8 @@ class DiscretisationEstimate(Presented):
             parts.append(f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({100 * _relative(worst):.1g} %)")
         elif self.phases:
             parts.append("motion not known")
+        if self.excess is not None and self.excess > WORTH_A_SENTENCE:
+            parts.append(f"limits of states passed between the points by {self.excess:.1e} of their sizes")
         return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
 
     def advice(self) -> str:
