@@ -38,8 +38,8 @@ class RefinementEnd(enum.Enum):
 
     REACHED = "Every element's error is within the tolerance."
     UNKNOWN = (
-        "What is known of the errors is within the tolerances, but not all of them are known: see result.discretisation. "
-        "Compare with a finer mesh; objective_tolerance=float('inf') leaves the objective out."
+        "What is known of the errors is within the tolerances, but not all of them are known. Compare with a finer "
+        "mesh; objective_tolerance=float('inf') leaves the objective out."
     )
     MESH_LIMIT = "The limit of meshes was reached. Raise most_meshes, or start from a finer mesh."
     ELEMENT_LIMIT = "The next mesh would exceed the limit of elements. Raise most_elements or the tolerance."
@@ -158,9 +158,9 @@ class RefinedResult(StudyResult[RefinementStep]):
             return
         best, number = self.best, self._place % len(self.outcomes) + 1
         raise SolveFailed(
-            f"'{self.name}': {' '.join((self.end.value, *self._unknown))} Mesh {number} has {best.elements} elements and the error "
-            f"{best.element_error:.1e}; asked was {self.tolerance:g}. The objective's error is estimated at "
-            f"{best.objective_error:.1e} of its size; asked was {self.objective_tolerance:g}. "
+            f"'{self.name}': {' '.join((self.end.value, *self._unknown))} Mesh {number} has {best.elements} elements "
+            f"and the error {best.element_error:.1e}; asked was {self.tolerance:g}. The objective's error is estimated "
+            f"at {best.objective_error:.1e} of its size; asked was {self.objective_tolerance:g}. "
             f"{self.result.quality.value}",
             self,
         )
@@ -515,17 +515,16 @@ class PhaseBuilder:
             raise ModelError("elements and mesh are given; one of them says what the first mesh is.")
         model = self._call(None if self._named is None else dict.fromkeys(self._named))
         found = [phase.name for phase in phases_of(model)]
-        if self._named is None:
-            if len(found) != 1:
-                raise ModelError(
-                    f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "
-                    "phases=[...], and build will be called with a mapping of their names to meshes."
-                )
+        if self._named is None and len(found) != 1:
+            raise ModelError(
+                f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "
+                "phases=[...], and build will be called with a mapping of their names to meshes."
+            )
         self.names.extend(name for name in found if name not in self.names)
         meshes = {name: self.phase(model, name).grid.mesh for name in self.names}
         for given, make in ((elements, _uniform), (mesh, _given)):
             if given is not None:
-                wanted = given if isinstance(given, Mapping) else dict.fromkeys(self.names, given)
+                wanted = given if isinstance(given, Mapping) else dict.fromkeys(self._named or self.names, given)
                 unknown = [name for name in wanted if name not in meshes]
                 if unknown:
                     raise ModelError(f"a first mesh for '{unknown[0]}'; refined are {', '.join(self.names)}.")

@@ -328,6 +328,27 @@ def test_a_path_constraint_of_states_counts_as_the_bound_that_it_is() -> None:
     assert bound[0] > 1e-3
 
 
+def test_what_is_passed_is_each_multiplier_times_the_mean_excess_beside_its_point() -> None:
+    m = constrained(5)
+    m.p.x.setub(None)
+
+    @m.p.constraint
+    def ceiling(b: Any, t: float) -> Any:
+        return b.x[t] <= 1 / 9
+
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    (phase,) = rcp.solve(m).discretisation.phases.values()
+    points, plan = list(m.p.points), m.p.trajectory()
+    gauss = (np.polynomial.legendre.leggauss(8)[0] + 1) / 2
+    samples = np.concatenate([(i + gauss) / 5 for i in range(5)])
+    excess = np.maximum(plan(samples)["x"] - 1 / 9, 0.0)
+    stages = [time for time in points if time > 0]
+    gaps = np.searchsorted(stages, samples)
+    means = [excess[gaps == k].mean() if (gaps == k).any() else 0.0 for k in range(len(stages) + 1)]
+    expected = sum(-m.dual[m.p.ceiling[t]] * max(means[k], means[k + 1]) for k, t in enumerate(stages))
+    assert phase.passed == pytest.approx(expected, rel=1e-6)
+
+
 def nose_cone(elements: int) -> Any:
     """Newton's body of least resistance, as long as its base is wide: flat in front, then steep at once."""
     m = pyo.ConcreteModel("nose cone")
