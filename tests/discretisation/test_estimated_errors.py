@@ -345,7 +345,7 @@ def test_what_is_passed_is_each_multiplier_times_the_mean_excess_beside_its_poin
     stages = [time for time in points if time > 0]
     gaps = np.searchsorted(stages, samples)
     means = [excess[gaps == k].mean() if (gaps == k).any() else 0.0 for k in range(len(stages) + 1)]
-    expected = sum(-m.dual[m.p.ceiling[t]] * max(means[k], means[k + 1]) for k, t in enumerate(stages))
+    expected = sum(-m.dual.get(m.p.ceiling[t], 0.0) * max(means[k], means[k + 1]) for k, t in enumerate(stages))
     assert phase.passed == pytest.approx(expected, rel=1e-6)
 
 
