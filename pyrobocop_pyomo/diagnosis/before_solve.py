@@ -8,6 +8,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 
 from .findings import Finding, Severity, Subject
+from .unfinished import unfinished_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -22,7 +23,7 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     Finding
         An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
     """
-    yield from ()
+    yield from unfinished_findings(model)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
@@ -49,5 +50,7 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     if errors:
         said = " ".join(f"{finding.message} {finding.remedy}" for finding in errors)
         contradiction = all(finding.subject in (Subject.CONTRADICTION, Subject.START) for finding in errors)
-        raise (ContradictionError if contradiction else ModelError)(f"'{model.name}': {said}")
+        if contradiction:
+            raise ContradictionError(f"'{model.name}' has no solution. {said}")
+        raise ModelError(f"'{model.name}': {said}")
     return tuple(finding for finding in findings if finding.severity is Severity.WARNING)

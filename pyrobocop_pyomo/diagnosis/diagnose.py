@@ -19,6 +19,7 @@ from .linearised_rows import LinearisedRows
 from .scaling import scaling_advice
 from .statements import misplaced_findings, objective_findings, statement_findings, unit_findings
 from .structure import structural_findings
+from .unfinished import unfinished_findings
 from .values import boundary_findings, data_findings, decided_findings, rate_findings, row_findings, values_missing
 
 _ORDER = list(Severity)
@@ -28,7 +29,7 @@ def diagnose(model: Any) -> Diagnosis:
     """Look at a model before a solve: structure, numbers at the initial guess, units and scaling.
 
     Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions,
-    which takes some seconds for ten thousand rows; `rcp.solve` only asks each phase's `check`.
+    which takes some seconds for ten thousand rows; `rcp.solve` makes the cheap part of it each time.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ def diagnose(model: Any) -> Diagnosis:
         )
     phases = phases_of(model)
     remarks: list[str] = []
-    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model)]
+    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model), *unfinished_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
     findings += form_findings(model)
