@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
+from pyrobocop_pyomo.phases import phases_of
 
 from .findings import Finding, Severity, Subject
 from .unfinished import unfinished_findings
+from .values import boundary_findings, fixed_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -24,6 +26,12 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
         An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
     """
     yield from unfinished_findings(model)
+    yield from fixed_findings(model)
+    phases = phases_of(model)
+    if any(phase.component(name) is None for phase in phases for name in phase.record.declarations):
+        return  # a transformation has renamed the variables, as scaling does: the records are about another model
+    for phase in phases:
+        yield from boundary_findings(phase, [])
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
