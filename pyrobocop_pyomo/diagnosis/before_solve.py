@@ -8,7 +8,9 @@ from typing import Any
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.phases import phases_of
 
+from .determinacy import freedom_findings
 from .findings import Finding, Severity, Subject
+from .joining import joining_findings
 from .unfinished import unfinished_findings
 from .values import boundary_findings, fixed_findings
 
@@ -32,6 +34,8 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
         return  # a transformation has renamed the variables, as scaling does: the records are about another model
     for phase in phases:
         yield from boundary_findings(phase, [])
+    yield from joining_findings(model)
+    yield from freedom_findings(model)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:

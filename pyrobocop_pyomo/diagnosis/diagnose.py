@@ -12,9 +12,10 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import Control, phases_of
 
-from .determinacy import appearance_findings, dependence_findings
+from .determinacy import appearance_findings, dependence_findings, freedom_findings
 from .difficult_forms import form_findings
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
+from .joining import joining_findings
 from .linearised_rows import LinearisedRows
 from .scaling import scaling_advice
 from .statements import misplaced_findings, objective_findings, statement_findings, unit_findings
@@ -55,6 +56,8 @@ def diagnose(model: Any) -> Diagnosis:
     findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model), *unfinished_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
+        findings += freedom_findings(model)
+    findings += joining_findings(model)
     findings += form_findings(model)
     for phase in phases:
         findings += structural_findings(phase)

@@ -307,3 +307,8 @@ def test_ratios_compare_one_program(tmp_path: Path) -> None:
         assert f"| {way} |" in page
     assert "other objective" not in table
     assert "did not converge" not in table
+
+
+def test_checks_before_a_solve_are_a_small_part_of_it() -> None:
+    rows = run_quick("check_costs").splitlines()[2:]
+    assert [row.split()[0].rstrip(",") for row in rows] == ["take-off", "cart-pole", "simulation"]
