@@ -21,8 +21,8 @@ from pyrobocop_pyomo.modeling.variable_values import put_values
 from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
-from .model_checks import active_expressions, refuse_discrete, single_objective
-from .model_terms import collect_terms, refuse_unknown_components
+from .model_checks import active_expressions, refuse_discrete, refuse_unseen_components, single_objective
+from .model_terms import collect_terms
 from .named_nodes import with_named_nodes
 from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
 from .nonlinear_program import FloatArray, NonlinearProgram
@@ -67,7 +67,8 @@ class CompiledModel:
     Raises
     ------
     ModelError
-        For several active objectives, no continuous variable, or discrete ones; for an external function that the
+        For components that no solver sees before they are transformed, such as pairs, disjunctions and derivatives;
+        for several active objectives, no continuous variable, or discrete ones; for an external function that the
         source of derivatives cannot call.
     EvaluationError
         When a number in an expression does not exist, as a division by a Param that is zero.
@@ -90,6 +91,7 @@ class CompiledModel:
         self._prepare()
 
     def _prepare(self) -> None:
+        refuse_unseen_components(self.model)
         self.objective = single_objective(self.model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
         self.__dict__.pop("row_of", None)
@@ -112,7 +114,6 @@ class CompiledModel:
         self.seconds_building = time.perf_counter() - started
 
     def _compile_file(self, build: ProgramBuilder) -> None:
-        refuse_unknown_components(self.model)
         started = time.perf_counter()
         by_calls = not reads_names(build)
         named = with_named_nodes(self.model, self.objective, by_calls=by_calls)

@@ -319,3 +319,8 @@ def test_ratios_compare_one_program(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills and full disks are those of a forked process")
 def test_no_fault_loses_a_file() -> None:
     assert "nothing was lost" in run_quick("file_faults")
+
+
+def test_checks_before_a_solve_are_a_small_part_of_it() -> None:
+    rows = run_quick("check_costs").splitlines()[2:]
+    assert [row.split()[0].rstrip(",") for row in rows] == ["take-off", "cart-pole", "simulation"]
