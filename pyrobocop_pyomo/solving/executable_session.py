@@ -96,7 +96,8 @@ class ExecutableSession:
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
-        compiled = self.compiled() if scaling else None
+        self._compiled: CompiledModel | None = None
+        compiled = self._compiled = self.compiled() if scaling else None
         # What the user says by a suffix of scaling is part of it.
         self.scaling: AutomaticScaling | None = None if compiled is None else automatic_scaling(compiled)
         names = {*_SUFFIXES} if self.scaling is not None else {*_SUFFIXES} - {"scaling_factor"}
@@ -219,6 +220,8 @@ class ExecutableSession:
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
+        if self._compiled is not None and not anew:
+            return self._compiled
         try:
             return CompiledModel(self._model)
         except SolverNotFoundError:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.mpcc.active_set import Certificate
 
 from .iterates import Iterate
 from .settings import Settings
@@ -72,6 +73,8 @@ class SecondTries:
 
     def _chosen(self) -> tuple[Strategy, ...]:
         user, status = self._settings.options.user, self._first.status
+        if self._first.certificate is Certificate.DESCENT:
+            return ()  # the same starts lead to the same saddle, and what follows one was tried
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
