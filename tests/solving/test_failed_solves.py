@@ -201,3 +201,20 @@ def test_a_point_where_the_iterations_ended_is_not_called_a_local_minimum():
     assert ended.stop_reason is StopReason.ITERATION_LIMIT
     assert ended.least_violation.kind is Least.NONE
     assert "can be met" in str(ended)
+
+
+@pytest.mark.parametrize("zero", ["int", "float", "param", "mutable", "expression"])
+def test_an_objective_of_zero_is_no_mistake(zero):
+    m = pyo.ConcreteModel()
+    m.param, m.mutable = pyo.Param(initialize=0.0), pyo.Param(initialize=0.0, mutable=True)
+    m.expression = pyo.Expression(expr=0)
+    m.x = pyo.Var(initialize=1)
+    m.row = pyo.Constraint(expr=m.x**2 == 4)
+    m.nothing = pyo.Objective(expr={"int": 0, "float": 0.0}.get(zero, m.component(zero)))
+    result = rcp.solve(m)
+    assert result.solved
+    assert result.remarks == ()
+    assert result.doubts == ()
+    m.mutable.set_value(3.0)
+    expected = zero == "mutable"
+    assert any("holds no variable" in remark for remark in rcp.solve(m).remarks) is expected
