@@ -2,11 +2,15 @@
 
 import math
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.solving import plain_runs
+from pyrobocop_pyomo.solving.curvature import direction_of_descent
 
 pytestmark = pytest.mark.casadi
 
@@ -137,3 +141,32 @@ def test_a_bound_that_holds_a_variable_forbids_its_curvature():
     result = rcp.solve(m)
     assert result.solved
     assert labels(result) == ["solve"]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_direction_is_found_where_the_hessian_is_not_convex_on_the_null_space_of_the_rows(seed):
+    """Against eigenvalues of the reduced Hessian, with a row that is there twice to first order."""
+    random = np.random.default_rng(seed)
+    n, m = 8, 3
+    hessian, jacobian = random.standard_normal((n, n)), random.standard_normal((m, n))
+    hessian = hessian + hessian.T + random.uniform(0, 6) * np.eye(n)
+    jacobian[2] = jacobian[1]
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(range(n), initialize=0.0)
+    x = np.array(list(model.x.values()))
+    model.rows = pyo.Constraint(range(m), rule=lambda model, i: jacobian[i] @ x + (-1) ** i * x[0] ** 2 == 0)
+    model.cost = pyo.Objective(expr=0.5 * x @ hessian @ x)
+    nlp = CompiledModel(model, "casadi").nlp
+    # Those of the two rows that are the same to first order cancel in the Hessian.
+    multipliers = np.array([0.0, 1e5, 1e5])
+    point = PrimalDualPoint(np.zeros(n), multipliers, np.zeros(n), np.zeros(n))
+    jacobian_here = np.zeros((m, n))
+    np.add.at(jacobian_here, nlp.jacobian_structure, nlp.jacobian(point.x))
+    space = np.linalg.svd(jacobian_here)[2][2:].T
+    least = np.linalg.eigvalsh(space.T @ hessian @ space)[0]
+    found = direction_of_descent(nlp, point)
+    assert (found is not None) == (least < -1e-3)
+    if found is not None:
+        assert np.abs(found).max() == pytest.approx(1.0)
+        assert found @ hessian @ found == pytest.approx(least * (found @ found), rel=0.3)
+        assert np.abs(jacobian_here @ found).max() < 1e-4
