@@ -11,7 +11,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import value
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
@@ -111,7 +111,8 @@ def objective_findings(model: Any) -> Iterator[Finding]:
     objectives = list(model.component_data_objects(Objective, active=True, descend_into=Block))
     if objectives:
         for objective in objectives:
-            if not holds_variable(objective.expr) and not _is_zero(objective.expr):
+            # An objective of 0 says that any point will do that meets the constraints.
+            if not holds_variable(objective.expr) and value(objective.expr, exception=False) != 0:
                 yield Finding(
                     Severity.WARNING,
                     Subject.STATEMENT,
@@ -140,11 +141,6 @@ def objective_findings(model: Any) -> Iterator[Finding]:
             if elsewhere
             else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)).",
         )
-
-
-def _is_zero(expression: Any) -> bool:
-    """Whether an objective says that nothing is to be small, as where only feasibility matters."""
-    return expression.__class__ in native_numeric_types and expression == 0
 
 
 def refuse_misplaced(model: Any) -> None:

@@ -26,7 +26,14 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.linear_solvers import FALL_BACK, FELL_BACK, IN_DOUBT, with_linear_solver
+from pyrobocop_pyomo.ipopt.linear_solvers import (
+    FALL_BACK,
+    FELL_BACK,
+    IN_DOUBT,
+    SAID_OF_OWN_SOLVER,
+    refused_options,
+    with_linear_solver,
+)
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
@@ -73,6 +80,7 @@ _STATUS_OF_MESSAGE = {
     "Maximum Number of Iterations": IpoptStatus.ITERATION_LIMIT,
     "Maximum wallclock time": IpoptStatus.TIME_LIMIT,
     "Maximum CPU time": IpoptStatus.TIME_LIMIT,
+    "Library loading failure": IpoptStatus.INVALID_OPTION,
 }
 
 
@@ -96,7 +104,8 @@ class ExecutableSession:
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
-        compiled = self.compiled() if scaling else None
+        self._compiled: CompiledModel | None = None
+        compiled = self._compiled = self.compiled() if scaling else None
         # What the user says by a suffix of scaling is part of it.
         self.scaling: AutomaticScaling | None = None if compiled is None else automatic_scaling(compiled)
         names = {*_SUFFIXES} if self.scaling is not None else {*_SUFFIXES} - {"scaling_factor"}
@@ -160,6 +169,8 @@ class ExecutableSession:
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
         resolved, own = with_linear_solver(options)
+        for stream in self._output if own else ():
+            stream.write(SAID_OF_OWN_SOLVER)
         status, iterations = self._run_process(resolved, deadline)
         if own and status in IN_DOUBT:
             # From where that run ended, if it left a point at all; the multipliers are those of its start.
@@ -192,9 +203,12 @@ class ExecutableSession:
         except KeyboardInterrupt:
             # The process is gone with its iterate; what the last run left is on the model still.
             return IpoptStatus.INTERRUPTED, 0
+        status = _status_of(results)
+        if status is IpoptStatus.INVALID_OPTION:
+            raise refused_options(options)
         if results.solution_loader.get_number_of_solutions():
             results.solution_loader.load_solution()
-        return _status_of(results), int(results.extra_info.iteration_count or 0)
+        return status, int(results.extra_info.iteration_count or 0)
 
     def _row_multipliers(self) -> Callable[[], RowMultipliers]:
         rows, lower, upper = (
@@ -219,6 +233,8 @@ class ExecutableSession:
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
+        if self._compiled is not None and not anew:
+            return self._compiled
         try:
             return CompiledModel(self._model)
         except SolverNotFoundError:
