@@ -11,13 +11,14 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import value
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.expressions import holds_variable
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -88,12 +89,30 @@ def misplaced_findings(block: Any) -> Iterator[Finding]:
                 )
 
 
+def scaled_pair_findings(block: Any) -> Iterator[Finding]:
+    """Pairs that Pyomo's ``core.scale_model`` has passed over, while it scaled the variables that they hold."""
+    factors = getattr(block.model(), "component_scaling_factor_map", {})
+    named: set[str] = set()
+    for source in active_sources(block) if factors else ():
+        name = source.parent_component().name
+        scaled = [held for side in sides_of(source) for held in variables_in(side) if factors.get(held, 1) != 1]
+        if scaled and name not in named:
+            named.add(name)
+            yield _error(
+                f"'{name}' holds '{scaled[0].name}', which core.scale_model multiplied by {factors[scaled[0]]:g}; it "
+                "changes constraints, and leaves pairs as they were: they mean something else now.",
+                (name,),
+                "Apply pyrobocop.relax_complementarity before core.scale_model, or solve the model itself.",
+            )
+
+
 def objective_findings(model: Any) -> Iterator[Finding]:
     """A model whose controls are free and that has no objective."""
     objectives = list(model.component_data_objects(Objective, active=True, descend_into=Block))
     if objectives:
         for objective in objectives:
-            if not holds_variable(objective.expr) and not _is_zero(objective.expr):
+            # An objective of 0 says that any point will do that meets the constraints.
+            if not holds_variable(objective.expr) and value(objective.expr, exception=False) != 0:
                 yield Finding(
                     Severity.WARNING,
                     Subject.STATEMENT,
@@ -122,11 +141,6 @@ def objective_findings(model: Any) -> Iterator[Finding]:
             if elsewhere
             else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)).",
         )
-
-
-def _is_zero(expression: Any) -> bool:
-    """Whether an objective says that nothing is to be small, as where only feasibility matters."""
-    return expression.__class__ in native_numeric_types and expression == 0
 
 
 def refuse_misplaced(model: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -61,8 +60,6 @@ class Checkpoint:
         CheckpointError
             When something in it is neither an array of numbers or texts nor JSON.
         """
-        path = Path(path)
-        path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
         groups = {f"agent{i}": dict(state) for i, state in enumerate(self.states.values())}
         groups["coordinator"] = dict(self.coordinator)
         for where, group in zip([*self.states, "coordinator"], groups.values(), strict=True):
@@ -81,15 +78,7 @@ class Checkpoint:
             json.dumps(facts)
         except (TypeError, ValueError) as error:
             raise CheckpointError(f"{path}: the facts of the coordinator cannot be saved: {error}.") from error
-        temporary = path.with_name(f".{path.stem}-{os.getpid()}.npz")  # in the same folder: a rename there is atomic
-        try:
-            write_archive(temporary, facts, groups)
-            with temporary.open("rb+") as written:
-                os.fsync(written.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
-        return path
+        return write_archive(path, facts, groups)
 
     @classmethod
     def load(cls, path: str | Path, fingerprint: str | None = None) -> Checkpoint:
@@ -114,22 +103,24 @@ class Checkpoint:
             facts, groups = read_archive(path)
         except TrajectoryError as error:
             raise CheckpointError(f"{path}: no checkpoint can be read from it ({error.__cause__ or error}).") from error
-        except (
-            Exception
-        ) as error:  # damaged bytes: zlib.error, struct.error, UnicodeDecodeError, NotImplementedError ...
-            raise CheckpointError(f"{path}: damaged ({type(error).__name__}: {error}).") from error
         if facts.get("kind") != _KIND:
             raise CheckpointError(f"{path}: no checkpoint of a team, but another file of this package.")
-        if facts["format"] != _FORMAT:
-            raise CheckpointError(f"{path}: written in format {facts['format']}; this version reads format {_FORMAT}.")
-        if fingerprint is not None and facts["fingerprint"] != fingerprint:
+        if facts.get("format") != _FORMAT:
             raise CheckpointError(
-                f"{path}: written by another team (fingerprint {facts['fingerprint'][:12]}, this one has "
-                f"{fingerprint[:12]}; its agents are {', '.join(facts['agents'])}). Builders, data, shared quantities "
+                f"{path}: written in format {facts.get('format')}; this version reads format {_FORMAT}."
+            )
+        try:
+            states = {name: groups[f"agent{i}"] for i, name in enumerate(facts["agents"])}
+            found = cls(int(facts["round"]), str(facts["fingerprint"]), states, groups["coordinator"], facts["facts"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise CheckpointError(f"{path}: no checkpoint can be read from it ({error!r}).") from error
+        if fingerprint is not None and found.fingerprint != fingerprint:
+            raise CheckpointError(
+                f"{path}: written by another team (fingerprint {found.fingerprint[:12]}, this one has "
+                f"{fingerprint[:12]}; its agents are {', '.join(found.states)}). Builders, data, shared quantities "
                 "and options have to be the same. To start anew, take another file or delete this one."
             )
-        states = {name: groups[f"agent{i}"] for i, name in enumerate(facts["agents"])}
-        return cls(facts["round"], facts["fingerprint"], states, groups["coordinator"], facts["facts"])
+        return found
 
 
 def fingerprint(specs: Iterable[Any]) -> str:

@@ -13,6 +13,7 @@ from pyrobocop_pyomo.diagnosis import Diagnosis
 from pyrobocop_pyomo.errors import EstimationError, NotIdentifiable
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
@@ -193,6 +194,7 @@ def _fit(problem: EstimationProblem, deadline: Deadline, options: dict[str, Any]
         if second.standing.is_better_than(first.standing):
             return second
     found.restore()
+    note_outcome(problem.model, first.outcome)
     return first
 
 

@@ -30,7 +30,7 @@ NODES_PER_ITERATION = 10
 
 
 class Certificate(enum.Enum):
-    """What is known about first-order descent at a point; the value is a sentence."""
+    """What is known about descent at a point; the value is a sentence for points with pairs."""
 
     PROVEN = "B-stationary: no branch through the point has a direction of descent."
     DESCENT = "Not B-stationary: another branch through the point descends, but no better point was reached along it."

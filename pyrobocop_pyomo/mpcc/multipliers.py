@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_captured
+from pyrobocop_pyomo.ipopt.c_output import c_output_muted
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
@@ -113,7 +113,7 @@ class MultiplierProblem:
             room = right - asked[:, width:] @ np.round(values[width:])
             closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
             upper[closed] = 0.0
-        with c_output_captured():
+        with c_output_muted():
             _, values = self._linear.solve(upper=upper, time_limit=time_limit)
         if values is None:
             return None
@@ -143,7 +143,7 @@ class MultiplierProblem:
                 )
             ],
         )
-        with c_output_captured():
+        with c_output_muted():
             duals = steps.row_duals(time_limit=time_limit)
         if duals is None:
             return None

@@ -5,7 +5,7 @@ from .laws import Law
 from .measurements import label_measurements
 from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock
-from .phase_data import PhaseBlockData, phases_of
+from .phase_data import PhaseBlockData, note_outcome, phases_of
 from .remeshing import remesh_phases, why_not_remeshed
 from .verification import Verification
 
@@ -23,6 +23,7 @@ __all__ = [
     "State",
     "Verification",
     "label_measurements",
+    "note_outcome",
     "phases_of",
     "remesh_phases",
     "why_not_remeshed",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from inspect import isroutine
 from numbers import Real
@@ -15,7 +16,7 @@ from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import Set
 from pyomo.core.expr.numvalue import NumericValue
 
-from pyrobocop_pyomo.errors import DeclarationError, ModelError, TranscriptionError
+from pyrobocop_pyomo.errors import DeclarationError, ModelError, TrajectoryError, TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
@@ -485,6 +486,20 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         add_horizon(self, self._record, float(start) if isinstance(start, Real) else start, free_element_widths)
         if duration is not stated:
             self.duration_as_stated = Constraint(expr=self.duration == stated)
+
+
+def note_outcome(model: Any, words: str) -> None:
+    """Keep with each phase how the solve ended that has left its values: trajectories tell it.
+
+    Parameters
+    ----------
+    model : Block
+    words : str
+    """
+    for phase in phases_of(model):
+        # Where a value is missing, or in units of their own, there is no trajectory to tell it.
+        with suppress(TrajectoryError):
+            PhaseValues(phase).note_outcome(words)
 
 
 def phases_of(model: Any) -> list[PhaseBlockData]:

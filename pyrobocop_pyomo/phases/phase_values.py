@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
@@ -32,6 +33,11 @@ class PhaseValues:
     ----------
     phase : PhaseBlock
 
+    Raises
+    ------
+    TrajectoryError
+        When Pyomo's ``core.scale_model`` was applied to the model.
+
     Attributes
     ----------
     nodes : dict of name to Nodes
@@ -42,6 +48,12 @@ class PhaseValues:
 
     def __init__(self, phase: Any) -> None:
         record: PhaseRecord = phase.record
+        if hasattr(phase.model(), "component_scaling_factor_map"):
+            raise TrajectoryError(
+                f"phase '{phase.name}': core.scale_model has changed the units of its values, and its rules are stated "
+                "in the former ones. Carry the solution to the model that it was made from: "
+                "pyo.TransformationFactory('core.scale_model').propagate_solution(scaled, model)."
+            )
         self._phase, self._record, self._grid = phase, record, record.grid
         names = [name for kind in (State, Algebraic, Control) for name in record.names(kind)]
         derivatives = [f"{name}_derivative" for name in sorted(record.kept_derivatives)]
@@ -108,7 +120,10 @@ class PhaseValues:
             When a variable has no value.
         """
         phase, record = self._phase, self._record
-        values = self.read() if values is None else values
+        outcome = None
+        if values is None:
+            values = self.read()
+            outcome = self._outcome_of(values)
         return make_trajectory(
             phase,
             real_grid(phase, record),
@@ -118,7 +133,25 @@ class PhaseValues:
             pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
             rates={name: _rates(phase, name) for name in record.names_of_states if evaluate and _has_rate(phase, name)},
             knot_values=values,
+            outcome=outcome,
         )
+
+    def _outcome_of(self, values: Mapping[str, Array]) -> str:
+        """How the solve ended that has left these values; otherwise that none has."""
+        if self._record.outcome is None:
+            return "not solved by rcp.solve"
+        words, fingerprint = self._record.outcome
+        return words if fingerprint == self._fingerprint(values) else "changed since rcp.solve"
+
+    def _fingerprint(self, values: Mapping[str, Array]) -> int:
+        """A number that other values hardly share, the same in every process."""
+        phase, record = self._phase, self._record
+        parameters = [float(value(phase.component(name))) for name in record.names(Parameter)]
+        return crc32(np.concatenate([*values.values(), parameters, real_grid(phase, record).mesh.boundaries]).tobytes())
+
+    def note_outcome(self, words: str) -> None:
+        """Keep how the solve ended that has left the values."""
+        self._record.outcome = (words, self._fingerprint(self.read()))
 
 
 def make_trajectory(

@@ -91,6 +91,8 @@ class PhaseRecord:
         True while a statement asks its rule, which is kept: what the rule makes is made anew with it.
     restating : Restatement or None
         The change of mesh that is going on.
+    outcome : (words, fingerprint) or None
+        How the last solve ended, and of which values that is said.
     """
 
     grid: Grid
@@ -117,6 +119,7 @@ class PhaseRecord:
     is_declaring_components: bool = False
     asking: bool = False
     restating: Any = None
+    outcome: tuple[str, int] | None = None
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""

@@ -32,6 +32,7 @@ from .companions import (
 )
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .delays import past_of
+from .given_ends import KINDS, end_violations, values_given
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 from .reintegration import Reintegration, reintegrate
@@ -327,7 +328,9 @@ class _TrajectoryCheck:
                     found = self._at_instant(i, k, time, stated)
                 equations, natural, product, of_steps = map(max, (equations, natural, product, of_steps), found)
         self.point.element = None
-        return max(of_steps, self._defect(stated)), max(equations, self._at_boundaries()), natural, product
+        at_ends, of_pairs = self._at_given_ends()
+        equations = max(equations, self._at_boundaries(), at_ends)
+        return max(of_steps, self._defect(stated)), equations, max(natural, of_pairs), product
 
     def _at_instant(
         self, i: int, k: int, time: float, stated: Mapping[str, Array]
@@ -363,6 +366,22 @@ class _TrajectoryCheck:
                 for row in labelled_rows("constraint", self.point.result_of(statement, time)).values():
                     worst = max(worst, relation_violation(row))
         return worst
+
+    def _at_given_ends(self) -> tuple[float, float]:
+        """Violation of equations and of sides of pairs by the values that are given at ends without a stage."""
+        worst = dict.fromkeys((*KINDS, "bounds"), 0.0)
+        ends = (self.record.grid.times[0], 0), (self.record.grid.times[-1], -1)
+        for time, position in ends:
+            given = values_given(self.block, self.record, time)
+            states, parameters = self.trajectory.states, self.trajectory.parameters
+            values = {name: states[name][position] if name in states else parameters[name] for name in given}
+            if self.indices.times[position] in self.indices.points or not values:
+                continue
+            grids = (self.indices, self.grid)
+            # A rule that cannot be evaluated there says nothing of it: no remark.
+            for found in end_violations(self.block, self.record, time, values, self.statements, grids, []):
+                worst[found.kind] = max(worst[found.kind], found.amount)
+        return max(worst["residual"], worst["constraint"], worst["bounds"]), worst["complementarity"]
 
     def _at_stages(self, states: Array) -> Array:
         """The columns of the nodes that are stages: all but an element start, or an end, that is none."""

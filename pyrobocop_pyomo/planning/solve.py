@@ -25,7 +25,7 @@ from pyrobocop_pyomo.obstacles.initial_checks import (
     check_motion,
     warn_about_soft_clearance,
 )
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import note_outcome, phases_of
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Quality, Tolerances
 from pyrobocop_pyomo.solving.least_violation import least_violation
@@ -232,7 +232,9 @@ def solve(
     # Controls that were rounded are free again: without their values the rows would be those of the relaxed problem.
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
-    return replace(result, doubts=(*doubts, *result.doubts), seconds=time.perf_counter() - started)
+    result = replace(result, doubts=(*doubts, *result.doubts), seconds=time.perf_counter() - started)
+    note_outcome(model, result.outcome)
+    return result
 
 
 def _check_limits(time_limit: Any, feasibility_tolerance: Any, complementarity_tolerance: Any) -> None:

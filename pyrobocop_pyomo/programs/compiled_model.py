@@ -22,7 +22,7 @@ from pyrobocop_pyomo.modeling.variable_values import put_values
 from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
-from .model_checks import active_expressions, refuse_discrete, single_objective
+from .model_checks import active_expressions, refuse_discrete, refuse_unseen_components, single_objective
 from .model_terms import collect_terms
 from .named_nodes import with_named_nodes
 from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
@@ -68,7 +68,8 @@ class CompiledModel:
     Raises
     ------
     ModelError
-        For several active objectives, no continuous variable, or discrete ones; for an external function that the
+        For components that no solver sees before they are transformed, such as pairs, disjunctions and derivatives;
+        for several active objectives, no continuous variable, or discrete ones; for an external function that the
         source of derivatives cannot call.
     EvaluationError
         When a number in an expression does not exist, as a division by a Param that is zero.
@@ -91,6 +92,7 @@ class CompiledModel:
         self._prepare()
 
     def _prepare(self) -> None:
+        refuse_unseen_components(self.model)
         self.objective = single_objective(self.model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
         for known in ("row_of", "groups"):

@@ -12,9 +12,10 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues
 
 from .ipopt_options import IpoptOptions, inexact, warm_continuation
 from .iterate_log import IterateLog
-from .iterates import Iterate
+from .iterates import Iterate, StopReason
 from .session import Session
 from .settings import Settings
+from .violations import growing_variables
 
 # So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
 SHORTENED_STEPS = 4
@@ -153,6 +154,9 @@ class Continuation:
         )
 
     def _take(self, iterate: Iterate, *, start: Iterate | None = None, on_the_way: bool = False) -> Iterate:
+        if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
+            # More iterations would only take it further: Ipopt itself calls that diverging much later.
+            iterate = replace(iterate, stop_reason=StopReason.DIVERGED)
         # What did not converge may be the last point that there is, and is checked in full.
         on_the_way = self._session.approximate or (
             on_the_way and iterate.converged and math.isfinite(iterate.constraint_violation)

@@ -28,7 +28,14 @@ from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.linear_solvers import FALL_BACK, FELL_BACK, IN_DOUBT, with_linear_solver
+from pyrobocop_pyomo.ipopt.linear_solvers import (
+    FALL_BACK,
+    FELL_BACK,
+    IN_DOUBT,
+    SAID_OF_OWN_SOLVER,
+    refused_options,
+    with_linear_solver,
+)
 from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -78,6 +85,7 @@ _STATUS_OF_MESSAGE = {
     "Maximum Number of Iterations": IpoptStatus.ITERATION_LIMIT,
     "Maximum wallclock time": IpoptStatus.TIME_LIMIT,
     "Maximum CPU time": IpoptStatus.TIME_LIMIT,
+    "Library loading failure": IpoptStatus.INVALID_OPTION,
 }
 
 
@@ -102,6 +110,7 @@ class ExecutableSession:
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
         # What the run is divided by, and judged by.
+        self._compiled: CompiledModel | None = None
         self._compiled = self.compiled()
         self._stated = scaling_factors(self._compiled, missing=np.nan) if scaling and self._compiled else None
         self.scaling: AutomaticScaling | None = None
@@ -181,6 +190,8 @@ class ExecutableSession:
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
         resolved, own = with_linear_solver(options)
+        for stream in self._output if own else ():
+            stream.write(SAID_OF_OWN_SOLVER)
         status, iterations = self._run_process(resolved, deadline)
         if own and status in IN_DOUBT:
             # From where that run ended, if it left a point at all; the multipliers are those of its start.
@@ -224,9 +235,12 @@ class ExecutableSession:
         except KeyboardInterrupt:
             # The process is gone with its iterate; what the last run left is on the model still.
             return IpoptStatus.INTERRUPTED, 0
+        status = _status_of(results)
+        if status is IpoptStatus.INVALID_OPTION:
+            raise refused_options(options)
         if results.solution_loader.get_number_of_solutions():
             results.solution_loader.load_solution()
-        return _status_of(results), int(results.extra_info.iteration_count or 0)
+        return status, int(results.extra_info.iteration_count or 0)
 
     def _row_multipliers(self) -> Callable[[], RowMultipliers]:
         rows, lower, upper = (
@@ -251,6 +265,8 @@ class ExecutableSession:
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
+        if self._compiled is not None and not anew and not self._relaxed.pairs:
+            return self._compiled  # with pairs the rows are those of another delta by now
         try:
             return CompiledModel(self._model)
         except SolverNotFoundError:

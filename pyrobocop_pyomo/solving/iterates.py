@@ -20,7 +20,7 @@ class Quality(enum.Enum):
     """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
 
     OPTIMAL = f"Feasible and stationary{_OF_PAIRS}, within the tolerances."
-    FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be stationary."
+    FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be optimal."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
 
     def sentence(self, *, pairs: bool) -> str:

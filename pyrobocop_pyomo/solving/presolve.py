@@ -11,6 +11,7 @@ from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import LiftedPair, SidePart, SideVariable
+from pyrobocop_pyomo.diagnosis.values import SIDES_HOLD
 from pyrobocop_pyomo.errors import ComplementarityError
 
 
@@ -60,8 +61,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
             if most < -tolerance:
                 raise ComplementarityError(
                     f"'{pair.pair.name}': its {which} side is at most {most:g} by bounds and fixed variables, but must "
-                    "be >= 0. Check the bounds and what is fixed. Both sides of a pair are >= 0 at all times: what "
-                    "acts only where a gap is closed is complements(gap >= 0, force >= 0)."
+                    f"be >= 0. Check the bounds and what is fixed. {SIDES_HOLD}"
                 )
         if least_a > tolerance and least_b > tolerance:
             raise ComplementarityError(

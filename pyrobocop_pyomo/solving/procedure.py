@@ -27,13 +27,14 @@ from .iterates import Iterate, Quality, StopReason
 from .polish import Exploration
 from .relaxed_model import forget_removed
 from .result_findings import ModelReference
-from .run_remarks import remarks_on_runs
+from .run_remarks import doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
 from .strategies import DEFAULT_SEQUENCE, SOLVE, TIGHT, Strategy
 from .strategy_runs import StrategyRuns
 from .violations import (
+    GROWING,
     Violation,
     growing_variables,
     motion_without_choice,
@@ -104,6 +105,10 @@ class _Procedure:
                 f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
                 "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
             )
+        if best.stop_reason is StopReason.ITERATION_LIMIT and any(
+            step.stop_reason is StopReason.DIVERGED for step in self._log.steps
+        ):
+            best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
         if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and self._found.cut is None:
             self._guess.explain()
@@ -201,6 +206,7 @@ class _Procedure:
             residuals=residuals,
             violations=self._violations(residuals) if quality is Quality.INFEASIBLE else (),
             remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps, best.certificate)),
+            doubts=() if residuals else doubts_on_point(best),
             steps=self._log.steps,
             standing=best.standing(self._settings.tolerances, self._check.sign),
             decided_pairs=places.decided_pairs,
@@ -216,7 +222,7 @@ class _Procedure:
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
         said = []
-        if best.stop_reason is StopReason.DIVERGED and (growing := growing_variables(self._model)):
+        if best.stop_reason is StopReason.DIVERGED and (growing := growing_variables(self._values, GROWING)):
             said.append(f"What grows: {growing}.")
         infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
         if infeasible and not best.stop_reason.is_final and (elsewhere := self._where_the_first_gave_up(best)):

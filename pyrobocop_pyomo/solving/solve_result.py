@@ -17,6 +17,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.presentation import Presented, disclosed_text, facts_table, table
+from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
 from .automatic_scaling import ScalingRecord
 from .iterates import Iterate, Quality, Standing, StopReason, step_header
@@ -205,6 +206,13 @@ class SolveResult(Presented):
     def solved(self) -> bool:
         """True when the point is `Quality.OPTIMAL` and, where there are obstacles, the motion is proven to be safe."""
         return self.quality is Quality.OPTIMAL and self.safe is not False
+
+    @property
+    def outcome(self) -> str:
+        """What trajectories say of it: "solved", "feasible", "infeasible", "NOT SAFE" or "DOUBTFUL"."""
+        if self.quality is not Quality.OPTIMAL:
+            return self.quality.name.lower()
+        return "NOT SAFE" if self.safe is False else "DOUBTFUL" if self.doubts else SOLVED
 
     @cached_property
     def pairs(self) -> list[PairReport]:

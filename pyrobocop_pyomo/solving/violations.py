@@ -7,17 +7,19 @@ from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any
 
-from pyomo.core.base.var import Var
-
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.diagnosis.places import place_in_words
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.phases import Control, Parameter, phases_of
 
 from .iterates import Tolerances
 
 _NAMED = 3
+# A variable that is so many times as large as where it started, as its bounds and as 1 goes to no solution; where that
+# is known, those are named that are on the way there.
+GROWN, GROWING = 1e8, 1e5
 
 
 @dataclass(frozen=True)
@@ -97,15 +99,25 @@ def _wanted(number: float, lower: float | None, upper: float | None) -> str:
     return f"not >= {lower:.6g}" if lower is not None and number < lower else f"not <= {upper:.6g}"
 
 
-def growing_variables(model: Any, least: float = 1e10) -> str:
-    """The components with the largest variables, in words; empty where none is as large as this."""
-    largest: dict[str, float] = {}
-    for data in model.component_data_objects(Var, active=True):
-        if data.value is not None and not data.fixed and abs(data.value) >= least:
+def growing_variables(values: VariableValues, least: float = GROWN) -> str:
+    """The components that have grown most beyond start and bounds, in words; empty where none by this factor.
+
+    Parameters
+    ----------
+    values : VariableValues
+        Taken at the start.
+    least : float
+    """
+    largest: dict[str, tuple[float, float]] = {}
+    for data, start in zip(values.variables, values.taken, strict=True):
+        size, known = abs(data.value or 0.0), max(1.0, abs(start or 0.0))
+        if size >= least * known:  # to read bounds takes longer
+            growth = size / max([known, *(abs(bound) for bound in data.bounds if bound is not None)])
             name = data.parent_component().name
-            largest[name] = max(largest.get(name, 0.0), abs(data.value))
-    named = sorted(largest, key=lambda name: -largest[name])[:_NAMED]
-    return ", ".join(f"'{name}' ({largest[name]:.1e})" for name in named)
+            if growth >= max(least, largest.get(name, (0.0, 0.0))[0]):
+                largest[name] = growth, size
+    named = sorted(largest, key=lambda name: -largest[name][0])[:_NAMED]
+    return ", ".join(f"'{name}' ({largest[name][1]:.1e})" for name in named)
 
 
 def motion_without_choice(model: Any) -> str:

@@ -150,8 +150,8 @@ class CaseSolver:
         if self._build is not None and put is not None:
             self._target, self._build = source(), None
         if self._target is not None:
-            self._model = model_of(self._target)
-            self._state = ModelState(self._model)
+            self.model = model_of(self._target)
+            self._state = ModelState(self.model)
 
     @property
     def state(self) -> ModelState | None:
@@ -162,7 +162,7 @@ class CaseSolver:
         """Put the data of a case on the model and take them off again, to see whether they fit; nothing is solved."""
         if self._state is not None and self._put is None:
             try:
-                put_mapping(self._model, data)
+                put_mapping(self.model, data)
             finally:
                 self._state.restore()
 
@@ -177,8 +177,8 @@ class CaseSolver:
         if self._build is not None:
             self._leave()
             self._target = self._build(data)
-            self._model = model_of(self._target)
-            return ModelState(self._model)
+            self.model = model_of(self._target)
+            return ModelState(self.model)
         assert self._state is not None
         if self._persistent is not None and self._persistent.decided_pairs:
             self._leave()  # it has changed bounds
@@ -186,7 +186,7 @@ class CaseSolver:
         if self._put is not None:
             self._put(self._target, data)
         else:
-            put_mapping(self._model, data)
+            put_mapping(self.model, data)
         return self._state
 
     def solve(self, case: SweepCase, near: tuple[int, Values] | None, deadline: Deadline) -> SweepOutcome:
@@ -247,7 +247,7 @@ class CaseSolver:
         found = state.read() if warm is not None else []
         self._leave()
         state.write(initial)
-        cold = solve(self._model, **{**self._options, "time_limit": seconds_left(deadline)})
+        cold = solve(self.model, **{**self._options, "time_limit": seconds_left(deadline)})
         if warm is None or warm.quality is Quality.INFEASIBLE or not warm.standing.is_better_than(cold.standing):
             return cold, False
         state.write(found)
@@ -255,7 +255,7 @@ class CaseSolver:
 
     def _warm(self, state: ModelState, near: Values, deadline: Deadline) -> SolveResult | None:
         """Solve from a neighbour's solution; None where that cannot be done."""
-        model = self._model
+        model = self.model
         if not WARM_OPTIONS | {"progress"} >= self._options.keys() or find_ipopt_library() is None:
             return None
         structure = state.structure()

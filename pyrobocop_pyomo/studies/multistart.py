@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
-from pyrobocop_pyomo.phases import PhaseBlockData
+from pyrobocop_pyomo.phases import PhaseBlockData, note_outcome
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
@@ -52,6 +52,7 @@ class MultistartResult(StudyResult[StartOutcome]):
     """
 
     _values: VariableValues = field(repr=False)
+    _model: Any = field(repr=False)
 
     own_columns = (Column("start", 5, lambda outcome: outcome.start, "d"),)
 
@@ -72,6 +73,7 @@ class MultistartResult(StudyResult[StartOutcome]):
         if chosen.result is None:
             raise SolveFailed(f"'{self.name}': start {chosen.start} has no point. {chosen.error}", self)
         self._values.write(chosen.values)
+        note_outcome(self._model, chosen.result.outcome)
         return chosen.result
 
     def __str__(self) -> str:
@@ -182,10 +184,12 @@ def multistart(
     bar.live("")
     order = ranked(outcomes)
     values.write(order[0].values if order[0].result is not None else values.taken)
+    if order[0].result is not None:
+        note_outcome(model, order[0].result.outcome)
     return MultistartResult(
         name=model.name, outcomes=order,
         remaining=tuple(sorted(set(range(starts)) - {outcome.start for outcome in outcomes})),
-        seconds=time.perf_counter() - started, _values=values,
+        seconds=time.perf_counter() - started, _values=values, _model=model,
     )  # fmt: skip
 
 

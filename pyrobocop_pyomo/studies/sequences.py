@@ -12,6 +12,7 @@ from pyrobocop_pyomo.errors import ModelError, SolveFailed, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import StopReason
 from pyrobocop_pyomo.solving.iterate_log import ModelCheck
@@ -174,6 +175,7 @@ class SequenceRanking(StudyResult[SequenceOutcome]):
             raise SolveFailed(f"{found.name}: there is no solution. {found.error}", self)
         model = self.build(found.sequence)
         VariableValues.of_all(model).write(found.values)
+        note_outcome(model, found.result.outcome)
         objective = ModelCheck(model).objective()
         if abs(objective - found.result.objective) > 1e-9 * max(1.0, abs(objective)):
             raise ModelError(

@@ -15,6 +15,7 @@ from pyrobocop_pyomo.errors import ModelError, SolveFailed
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
 
@@ -113,6 +114,7 @@ class SweepResult(StudyResult[SweepOutcome]):
         if self._solver is None:
             raise SolveFailed(f"'{self.name}': a builder makes the model of case {number}; build it again.", self)
         self._solver.put(chosen.case.data).write(chosen.values)
+        note_outcome(self._solver.model, chosen.result.outcome)
         return chosen.result
 
     def __str__(self) -> str:

@@ -149,9 +149,15 @@ class JoinedTrajectory(Presented):
         nodes = {name: (self.time if name in self._states else self.points, getattr(self, name)) for name in chosen}
         steps = {name for name in chosen if all(name not in part.names or name in part.stepwise for part in self.parts)}
         labels = member_labels(self._families, names) if isinstance(names, Mapping) else None
-        drawn = plot_signals("", dense, values, nodes, steps, labels=labels, figure=figure)
+        drawn = plot_signals(
+            self._title if figure is None else "", dense, values, nodes, steps, labels=labels, figure=figure
+        )
         mark_phases(drawn, self.boundaries, [part.name for part in self.parts])
         return drawn
+
+    @property
+    def _title(self) -> str:
+        return ", ".join(part.title for part in self.parts if part.title != part.name)
 
     def _dense_values(self, name: str, pieces: list[Array]) -> Array:
         values = []
@@ -176,7 +182,8 @@ class JoinedTrajectory(Presented):
     def _summary(self) -> str:
         count = len(self.parts)
         return (
-            f"{count} phase{'s' * (count != 1)} ({self._parts_named()}): {', '.join([*self._states, *self._signals])}"
+            f"{count} phase{'s' * (count != 1)} ({', '.join(repr(part.title) for part in self.parts)}): "
+            f"{', '.join([*self._states, *self._signals])}"
         )
 
     def _html_parts(self) -> list[str]:

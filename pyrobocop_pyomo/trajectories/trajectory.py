@@ -20,6 +20,8 @@ from pyrobocop_pyomo.presentation import Presented, facts_table, sparkline, tabl
 
 from .exchange import as_data_frame, as_data_set, as_time_series, facts_of_time_series, read_archive, write_archive
 
+SOLVED = "solved"
+
 
 def _which_there_are(name: str, held: list[str]) -> str:
     """The nearest names, and all of them, as the end of a message."""
@@ -56,6 +58,9 @@ class Trajectory(Presented):
         Vectors and matrices among all these, whose components have names of their own.
     phase : PhaseBlock or None
         Where the values came from; None after loading from a file.
+    outcome : str or None
+        How the solve ended that left the values: "solved", "feasible", "infeasible", "NOT SAFE" or "DOUBTFUL"; or that
+        no solve did. None where nobody says, as after a simulation.
 
     Notes
     -----
@@ -74,6 +79,7 @@ class Trajectory(Presented):
     piecewise_constant: frozenset[str] = frozenset()
     families: Mapping[str, FamilyNames] = field(default_factory=dict)
     phase: Any = field(default=None, repr=False)
+    outcome: str | None = None
 
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_"):
@@ -120,6 +126,11 @@ class Trajectory(Presented):
     def names(self) -> list[str]:
         """Names of everything that changes in time."""
         return [*self.states, *self.signals]
+
+    @property
+    def title(self) -> str:
+        """The name, and beside it what tells these values from an answer."""
+        return self.name if self.outcome in (None, SOLVED) else f"{self.name} ({self.outcome})"
 
     @property
     def stepwise(self) -> set[str]:
@@ -248,7 +259,8 @@ class Trajectory(Presented):
             What to draw, and what to write beside it; the name of a vector stands for its components. Everything under
             its name by default.
         figure : Figure or SubFigure, optional
-            Where to draw; a new figure, with the name of the phase as title, by default.
+            Where to draw; by default a new figure, whose title is the name of the phase and, unless it was solved, the
+            outcome.
 
         Raises
         ------
@@ -273,7 +285,7 @@ class Trajectory(Presented):
         }
         steps = self.stepwise & set(chosen)
         return plot_signals(
-            self.name if figure is None else "",
+            self.title if figure is None else "",
             dense,
             {name: values[name] for name in chosen},
             nodes,
@@ -324,6 +336,7 @@ class Trajectory(Presented):
             "parameters": dict(self.parameters),
             "piecewise_constant": sorted(self.piecewise_constant),
             "families": [[names.name, names.axes, names.in_time] for names in self.families.values()],
+            "outcome": self.outcome,
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "A": scheme.A, "b": scheme.b, "c": scheme.c}
@@ -337,25 +350,42 @@ class Trajectory(Presented):
         Raises
         ------
         TrajectoryError
-            When the file is not there or holds no trajectory.
+            When the file is not there, is damaged or holds no trajectory.
         """
         facts, groups = read_archive(path)
+        try:
+            return cls._from_archive(facts, groups)
+        except KeyError as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+        except (TypeError, ValueError, AttributeError, IndexError) as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error}).") from error
+
+    @classmethod
+    def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
         # Archives of version 0.1 say "held" and "linear".
         facts.setdefault("piecewise_constant", facts.get("held", ()))
         groups.setdefault("piecewise_linear", groups.pop("linear", {}))
-        try:
-            grid = groups.pop("grid")
-            scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
-            return cls(
-                name=facts["name"],
-                grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
-                parameters=facts["parameters"],
-                piecewise_constant=frozenset(facts["piecewise_constant"]),
-                families={names.name: names for names in map(_names_read, facts.get("families", ()))},
-                **groups,
-            )
-        except (KeyError, TypeError) as error:
-            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+        grid = groups.pop("grid")
+        scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
+        read = cls(
+            name=facts["name"],
+            grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
+            parameters={str(name): float(number) for name, number in facts["parameters"].items()},
+            piecewise_constant=frozenset(facts["piecewise_constant"]),
+            families={names.name: names for names in map(_names_read, facts.get("families", ()))},
+            outcome=facts.get("outcome"),
+            **groups,
+        )
+        states, points = len(read.grid.times), len(read.grid.points)
+        expected = {"states": (states,), "signals": (points,), "rates": (points,), "pairs": (2, points)}
+        for group, shape in expected.items():
+            for name, values in getattr(read, group).items():
+                if values.shape != shape or values.dtype.kind not in "fiu":
+                    raise TrajectoryError(f"'{name}' has shape {values.shape}, and its grid asks for {shape}")
+        for name, knots in read.piecewise_linear.items():
+            if knots.ndim != 2 or knots.shape[0] != 2 or knots.dtype.kind != "f":
+                raise TrajectoryError(f"'{name}' has knots of shape {knots.shape} in place of (2, knots)")
+        return read
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.names, *self.parameters, *self.families})
@@ -364,7 +394,8 @@ class Trajectory(Presented):
         start, end = self.grid.mesh.boundaries[0], self.grid.mesh.boundaries[-1]
         counts = {"state": len(self.states), "signal": len(self.signals), "element": self.grid.mesh.elements}
         of = [f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items()]
-        return f"'{self.name}', t = {start:g} .. {end:g}: {', '.join(of)}: {', '.join(self.names)}"
+        outcome = "" if self.outcome is None else f", {self.outcome}"
+        return f"'{self.name}'{outcome}, t = {start:g} .. {end:g}: {', '.join(of)}: {', '.join(self.names)}"
 
     def _html_parts(self) -> list[str]:
         rows = [

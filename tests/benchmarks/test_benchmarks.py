@@ -278,6 +278,13 @@ def test_strategies_are_tried_where_one_run_is_not_enough() -> None:
     assert table.splitlines()[-3].split()[0] == "solved"
 
 
+@pytest.mark.executable
+def test_spoilt_problems_are_counted_and_can_be_repeated() -> None:
+    table = run_quick("adversary")
+    assert "0 faults in 6 trials" in table
+    assert "seed 2: " in run_quick("adversary", "--seed", "2")
+
+
 def test_textbook_problems_give_their_published_values_and_say_so() -> None:
     table = run_quick("textbook")
     assert "3 of 3 within 0.001 of the published value" in table
@@ -307,3 +314,13 @@ def test_ratios_compare_one_program(tmp_path: Path) -> None:
         assert f"| {way} |" in page
     assert "other objective" not in table
     assert "did not converge" not in table
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills and full disks are those of a forked process")
+def test_no_fault_loses_a_file() -> None:
+    assert "nothing was lost" in run_quick("file_faults")
+
+
+def test_checks_before_a_solve_are_a_small_part_of_it() -> None:
+    rows = run_quick("check_costs").splitlines()[2:]
+    assert [row.split()[0].rstrip(",") for row in rows] == ["take-off", "cart-pole", "simulation"]

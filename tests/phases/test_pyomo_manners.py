@@ -183,12 +183,46 @@ def test_a_scaled_model_has_the_same_solution(rename: bool) -> None:
 
 
 @pytest.mark.casadi
-def test_a_scaled_and_renamed_model_can_be_given_to_solve() -> None:
+@pytest.mark.parametrize("rename", [True, False])
+def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(rename: bool) -> None:
+    m = relaxed()
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[m.phase.x] = 0.1
+    scale = pyo.TransformationFactory("core.scale_model")
+    scaled = scale.create_using(m, rename=rename)
+    result = rcp.solve(scaled)
+    result.raise_for_status()
+    assert "COARSE MESH" not in str(result)  # its rules are stated in other units than its values
+    with pytest.raises(rcp.errors.TrajectoryError, match="propagate_solution"):
+        scaled.phase.trajectory()
+    scale.propagate_solution(scaled, m)
+    assert m.phase.trajectory().x[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.casadi
+def test_a_scaled_and_renamed_phase_may_have_a_free_duration() -> None:
+    m = pyo.ConcreteModel("sprint")
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 10), initial_guess=1), elements=4)
+    b.x, b.u = rcp.State(initial=0, final=1), rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    m.time_taken = pyo.Objective(expr=b.duration)
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    m.scaling_factor[b.x] = 100
+    scaled = pyo.TransformationFactory("core.scale_model").create_using(m)
+    assert rcp.solve(scaled).objective == pytest.approx(1.0)
+
+
+@pytest.mark.casadi
+def test_pairs_that_a_scaling_has_passed_over_are_refused() -> None:
     m = robot()
     m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
     m.scaling_factor[m.phase.x] = 0.1
-    scaled = pyo.TransformationFactory("core.scale_model").create_using(m)
-    rcp.solve(scaled).raise_for_status()
+    scaled = pyo.TransformationFactory("core.scale_model").create_using(m, rename=False)
+    assert "'phase.stop' holds" in str(rcp.diagnose(scaled))
+    with pytest.raises(rcp.errors.ModelError, match="'phase.stop' holds .*multiplied by 0.1"):
+        rcp.solve(scaled)
+    m.scaling_factor.clear()
+    assert rcp.solve(pyo.TransformationFactory("core.scale_model").create_using(m)).solved
 
 
 @pytest.mark.casadi
