@@ -186,6 +186,8 @@ class IterateLog:
         started = time.perf_counter()
         sides = self._sides()
         violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
+        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is asked of it
+            sides = np.full_like(sides, -np.inf)
         least_side = float(-sides.min(initial=0.0))
         checked = replace(
             iterate,
@@ -209,8 +211,7 @@ class IterateLog:
             sides = known[1].values().reshape(-1, 2)
             if not np.isnan(sides).any():
                 return sides
-        # One by one, which also says where there is no value.
-        return np.array([side_values(pair) for pair in pairs]).reshape(-1, 2)
+        return np.array([side_values(pair, unknown=np.nan) for pair in pairs]).reshape(-1, 2)
 
     def residuals(self) -> list[PairResidual]:
         """The pairs at the model's current values."""

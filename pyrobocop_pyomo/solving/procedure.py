@@ -194,7 +194,7 @@ class _Procedure:
         residuals, quality = self._log.residuals(), best.quality(self._settings.tolerances)
         return SolveResult(
             name=self._model.name,
-            stop_reason=cut or best.stop_reason,
+            stop_reason=cut or self._why_it_ended(best, quality),
             quality=quality,
             best=best.record(),
             multipliers=multipliers,
@@ -212,6 +212,13 @@ class _Procedure:
             probe=DiscretisationProbe(self._model, best.row_multipliers, best.objective),
             seconds=time.perf_counter() - self._started,
         )
+
+    def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
+        """That of the best point; where it is a solution of relaxed pairs alone, what became of those that go on."""
+        ends = [step.stop_reason for step in self._log.steps]
+        if quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends:
+            return StopReason.INFEASIBLE
+        return best.stop_reason
 
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""

@@ -71,8 +71,9 @@ def worst_row_of_each_component(rows: Iterable[tuple[Any, Any, Any, Any]]) -> It
 def violations_of_pairs(residuals: Iterable[PairResidual], tolerances: Tolerances) -> Iterator[Violation]:
     """Pairs whose sides are both positive, or negative."""
     for pair in residuals:
-        if max(pair.product / tolerances.product, -pair.natural / tolerances.feasibility) > 1.0:
-            amount = abs(pair.natural)
+        # What has no value is not met either.
+        if not (pair.product <= tolerances.product and -pair.natural <= tolerances.feasibility):
+            amount = float("inf") if pair.product != pair.product else abs(pair.natural)
             yield Violation(pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}", amount)
 
 
