@@ -386,7 +386,9 @@ class ActiveSetSearch:
         found = BranchPoint.at(self.program, outcome.point, branch)
         # Whatever else Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
         cut = outcome.status in (IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED, IpoptStatus.STOPPED)
-        kept = self._no_worse(found, start) and not (cut and start.branch is not None)
+        # A point on the way to infinity solves nothing, however low its objective is.
+        diverged = outcome.status is IpoptStatus.DIVERGING
+        kept = not diverged and self._no_worse(found, start) and not (cut and start.branch is not None)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)
         return found if kept else None

@@ -96,6 +96,8 @@ class Standing:
     ----------
     excess : float
         How far residuals exceed their tolerances; 1 where none does.
+    bounded : bool
+        Whether it is no point of a run whose variables grow without end.
     shortfall : float
         By how much a motion misses its clearance; 0 where it is proven safe or there is nothing to keep clear of.
     cost : float
@@ -107,6 +109,7 @@ class Standing:
     """
 
     excess: float
+    bounded: bool = True
     shortfall: float = 0.0
     cost: float = 0.0
     exact: bool = True
@@ -119,7 +122,7 @@ class Standing:
         return self.excess <= 1.0
 
     def is_better_than(self, other: Standing) -> bool:
-        """Feasible first, then safe, then exactly complementary, then the objective, then what is shown and proven.
+        """Feasible first, then bounded, safe, exactly complementary, then the objective, then what is shown and proven.
 
         Differences of the objective that are within a solver's tolerance do not decide. A pair that is met only
         loosely flatters the objective; an exact point may cost up to 1 % more than a loose one, unless only the loose
@@ -127,6 +130,8 @@ class Standing:
         """
         if not (self.feasible and other.feasible):
             return self.excess < other.excess
+        if self.bounded != other.bounded:
+            return self.bounded
         if self.shortfall != other.shortfall:
             return self.shortfall < other.shortfall
         gain = (other.cost - self.cost) / max(1.0, abs(self.cost), abs(other.cost))
@@ -236,6 +241,11 @@ class Iterate(Presented):
         """Whether Ipopt reached its tolerances, or as near to them as its numbers allow."""
         return self.stop_reason is StopReason.FINISHED
 
+    @property
+    def diverged(self) -> bool:
+        """Whether its variables were on their way to infinity: no point to go on from."""
+        return self.stop_reason is StopReason.DIVERGED
+
     def excess(self, tolerances: Tolerances) -> float:
         """How far the residuals exceed the tolerances; 1 if they do not."""
         violation = self.constraint_violation if self.relative_violation is None else self.relative_violation
@@ -270,6 +280,7 @@ class Iterate(Presented):
         """
         return Standing(
             excess=self.excess(tolerances),
+            bounded=not self.diverged,
             cost=sign * self.objective,
             exact=self.is_exact(tolerances),
             optimal=self.quality(tolerances) is Quality.OPTIMAL,

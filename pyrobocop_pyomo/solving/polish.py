@@ -126,6 +126,8 @@ class Polish:
 
     Attributes
     ----------
+    diverged : list of Iterate
+        Points of branches on which variables grow without end.
     interrupted : bool
         Whether Ctrl-C ended the search.
     """
@@ -147,6 +149,7 @@ class Polish:
         self._crossed = relaxed.crossed
         self._program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
+        self.diverged: list[Iterate] = []
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
         self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
 
@@ -325,6 +328,8 @@ class Polish:
                 options=self._options,
             )
         )
+        if iterate.diverged:
+            self.diverged.append(replace(iterate, values=self._values.read()))
         self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
 
     def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:

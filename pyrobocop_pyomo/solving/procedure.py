@@ -107,6 +107,11 @@ class _Procedure:
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
         if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and self._found.cut is None:
             self._guess.explain()
+        unbounded = self._found.unbounded
+        if unbounded is not None:
+            self._values.write(unbounded.values)
+            self._guess.remarks += [_what_grows(self._model, unbounded, best)]
+            best = replace(best, stop_reason=StopReason.DIVERGED)
         self._values.write(best.values)
         self._guess.remarks += self._explanations(best)
         best.load_suffixes()
@@ -223,7 +228,7 @@ class _Procedure:
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
         said = []
-        if best.stop_reason is StopReason.DIVERGED and (growing := growing_variables(self._model)):
+        if best.diverged and self._found.unbounded is None and (growing := growing_variables(self._model)):
             said.append(f"What grows: {growing}.")
         infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
         if infeasible and not best.stop_reason.is_final and (elsewhere := self._where_the_first_gave_up(best)):
@@ -256,6 +261,17 @@ class _Procedure:
         tolerances = self._settings.tolerances
         of_pairs = violations_of_pairs(residuals, tolerances)
         return worst_of_each_component([*self._check.violated(tolerances), *of_pairs])
+
+
+def _what_grows(model: Any, unbounded: Iterate, best: Iterate) -> str:
+    """Which variables do, at a point that is on the model, and what is left on it."""
+    grows = f"What grows: {growing_variables(model)}."
+    if best.diverged:
+        return grows
+    return (
+        f"{grows} With other sides of pairs at zero the objective falls without end, to {unbounded.objective:.3g} where "
+        f"Ipopt stopped. The point on the model is the best of those that do not diverge, with {best.objective:.6g}."
+    )
 
 
 def _contradiction(model: Any, error: Exception) -> ContradictionError:

@@ -10,7 +10,7 @@ from pyomo.mpec import Complementarity, complements
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.solving.iterates import Quality, StopReason, Tolerances
+from pyrobocop_pyomo.solving.iterates import Quality, Standing, StopReason, Tolerances
 from pyrobocop_pyomo.solving.violations import violations_of_pairs
 
 pytestmark = pytest.mark.ipopt
@@ -65,3 +65,61 @@ def test_bounds_that_make_both_sides_positive_are_an_infeasible_problem(kind: st
     assert result.quality is Quality.INFEASIBLE
     assert result.stop_reason is StopReason.INFEASIBLE
     assert "pair 'pair': sides 1 and 1" in str(result)
+
+
+def two_variables(m):
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.y >= 0))
+
+
+def expressions(m):
+    m.pair = rcp.Complementarity(expr=rcp.complements(0 <= m.x + 0.5 * m.y - 0.5 * m.y, 0 <= m.y * (1 + m.x**2)))
+
+
+def of_pyomo(m):
+    m.pair = Complementarity(expr=complements(m.x >= 0, m.y >= 0))
+
+
+def between_bounds(m):
+    m.pair = rcp.Complementarity(expr=rcp.complements(pyo.inequality(0, m.x, 10), m.y))
+
+
+def with_an_equation(m):
+    m.z = pyo.Var(initialize=1)
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x >= 0, m.z >= 0))
+    m.row = pyo.Constraint(expr=m.z == m.y / 3 + 0.1 * m.x - 0.1)
+
+
+@pytest.mark.parametrize("maximise", [False, True])
+@pytest.mark.parametrize("state_pair", [two_variables, expressions, of_pyomo, between_bounds, with_an_equation])
+def test_an_objective_that_falls_without_end_has_no_solution(state_pair, maximise: bool):
+    m = plane()
+    state_pair(m)
+    cost = (m.x - 1) ** 2 - m.y
+    m.cost = pyo.Objective(expr=-cost if maximise else cost, sense=pyo.maximize if maximise else pyo.minimize)
+    result = rcp.solve(m)
+    assert not result.solved
+    assert result.stop_reason is StopReason.DIVERGED
+    assert "What grows: " in str(result)
+    assert "'y' (" in str(result)
+    # What is left on the model is the optimum of the branch that is bounded, where any run has found it.
+    if any(step.converged for step in result.steps):
+        assert abs(m.y.value) < 1.0
+        assert abs(result.objective) < 1.0
+    assert not result.standing.bounded
+
+
+def test_with_a_bound_on_what_grows_the_far_branch_is_the_solution():
+    m = plane()
+    two_variables(m)
+    m.y.setub(1e4)
+    m.cost = pyo.Objective(expr=(m.x - 1) ** 2 - m.y)
+    result = rcp.solve(m)
+    assert result.solved
+    assert result.objective == pytest.approx(1 - 1e4, rel=1e-6)
+
+
+def test_points_on_the_way_to_infinity_are_the_last_choice_among_feasible_ones():
+    far, near = Standing(excess=1.0, cost=-1e19, bounded=False), Standing(excess=1.0, cost=1.0)
+    assert near.is_better_than(far)
+    assert not far.is_better_than(near)
+    assert far.is_better_than(Standing(excess=2.0))
