@@ -56,7 +56,9 @@ class FoundPoints:
         """Remember a point, and whether it is the best."""
         self._all.append(iterate)
         self.note_diverged(iterate)
-        if self.best is None or self.is_better(iterate, self.best):
+        # By so little the products that are left flatter an objective.
+        flattered = iterate.delta is not None and self.leads_no_further(iterate)
+        if self.best is None or (self.is_better(iterate, self.best) and not flattered):
             logger.info("strategy '%s' has the best point so far", iterate.strategy)
             self.best = iterate
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
 
-from pyrobocop_pyomo.complementarity import PairResidual, active_sources, pairs_of
+from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
 from pyrobocop_pyomo.diagnosis.statements import objective_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -38,7 +38,6 @@ from .violations import (
     growing_variables,
     motion_without_choice,
     stages_that_miss_impacts,
-    violations_of_pairs,
     worst_of_each_component,
 )
 from .workplaces import Workplaces
@@ -204,7 +203,7 @@ class _Procedure:
             best=best.record(),
             multipliers=multipliers,
             residuals=residuals,
-            violations=self._violations(residuals) if quality is Quality.INFEASIBLE else (),
+            violations=self._violations() if quality is Quality.INFEASIBLE else (),
             remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps, best.certificate)),
             steps=self._log.steps,
             standing=best.standing(self._settings.tolerances, self._check.sign),
@@ -257,10 +256,9 @@ class _Procedure:
         named = "; ".join(str(violation) for violation in found[:SHOWN_AT_FIRST])
         return f"Where the first run, '{first.label}', gave up: {named}." if found else ""
 
-    def _violations(self, residuals: list[PairResidual]) -> tuple[Violation, ...]:
+    def _violations(self) -> tuple[Violation, ...]:
         tolerances = self._settings.tolerances
-        of_pairs = violations_of_pairs(residuals, tolerances)
-        return worst_of_each_component([*self._check.violated(tolerances), *of_pairs])
+        return worst_of_each_component([*self._check.violated(tolerances), *self._log.unmet(tolerances)])
 
 
 def _what_grows(model: Any, unbounded: Iterate, best: Iterate) -> str:
@@ -269,8 +267,9 @@ def _what_grows(model: Any, unbounded: Iterate, best: Iterate) -> str:
     if best.diverged:
         return grows
     return (
-        f"{grows} With other sides of pairs at zero the objective falls without end, to {unbounded.objective:.3g} where "
-        f"Ipopt stopped. The point on the model is the best of those that do not diverge, with {best.objective:.6g}."
+        f"{grows} With other sides of pairs at zero the objective has no end; Ipopt stopped at "
+        f"{unbounded.objective:.3g}. "
+        f"The point on the model is the best of those that do not diverge, with {best.objective:.6g}."
     )
 
 

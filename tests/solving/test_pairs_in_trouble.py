@@ -72,7 +72,7 @@ def two_variables(m):
 
 
 def expressions(m):
-    m.pair = rcp.Complementarity(expr=rcp.complements(0 <= m.x + 0.5 * m.y - 0.5 * m.y, 0 <= m.y * (1 + m.x**2)))
+    m.pair = rcp.Complementarity(expr=rcp.complements(m.x + 0.5 * m.y - 0.5 * m.y >= 0, m.y * (1 + m.x**2) >= 0))
 
 
 def of_pyomo(m):
