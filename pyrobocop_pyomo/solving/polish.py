@@ -23,7 +23,10 @@ from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, lagrangian_residual
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
 
+from .automatic_scaling import objective_size
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterate_log import IterateLog
 from .iterates import Iterate, Quality, StopReason
@@ -149,7 +152,11 @@ class Polish:
         self._settings, self._compiled, self._log = settings, compiled, log
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
-        self._program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        # What counts as descent, or as a multiplier below zero, is a matter of the objective's size.
+        size = min(1.0, objective_size(program.nlp, compiled.current_point()))
+        self._scales = Scales(np.ones(program.nlp.n), np.ones(program.nlp.m), size)
+        self._program = program if size == 1.0 else replace(program, nlp=ScaledProgram(program.nlp, self._scales))
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
         self.diverged: list[Iterate] = []
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
@@ -180,7 +187,7 @@ class Polish:
         """
         try:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
-            start = BranchPoint.at(self._program, replace(point, g_multipliers=rows))
+            start = BranchPoint.at(self._program, self._scales.scaled(replace(point, g_multipliers=rows)))
             nearest = nearest_branch(self._program, start.x).key()
             certified = iterate.is_certified(self._settings.tolerances, polished=True)
             if certified and nearest in self._exploration.unsolved:
@@ -288,7 +295,13 @@ class Polish:
         if multipliers is None:
             seconds, deadline = self._limits_at(found).lpec_seconds, self._settings.deadline
             multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
-        return None if multipliers is None else without_crossed(multipliers, self._crossed)
+        if multipliers is None:
+            return None
+        size = self._scales.objective
+        multipliers = replace(
+            multipliers, nu=size * multipliers.nu, xi=size * multipliers.xi, rows=size * multipliers.rows
+        )
+        return without_crossed(multipliers, self._crossed)
 
     def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
         if found.branch is None or found.violation > self._limits.feasibility:
@@ -300,9 +313,11 @@ class Polish:
         iterate, outcome = self._solved[id(found)]
         assert found.branch is not None
         self._compiled.load_point(found.x)
-        every = np.zeros(self._compiled.nlp.m)
-        every[self._kept_rows] = outcome.g_multipliers
-        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every))
+        size, every = self._scales.objective, np.zeros(self._compiled.nlp.m)
+        every[self._kept_rows] = size * outcome.g_multipliers
+        lower, upper = size * outcome.lower_multipliers, size * outcome.upper_multipliers
+        outcome = replace(outcome, g_multipliers=every, lower_multipliers=lower, upper_multipliers=upper)
+        loader = InProcessSolutionLoader(self._compiled, outcome)
         return replace(
             iterate,
             strategy=strategy,
