@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.complementarity import CanonicalPair
-from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 
 # Below, a side is zero and not small: what a relaxation leaves of it.
 SMALLEST_SIZE = 1e-6
 
 
 class SideSizes:
-    """Sizes by statement: the sides of a contact over time are of one size, also where it is closed.
+    """Sizes by component: the sides of a contact over time are of one size, also where it is closed.
 
     Parameters
     ----------
     pairs : sequence of CanonicalPair
     start : float array, shape (pairs, 2)
-        Values of the sides at the start. They count as well: at the answer all sides of a statement may be zero.
+        Values of the sides at the start. They count as well: at the answer all sides of a component may be zero.
     """
 
     def __init__(self, pairs: Sequence[CanonicalPair], start: NDArray[np.float64]) -> None:
-        self._groups = ComponentGroups(pair.source for pair in pairs).numbers
+        components = [id(pair.source.parent_component()) for pair in pairs]
+        self._groups = np.unique(np.array(components, dtype=np.int64), return_inverse=True)[1].ravel()
         self._start = start
 
     def at(self, sides: NDArray[np.float64]) -> NDArray[np.float64]:
