@@ -140,6 +140,19 @@ def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
     return AutomaticScaling(Scales(x_scales, g_scales, objective), record, parts)
 
 
+def objective_size(nlp: NonlinearProgram, x: FloatArray) -> float:
+    """By how much an objective changes where all variables change by their sizes, or by 1 where these are smaller.
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+    x : float array, shape (n,)
+        Where gradients are taken, there and beside it.
+    """
+    scales = np.maximum(1.0, np.abs(x))
+    return objective_scale(np.array([_gradient(nlp, x), _gradient(nlp, _beside(nlp, x, scales))]), scales)
+
+
 def _completed(
     nlp: NonlinearProgram, x: FloatArray, variables: ComponentGroups, constraints: ComponentGroups, known: FloatArray
 ) -> FloatArray:

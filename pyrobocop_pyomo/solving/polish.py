@@ -23,7 +23,10 @@ from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, lagrangian_residual
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
 
+from .automatic_scaling import objective_size
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterate_log import IterateLog
 from .iterates import Iterate, Quality, StopReason
@@ -47,6 +50,8 @@ EXPLORED_SECONDS = 1.0
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
+# Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
+SAME_COST = 1e-6
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
 LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
@@ -126,6 +131,8 @@ class Polish:
 
     Attributes
     ----------
+    diverged : list of Iterate
+        Points of branches on which variables grow without end.
     interrupted : bool
         Whether Ctrl-C ended the search.
     """
@@ -145,8 +152,13 @@ class Polish:
         self._settings, self._compiled, self._log = settings, compiled, log
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
-        self._program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        # What counts as descent, or as a multiplier below zero, is a matter of the objective's size.
+        size = min(1.0, objective_size(program.nlp, compiled.current_point()))
+        self._scales = Scales(np.ones(program.nlp.n), np.ones(program.nlp.m), size)
+        self._program = program if size == 1.0 else replace(program, nlp=ScaledProgram(program.nlp, self._scales))
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
+        self.diverged: list[Iterate] = []
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
         self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
 
@@ -175,7 +187,7 @@ class Polish:
         """
         try:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
-            start = BranchPoint.at(self._program, replace(point, g_multipliers=rows))
+            start = BranchPoint.at(self._program, self._scales.scaled(replace(point, g_multipliers=rows)))
             nearest = nearest_branch(self._program, start.x).key()
             certified = iterate.is_certified(self._settings.tolerances, polished=True)
             if certified and nearest in self._exploration.unsolved:
@@ -222,11 +234,14 @@ class Polish:
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
         """A polish that failed must not cost the point that it started from.
 
-        Products of a relaxed point flatter its objective, so that does not decide; and where another branch descends
-        from the polished point, it does from the point before, too.
+        Products of a relaxed point flatter its objective, so that does not decide: where its solved branch costs more,
+        it is no solution itself. And where another branch descends from the polished point, it does from the point
+        before, too.
         """
         ranks = [iterate.quality(self._settings.tolerances).rank for iterate in (before, after)]
-        return before if ranks[0] > ranks[1] and after.certificate is not Certificate.DESCENT else after
+        flattered = abs(after.objective - before.objective) > SAME_COST * max(1.0, abs(before.objective))
+        refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
+        return before if ranks[0] > ranks[1] and not refuted else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
@@ -280,7 +295,13 @@ class Polish:
         if multipliers is None:
             seconds, deadline = self._limits_at(found).lpec_seconds, self._settings.deadline
             multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
-        return None if multipliers is None else without_crossed(multipliers, self._crossed)
+        if multipliers is None:
+            return None
+        size = self._scales.objective
+        multipliers = replace(
+            multipliers, nu=size * multipliers.nu, xi=size * multipliers.xi, rows=size * multipliers.rows
+        )
+        return without_crossed(multipliers, self._crossed)
 
     def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
         if found.branch is None or found.violation > self._limits.feasibility:
@@ -292,9 +313,11 @@ class Polish:
         iterate, outcome = self._solved[id(found)]
         assert found.branch is not None
         self._compiled.load_point(found.x)
-        every = np.zeros(self._compiled.nlp.m)
-        every[self._kept_rows] = outcome.g_multipliers
-        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every))
+        size, every = self._scales.objective, np.zeros(self._compiled.nlp.m)
+        every[self._kept_rows] = size * outcome.g_multipliers
+        lower, upper = size * outcome.lower_multipliers, size * outcome.upper_multipliers
+        outcome = replace(outcome, g_multipliers=every, lower_multipliers=lower, upper_multipliers=upper)
+        loader = InProcessSolutionLoader(self._compiled, outcome)
         return replace(
             iterate,
             strategy=strategy,
@@ -323,8 +346,11 @@ class Polish:
                 iterations=outcome.iterations,
                 seconds=outcome.seconds + self._linear_seconds(),
                 options=self._options,
-            )
+            ),
+            held=True,
         )
+        if iterate.diverged:
+            self.diverged.append(replace(iterate, values=self._values.read()))
         self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
 
     def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:
