@@ -16,6 +16,7 @@ from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 
 from pyrobocop_pyomo.errors import FunctionError, StructureChanged
+from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
 from .composed_program import ComposedProgram
@@ -94,7 +95,8 @@ class CompiledModel:
         refuse_unseen_components(self.model)
         self.objective = single_objective(self.model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
-        self.__dict__.pop("row_of", None)
+        for known in ("row_of", "groups"):
+            self.__dict__.pop(known, None)
         if self._build is None:
             with PauseGC():  # many small objects, all of which live on
                 self._compile_terms()
@@ -144,6 +146,11 @@ class CompiledModel:
     def row_of(self) -> ComponentMap:
         """From constraint to its row."""
         return ComponentMap((constraint, row) for row, constraint in enumerate(self.constraints))
+
+    @cached_property
+    def groups(self) -> tuple[ComponentGroups, ComponentGroups]:
+        """What its variables, and its constraints, are values of."""
+        return ComponentGroups(self.variables), ComponentGroups(self.constraints)
 
     def update(self) -> None:
         """Bring the program up to date with the model: fixed values, Params and bounds.

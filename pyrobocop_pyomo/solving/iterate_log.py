@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
-from pyrobocop_pyomo.programs.row_values import RowValues, SumValue
+from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
@@ -34,7 +34,9 @@ from .violations import Violation, violations_of_pairs, worst_row_of_each_compon
 
 logger = logging.getLogger(__name__)
 
-# From so many pairs on, their sides are.
+# Less is none in the eyes of any tolerance that can be met in sums of numbers of size 1.
+NO_VIOLATION = 1e-12
+# From so many pairs on, their sides are evaluated as arrays.
 MANY_PAIRS = 20
 
 
@@ -54,7 +56,6 @@ class ModelCheck:
     """
 
     def __init__(self, model: Any) -> None:
-        self._scales: dict[int, float] = {}
         with PauseGC():  # many small objects, all of which live on
             self._constraints = list(model.component_data_objects(Constraint, active=True))
             self.read_bounds()
@@ -76,15 +77,7 @@ class ModelCheck:
         self._lower = np.array([-np.inf if bounds[1] is None else bounds[1] for _, bounds in self._rows], dtype=float)
         self._upper = np.array([np.inf if bounds[2] is None else bounds[2] for _, bounds in self._rows], dtype=float)
         self._bodies: RowValues | None = None
-
-    def take_scales(self, scales: Iterable[tuple[Any, float]]) -> None:
-        """Set the scales of constraints and variables; those that are not named have none."""
-        self._scales = {id(data): scale for data, scale in scales}
-
-    @property
-    def is_scaled(self) -> bool:
-        """Whether anything has a scale."""
-        return bool(self._scales)
+        self._terms: RowTerms | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
@@ -98,28 +91,29 @@ class ModelCheck:
 
     def violated(self, tolerances: Tolerances) -> list[Violation]:
         """Constraints and bounds that do not hold within the tolerance of feasibility, the worst of each component."""
-        rows = np.flatnonzero(self._row_violations() > tolerances.feasibility) if self._rows else ()
-        bounded = np.flatnonzero(self._bounded.violations() > tolerances.feasibility)
+        of_rows, of_variables = self._row_violations(), self._bounded.violations()
+        rows = np.flatnonzero(self._relative(of_rows) > tolerances.feasibility)
+        bounded = np.flatnonzero(of_variables / self._bounded.sizes() > tolerances.feasibility)
         violated = [(row, *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
         violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
         return list(worst_row_of_each_component(violated))
 
     def violations(self) -> tuple[float, float]:
-        """Largest violation, and the largest where each is divided by its scale, if that is above 1."""
-        worst = relative = 0.0
-        scale_of, is_scaled = self._scales.get, self.is_scaled
-        if self._rows:
-            violations = self._row_violations()
-            worst = float(violations.max())
-            scales = [scale_of(id(row), 1.0) for row, _ in self._rows] if is_scaled else [1.0]
-            relative = float((violations / np.maximum(1.0, scales)).max())
-        for relation in self._relations:
-            violation = relation_violation(relation, unknown=float("inf"))
-            worst, relative = max(worst, violation), max(relative, violation)
-        of_variables = self._bounded.violations()
-        scales = [scale_of(id(variable), 1.0) for variable in self._bounded.variables] if is_scaled else [1.0]
-        worst = max(worst, float(of_variables.max(initial=0.0)))
-        relative = max(relative, float((of_variables / np.maximum(1.0, scales)).max(initial=0.0)))
+        """Largest violation, and the largest where each is divided by the size of what it is a violation of.
+
+        A row is of the size of the largest term that it adds up, and a bound of that of its variable, at the point that
+        is on the model; what is smaller than 1 counts as 1.
+        """
+        of_rows, of_variables = self._row_violations(), self._bounded.violations()
+        of_relations = [relation_violation(relation, unknown=float("inf")) for relation in self._relations]
+        found = [
+            (of_rows, self._relative(of_rows)),
+            (of_variables, of_variables / self._bounded.sizes()),
+            (np.array(of_relations), np.array(of_relations)),
+        ]
+        worst, relative = (
+            max(float(each.max(initial=0.0)) for each in several) for several in zip(*found, strict=True)
+        )
         return worst, relative
 
     def _row_violations(self) -> NDArray[np.float64]:
@@ -129,6 +123,15 @@ class ModelCheck:
         with np.errstate(invalid="ignore"):
             violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
         return np.where(np.isnan(bodies), np.inf, violations)
+
+    def _relative(self, violations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Violations of the rows, divided by the sizes of these where they are above 1."""
+        if not violations.max(initial=0.0) > NO_VIOLATION:
+            return violations  # whatever the sizes
+        if self._terms is None or not self._terms.is_current:
+            self._terms = RowTerms([body for _, (body, _, _) in self._rows])
+        sizes = self._terms.largest()
+        return np.where(np.isfinite(sizes), violations / np.maximum(1.0, sizes), violations)
 
 
 class IterateLog:
@@ -211,7 +214,7 @@ class IterateLog:
             iterate,
             objective=self._check.objective(),
             constraint_violation=max(violation, least_side),
-            relative_violation=max(relative, least_side) if self._check.is_scaled else None,
+            relative_violation=max(relative, least_side),
             largest_product=_largest_product(sides),
             largest_natural_residual=_largest_natural_residual(sides),
         )

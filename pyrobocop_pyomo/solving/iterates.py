@@ -73,13 +73,14 @@ class Tolerances:
     Attributes
     ----------
     feasibility : float
-        Largest violation of a constraint, a bound or a side; relative to its scale, where that is above 1.
+        Largest violation of a constraint, a bound or a side; relative to the largest term that it adds up at the point,
+        where that is above 1.
     product : float
         Largest product ``a b`` of a pair; of sides whose sizes are below 1, relative to these.
     natural : float
         Largest ``|min(a, b)|`` of a pair that counts as exactly complementary; each side relative to its size likewise.
     stationarity : float
-        Largest relative gradient of the Lagrangian.
+        Largest residual of first-order conditions, relative to what has to balance in them.
     """
 
     feasibility: float = 1e-6
@@ -124,8 +125,9 @@ class Standing:
     def is_better_than(self, other: Standing) -> bool:
         """Feasible first, then bounded, safe, exactly complementary, then the objective, then what is shown and proven.
 
-        Differences of the objective that are within a solver's tolerance do not decide. A pair that is met only
-        loosely flatters the objective, and nobody knows by how much: an exact point is better whatever it costs.
+        Differences of the objective that are within a solver's tolerance do not decide, nor do those by which a point
+        that is not shown to be stationary may fall below one that is. A pair that is met only loosely flatters the
+        objective, and nobody knows by how much: an exact point is better whatever it costs.
         """
         if not (self.feasible and other.feasible):
             return self.excess < other.excess
@@ -136,7 +138,7 @@ class Standing:
         if self.exact != other.exact:
             return self.exact
         gain = (other.cost - self.cost) / max(1.0, abs(self.cost), abs(other.cost))
-        if abs(gain) > 1e-6:
+        if abs(gain) > (1e-6 if self.optimal == other.optimal else 1e-4):
             return gain > 0.0
         return (self.certified, self.optimal) > (other.certified, other.optimal)
 
@@ -171,8 +173,8 @@ class Iterate(Presented):
     constraint_violation, largest_product, largest_natural_residual : float
         Recomputed from the user's model, whatever Ipopt says.
     relative_violation : float or None
-        The largest violation where that of a row or a bound whose scale is above 1 is divided by its scale: what is
-        compared with the tolerance; None where nothing was scaled.
+        The largest violation where that of a row or a bound whose largest term at the point is above 1 is divided by
+        it: what is compared with the tolerance; None before that is checked.
     relative_product, relative_natural_residual : float or None
         The same where each side is divided by its size, if that is below 1; None where one side of each pair was held
         at zero, as in a polish.
@@ -187,7 +189,8 @@ class Iterate(Presented):
     stop_reason : StopReason
         Why the run ended.
     stationarity : float or None
-        Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
+        What the point and its multipliers leave of the first-order conditions, relative to what has to balance in
+        them; None where multipliers are not at hand.
     certificate : Certificate
         Whether another branch through the point descends.
     values : list of float, optional
@@ -250,7 +253,10 @@ class Iterate(Presented):
 
     def excess(self, tolerances: Tolerances) -> float:
         """How far the residuals exceed the tolerances; 1 if they do not."""
-        violation = self.constraint_violation if self.relative_violation is None else self.relative_violation
+        # Numbers that have grown without end violate a row by no more than the size of its terms: relative violations
+        # say what is met, and not what is nearer to it.
+        relative = self.constraint_violation if self.relative_violation is None else self.relative_violation
+        violation = relative if relative <= tolerances.feasibility else self.constraint_violation
         product = self.largest_product if self.relative_product is None else self.relative_product
         found = max(violation / tolerances.feasibility, product / tolerances.product, 1.0)
         return found if found == found else float("inf")

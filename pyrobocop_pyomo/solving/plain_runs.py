@@ -30,7 +30,8 @@ from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
 
-# What a unit of violation costs with elastic rows, in slopes of the objective.
+# What a unit of violation costs with elastic rows, in slopes of the objective: above what multipliers may be expected
+# to be.
 PENALTY = 1e3
 # A run that goes on from a saddle starts so far from it, in sizes of the variables; so many saddles are left.
 STEP_FROM_SADDLE, MOST_SADDLES = 0.1, 5
@@ -160,7 +161,7 @@ class PlainRuns:
 
     def _run_elastic(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Let rows be violated at a price; from where that ends, go on with the rows as they are."""
-        session = place.session.with_elastic_rows(_penalty(place))
+        session = place.session.with_elastic_rows(PENALTY)
         if session is None:
             return None
         elastic = self._runs.continuation(place, strategy, session).run(None, label=strategy.name)
@@ -193,17 +194,3 @@ class PlainRuns:
             return False
         take_values_of_copy(self._model, copy)
         return True
-
-
-def _penalty(place: Workplace) -> float:
-    """Of a unit of violation, or of a row's scale: above what multipliers may be expected to be."""
-    if place.session.scaling is not None:
-        return PENALTY * place.session.scaling.scales.objective
-    compiled = place.session.compiled()
-    if compiled is None:
-        return PENALTY
-    try:
-        slope = float(abs(compiled.nlp.gradient(compiled.current_point())).max(initial=0.0))
-    except EvaluationError:
-        slope = 0.0
-    return PENALTY * max(1.0, slope)

@@ -6,6 +6,7 @@ import functools
 import logging
 import time
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,11 +23,10 @@ from pyrobocop_pyomo.mpcc.mixed_integer import prepare
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, lagrangian_residual
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
-from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import objective_size
+from .automatic_scaling import objective_slope, variable_sizes
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterate_log import IterateLog
 from .iterates import Iterate, Quality, StopReason
@@ -152,11 +152,11 @@ class Polish:
         self._settings, self._compiled, self._log = settings, compiled, log
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
-        program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
-        # What counts as descent, or as a multiplier below zero, is a matter of the objective's size.
-        size = min(1.0, objective_size(program.nlp, compiled.current_point()))
-        self._scales = Scales(np.ones(program.nlp.n), np.ones(program.nlp.m), size)
-        self._program = program if size == 1.0 else replace(program, nlp=ScaledProgram(program.nlp, self._scales))
+        # What is absolute in linear programs, and where a branch ends, then means the same for every objective.
+        self._slope = objective_slope(compiled)
+        self._program, self._kept_rows = numeric_pairs(
+            compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed, objective=self._slope
+        )
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
         self.diverged: list[Iterate] = []
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
@@ -187,7 +187,8 @@ class Polish:
         """
         try:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
-            start = BranchPoint.at(self._program, self._scales.scaled(replace(point, g_multipliers=rows)))
+            point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
+            start = BranchPoint.at(self._program, point)
             nearest = nearest_branch(self._program, start.x).key()
             certified = iterate.is_certified(self._settings.tolerances, polished=True)
             if certified and nearest in self._exploration.unsolved:
@@ -297,38 +298,45 @@ class Polish:
             multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
         if multipliers is None:
             return None
-        size = self._scales.objective
-        multipliers = replace(
-            multipliers, nu=size * multipliers.nu, xi=size * multipliers.xi, rows=size * multipliers.rows
-        )
-        return without_crossed(multipliers, self._crossed)
+        numbers = {name: getattr(multipliers, name) * self._slope for name in ("nu", "xi", "rows")}
+        return without_crossed(replace(multipliers, **numbers), self._crossed)
 
     def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
         if found.branch is None or found.violation > self._limits.feasibility:
             return None
-        return strong_multipliers(self._program, point, found.branch, found.point, self._biactive)
+        sizes = self._sizes(found)
+        return strong_multipliers(self._program, point, found.branch, found.point, sizes, self._biactive)
+
+    def _sizes(self, found: BranchPoint) -> FloatArray:
+        """Sizes of the variables at a point."""
+        x = self._compiled.current_point()
+        self._compiled.load_point(found.x)
+        try:
+            return variable_sizes(self._compiled)
+        finally:
+            self._compiled.load_point(x)
 
     def _at(self, found: BranchPoint, strategy: str) -> Iterate:
         """The iterate of the run that solved a branch, its point on the model."""
         iterate, outcome = self._solved[id(found)]
         assert found.branch is not None
         self._compiled.load_point(found.x)
-        size, every = self._scales.objective, np.zeros(self._compiled.nlp.m)
-        every[self._kept_rows] = size * outcome.g_multipliers
-        lower, upper = size * outcome.lower_multipliers, size * outcome.upper_multipliers
-        outcome = replace(outcome, g_multipliers=every, lower_multipliers=lower, upper_multipliers=upper)
-        loader = InProcessSolutionLoader(self._compiled, outcome)
+        point = outcome.point.with_objective_divided(1.0 / self._slope)
+        every = np.zeros(self._compiled.nlp.m)
+        every[self._kept_rows] = point.g_multipliers
+        bounds = {name: getattr(point, name) for name in ("lower_multipliers", "upper_multipliers")}
+        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every, **bounds))
         return replace(
             iterate,
             strategy=strategy,
             values=self._values.read(),
-            stationarity=lagrangian_residual(restricted(self._program, found.branch), found.point),
+            stationarity=stationarity(restricted(self._program, found.branch), found.point, self._sizes(found)),
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
 
     def _solve(self, nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
-        purposes = [POLISH, {"max_iter": iterations}]
+        purposes: list[dict[str, Any]] = [POLISH, {"max_iter": iterations}]
         if int((nlp.x_lower < nlp.x_upper).sum()) < int((nlp.g_lower == nlp.g_upper).sum()):
             purposes.append(OVERDETERMINED)
         self._options = self._settings.options.resolve(*purposes)

@@ -72,7 +72,7 @@ class _Procedure:
         self._values = VariableValues.of_free(model)
         self._guess = InitialGuess(model, self._values)
         self._found = FoundPoints(settings, self._check.sign)
-        self._places = Workplaces(model, settings, self._check, self._guess)
+        self._places = Workplaces(model, settings, self._guess)
         self._runs = StrategyRuns(
             model,
             settings,
