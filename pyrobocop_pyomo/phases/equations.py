@@ -40,7 +40,7 @@ def add_ode(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for the states whose derivatives a rule gives."""
     what = f"phase '{block.name}': ode '{name}'"
     rates = _given_for_states(
-        block, record, what, "derivative", "right-hand side", rule, lambda time: rule(block, time), ("b", "t")
+        block, record, what, "derivative", "right-hand side", rule, lambda t: rule(block, t), ("b", "t")
     )
     for state, values in rates.items():
         _refuse_second_equation(record, state, what)
@@ -60,9 +60,9 @@ def add_step(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     states = {name: block.component(name) for name in record.names_of_states}
     starts = {stage: nodes[0] for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True)}
 
-    def ask(time: float) -> Any:
-        starting = {name: state[starts[time]] for name, state in states.items()}
-        return rule(block, time, PreviousStates(what, starting, record.families))
+    def ask(t: Any) -> Any:
+        starting = {name: state[starts[t]] for name, state in states.items()}
+        return rule(block, t, PreviousStates(what, starting, record.families))
 
     given = _given_for_states(block, record, what, "next value", "value", rule, ask, ("b", "t", "previous"))
     for state, following in given.items():
@@ -89,7 +89,7 @@ def _given_for_states(
     meaning: str,
     expected: str,
     rule: Rule,
-    ask: Callable[[float], Any],
+    ask: Callable[[Any], Any],
     arguments: tuple[str, ...],
 ) -> dict[str, dict[float, Any]]:
     """What a rule gives for states as {name: {collocation point: expression}}."""
@@ -100,7 +100,7 @@ def _given_for_states(
             other_times_explained(record, what, time),
             slips_explained(rule, what, block, arguments, TranscriptionError),
         ):
-            result = ask(time)
+            result = ask(record.index_for_rule(time, what))
         if not isinstance(result, Mapping):
             returned = "nothing" if result is None else f"a {type(result).__name__}"
             raise TranscriptionError(
@@ -302,7 +302,7 @@ def _collect(
     for time in times:
         explained = other_times_explained(record, what, time) if times == record.grid.points else nullcontext()
         with explained, slips_explained(rule, what, block, ("b", "t"), TranscriptionError):
-            result = rule(block, time)
+            result = rule(block, record.index_for_rule(time, what))
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))

@@ -15,6 +15,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.set import SetData
 
 from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
 
 from .declarations import Control, Declaration, Parameter, State
@@ -351,9 +352,10 @@ class OneOf:
 
     name: str
 
-    def __call__(self, b: Any, t: float) -> Any:
+    def __call__(self, b: Any, t: Any) -> Any:
         """The row at a time index."""
         record = getattr(b, "record", None)
+        t = point_of(t)
         given = isinstance(t, (int, float))  # or a variable that stands for all times
         if given and record is not None and all(times[0] != t for times in record.grid.stage_times):
             return Constraint.Skip  # the same values again

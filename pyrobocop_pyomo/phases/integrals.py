@@ -65,6 +65,8 @@ def _integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     scale, weights = quadrature_weights(block, record)
     what = f"phase '{block.name}': the integrand '{rule_name(integrand)}'"
     with slips_explained(integrand, what, block, ("b", "t"), TranscriptionError):
-        total = quadrature(lambda time: _one_number(integrand(block, time), what, time), weights)
+        total = quadrature(
+            lambda time: _one_number(integrand(block, record.index_for_rule(time, what)), what, time), weights
+        )
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total
