@@ -8,6 +8,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 
 from .findings import Finding, Severity, Subject
+from .statements import foreign_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -22,7 +23,8 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     Finding
         An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
     """
-    yield from ()
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    yield from foreign_findings(model, rows_of_each=1)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:

@@ -68,7 +68,20 @@ def _refused(self: TimeIndex, *_: Any) -> NoReturn:
     return self.expression
 
 
-for _name in ("abs", "neg", "pos", "round", "floordiv", "rfloordiv", "mod", "rmod", "divmod", "rdivmod", "int", "trunc"):
+for _name in (
+    "abs",
+    "neg",
+    "pos",
+    "round",
+    "floordiv",
+    "rfloordiv",
+    "mod",
+    "rmod",
+    "divmod",
+    "rdivmod",
+    "int",
+    "trunc",
+):
     setattr(TimeIndex, f"__{_name}__", _refused)
 
 numeric_expr.register_arg_type(TimeIndex, numeric_expr.ARG_TYPE.ASNUMERIC)

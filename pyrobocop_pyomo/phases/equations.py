@@ -9,6 +9,7 @@ from itertools import count
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.PyomoModel import Model
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
@@ -17,6 +18,8 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
@@ -117,6 +120,8 @@ def _given_for_states(
                     "number or an expression. Is an index [t] missing?"
                 )
             given.setdefault(names[state], {})[time] = expression
+        if time == record.grid.points[0]:
+            refuse_foreign(block, what, [values[time] for values in given.values()])
     for name, values in given.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
@@ -306,7 +311,24 @@ def _collect(
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))
+        if time == times[0]:
+            refuse_foreign(block, what, results[time])
     return results
+
+
+def refuse_foreign(block: Any, what: str, result: Any) -> None:
+    """Refuse a rule that reads variables of another model; one point tells, and a solve asks for all.
+
+    Raises
+    ------
+    TranscriptionError
+        Naming the rule, the variable and its model.
+    """
+    if not isinstance(block.model(), Model):
+        return  # what it stands on is assigned to a model later
+    foreign = foreign_variable(block, variables_read(result))
+    if foreign is not None:
+        raise TranscriptionError(f"{what} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
 def _add_rows(block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]]) -> int:

@@ -15,6 +15,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
 from pyrobocop_pyomo.modeling.shared_nodes import nodes_of, shared_value, variables_in
 
@@ -37,13 +38,13 @@ def single_objective(model: BlockData) -> ObjectiveData | None:
     return objectives[0] if objectives else None
 
 
-def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
+def check_variables(model: BlockData, variables: list[VarData]) -> None:
     """Check the free variables of a model.
 
     Raises
     ------
     ModelError
-        When there are none, or discrete ones among them.
+        When there are none, discrete ones among them, or some of another model.
     """
     if not variables:
         raise ModelError(
@@ -57,6 +58,10 @@ def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
             f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems "
             "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
         )
+    foreign = foreign_variable(model, variables)
+    if foreign is not None:
+        row = next(row for row in _active_rows(model) if any(found is foreign for found in variables_in(row.expr)))
+        raise ModelError(f"'{row.name}' {foreign_read(foreign, model)} {ONE_MODEL}")
 
 
 def refuse_external_functions(model: BlockData, everywhere: bool = False) -> None:
