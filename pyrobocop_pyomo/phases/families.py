@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import SetData
 
 from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, PyRobocopError, TranscriptionError
@@ -142,6 +143,8 @@ def _every(names: FamilyNames, entry: Any) -> Any:
 
 def _split(names: FamilyNames, given: Any, what: str, error: type[PyRobocopError] = DeclarationError) -> Any:
     """One for each: as given in an array, a list or a mapping; the same for all otherwise."""
+    if isinstance(given, IndexedComponent) and given.is_indexed():
+        given = dict(given.items())
     if not _is_listed(given):
         found = _every(names, given)
         if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
