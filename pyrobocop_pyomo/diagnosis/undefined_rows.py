@@ -12,6 +12,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -37,7 +38,8 @@ class UndefinedRow:
     part: UndefinedPart
 
     def __str__(self) -> str:
-        return f"{self.part.what}, in {self.where}"
+        fixed = next(variables_in(self.part.argument, include_fixed=False), None) is None
+        return f"{self.part.what}{', which is fixed' if fixed else ''}, in {self.where}"
 
 
 def undefined_rows(model: Any) -> Iterator[UndefinedRow]:
