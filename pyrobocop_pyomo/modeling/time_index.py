@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from pyomo.core.expr import numeric_expr
@@ -31,7 +31,7 @@ class TimeIndex(ArrayEntry):
         self.point, self.what = point, what
 
     @property
-    def expression(self) -> NoReturn:  # type: ignore[override]
+    def expression(self) -> Any:
         """Whatever is done with the number of an entry asks for this."""
         raise TranscriptionError(
             f"{self.what} uses t as a number. Start, duration or elements of the phase are to be found: t then is an "
@@ -39,7 +39,7 @@ class TimeIndex(ArrayEntry):
             "b.duration for the part of the phase that has passed."
         )
 
-    def as_numeric(self) -> NoReturn:
+    def as_numeric(self) -> Any:
         """Asked by Pyomo's operators and functions."""
         return self.expression
 
@@ -64,7 +64,7 @@ class TimeIndex(ArrayEntry):
         return repr(self.point)
 
 
-def _refused(self: TimeIndex, *_: Any) -> NoReturn:
+def _refused(self: TimeIndex, *_: Any) -> Any:
     return self.expression
 
 

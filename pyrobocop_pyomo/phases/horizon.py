@@ -127,11 +127,11 @@ def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float
     return scale, weights
 
 
-def real_time(block: Any, record: PhaseRecord, t: float | TimeIndex) -> Any:
+def real_time(block: Any, record: PhaseRecord, index: float | TimeIndex) -> Any:
     """The time that an index stands for."""
+    t = point_of(index)
     if not record.normalised:
         return with_units(record, t)
-    t = point_of(t)
     if t.__class__ in native_numeric_types and t == 0:
         return block.start  # plus nothing: 0 * duration would be a term that some file formats lose
     if not record.free_widths:
