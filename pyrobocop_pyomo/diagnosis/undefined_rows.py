@@ -38,7 +38,8 @@ class UndefinedRow:
     part: UndefinedPart
 
     def __str__(self) -> str:
-        fixed = next(variables_in(self.part.argument, include_fixed=False), None) is None
+        read = list(variables_in(self.part.argument))
+        fixed = read and all(variable.fixed for variable in read)
         return f"{self.part.what}{', which is fixed' if fixed else ''}, in {self.where}"
 
 

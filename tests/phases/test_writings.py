@@ -459,9 +459,11 @@ def test_residuals_constraints_and_pairs_are_judged_by_what_they_say(kind: str, 
 
 def test_a_rule_of_another_model_is_refused() -> None:
     other = model("plain")
-    m = pyo.ConcreteModel()
-    m.p = b = rcp.PhaseBlock(duration=1.5, elements=2, stages=2)
+    part = pyo.Block(concrete=True)  # to be assigned to a model later, which may be the one that is read
+    part.p = b = rcp.PhaseBlock(duration=1.5, elements=2, stages=2)
     b.x = rcp.State(initial=1.0, initial_guess=1.0)
     b.ode(lambda b, t: {b.x: other.p.x[t]})
+    m = pyo.ConcreteModel()
+    m.part = part
     with pytest.raises(PyRobocopError, match=r"rule '<lambda>' reads 'x\[.*\]' of another model"):
         b.trajectory().verify()
