@@ -8,12 +8,12 @@ from typing import Any
 ONE_MODEL = "Put both into one model, as two blocks or phases of it, or give numbers: pyo.value(...), a Param, a table."
 
 
-def foreign_variable(block: Any, variables: Iterable[Any]) -> Any:
-    """One of several variables that belongs to another model than a block does; None where none does.
+def foreign_variable(of: Any, variables: Iterable[Any]) -> Any:
+    """One of several variables that belongs to another model than a block or a variable does; None where none does.
 
     What belongs to no model, such as a variable that was deleted, is of no other model.
     """
-    own = block.model()
+    own = of.model()
     # Many variables belong to few components.
     one_of_each = {id(variable.parent_component()): variable for variable in variables}
     return next((variable for variable in one_of_each.values() if _is_of_another(own, variable)), None)

@@ -35,8 +35,8 @@ class TimeIndex(ArrayEntry):
         """Whatever is done with the number of an entry asks for this."""
         raise TranscriptionError(
             f"{self.what} uses t as a number. Start, duration or elements of the phase are to be found: t then is an "
-            "index that runs from 0 to 1, and no time. Write b.time_at(t) for the time, and (b.time_at(t) - b.start) / "
-            "b.duration for the part of the phase that has passed."
+            "index that runs from 0 to 1, and no time. Write b.time_at(t) for the time, (b.time_at(t) - b.start) / "
+            "b.duration for the part of the phase that has passed, and b.points.ord(t) for the place of the point."
         )
 
     def as_numeric(self) -> Any:

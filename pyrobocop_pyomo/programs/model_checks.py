@@ -44,7 +44,7 @@ def check_variables(model: BlockData, variables: list[VarData]) -> None:
     Raises
     ------
     ModelError
-        When there are none, discrete ones among them, or some of another model.
+        When there are none, discrete ones among them, or some of another model beside those of one.
     """
     if not variables:
         raise ModelError(
@@ -59,7 +59,8 @@ def check_variables(model: BlockData, variables: list[VarData]) -> None:
             "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
         )
     foreign = foreign_variable(model, variables)
-    if foreign is not None:
+    # Rows that are all about one other model are a view of it, which is made on purpose.
+    if foreign is not None and foreign_variable(foreign, variables) is not None:
         row = next(row for row in _active_rows(model) if any(found is foreign for found in variables_in(row.expr)))
         raise ModelError(f"'{row.name}' {foreign_read(foreign, model)} {ONE_MODEL}")
 
