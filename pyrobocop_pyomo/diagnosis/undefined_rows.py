@@ -13,6 +13,7 @@ from pyomo.core.base.objective import Objective
 
 from pyrobocop_pyomo.complementarity import generating_pairs
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -38,7 +39,9 @@ class UndefinedRow:
     part: UndefinedPart
 
     def __str__(self) -> str:
-        return f"{self.part.what}, in {self.where}"
+        read = list(variables_in(self.part.argument))
+        fixed = read and all(variable.fixed for variable in read)
+        return f"{self.part.what}{', which is fixed' if fixed else ''}, in {self.where}"
 
 
 def undefined_rows(model: Any) -> Iterator[UndefinedRow]:
