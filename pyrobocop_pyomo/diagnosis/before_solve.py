@@ -11,7 +11,7 @@ from pyrobocop_pyomo.phases import phases_of
 from .determinacy import freedom_findings
 from .findings import Finding, Severity, Subject
 from .joining import joining_findings
-from .statements import scaled_pair_findings
+from .statements import foreign_findings, scaled_pair_findings
 from .unfinished import unfinished_findings
 from .values import boundary_findings, fixed_findings
 
@@ -30,6 +30,8 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     """
     yield from scaled_pair_findings(model)
     yield from unfinished_findings(model)
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    yield from foreign_findings(model, rows_of_each=1)
     yield from fixed_findings(model)
     phases = phases_of(model)
     if any(phase.component(name) is None for phase in phases for name in phase.record.declarations):

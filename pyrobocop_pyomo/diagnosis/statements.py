@@ -18,6 +18,8 @@ from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.expressions import holds_variable
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
@@ -45,6 +47,7 @@ def statement_findings(block: Any) -> Iterator[Finding]:
         yield _error(
             f"'{name}' is a discrete variable.", (name,), "Ipopt knows real numbers only: fix it, or use a pair."
         )
+    yield from foreign_findings(block)
     wrong: set[str] = set()
     for source in active_sources(block):
         name = source.parent_component().name
@@ -64,6 +67,23 @@ def statement_findings(block: Any) -> Iterator[Finding]:
                 (phase.name,),
                 "Declare what has a derivative as State.",
             )
+
+
+def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """Components that read free variables of another model.
+
+    Parameters
+    ----------
+    block : Block
+    rows_of_each : int, optional
+        How many rows or pairs of each component are looked at; all by default.
+    """
+    for component in block.component_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block):
+        rows = islice((row for row in component.values() if row.active), rows_of_each)
+        read = variables_read([sides_of(row) if component.ctype in PAIR_TYPES else row.expr for row in rows])
+        foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
+        if foreign is not None:
+            yield _error(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
 
 
 def _error(message: str, names: tuple[str, ...], remedy: str) -> Finding:

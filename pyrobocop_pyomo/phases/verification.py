@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -36,6 +37,7 @@ from .given_ends import KINDS, end_violations, values_given
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 from .reintegration import Reintegration, reintegrate
+from .stated_numbers import moving_end, rows_of_ends
 from .undefined_instants import named_where_undefined
 from .verdicts import verdict_in_words
 
@@ -306,6 +308,7 @@ class _TrajectoryCheck:
 
     def remark_what_is_not_stated(self, block: Any) -> None:
         known = self.record.generated_rows | {statement.name for statement in self.record.statements}
+        known |= rows_of_ends(self.record.declarations)
         own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
         if own:
             self.remarks.append(f"not checked, since they were not stated through the phase: {', '.join(own)}.")
@@ -415,7 +418,10 @@ class _TrajectoryCheck:
             elif name in self.trajectory.states:
                 samples = list(zip(self.indices.times, self.trajectory.states[name], strict=True))
                 assert isinstance(declaration, State)
-                for given, reached in ((declaration.initial, samples[0][1]), (declaration.final, samples[-1][1])):
+                for end, reached in (("initial", samples[0][1]), ("final", samples[-1][1])):
+                    given = getattr(declaration, end)
+                    if isinstance(given, NumericValue):
+                        given = moving_end(self.block, name, declaration, end)
                     lower, upper = given if isinstance(given, tuple) else (given, given)
                     worst = max(worst, bound_violation(reached, lower, upper))
                 for slope in self.slopes[name].ravel():

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.modeling.variable_values import put_values
 from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
-from .model_checks import active_expressions, refuse_discrete, refuse_unseen_components, single_objective
+from .model_checks import active_expressions, check_variables, refuse_unseen_components, single_objective
 from .model_terms import collect_terms
 from .named_nodes import with_named_nodes
 from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
@@ -131,10 +131,10 @@ class CompiledModel:
                 self._calls_python = True
         if written is None:
             self.nlp, self.variables, self.constraints = composition_of_files(model, self.model, objective, build)
-            refuse_discrete(self.model, self.variables)
+            check_variables(self.model, self.variables)
             self.seconds_writing, self.seconds_building = 0.0, time.perf_counter() - started
         else:
-            refuse_discrete(self.model, written.variables)
+            check_variables(self.model, written.variables)
             self.seconds_writing = time.perf_counter() - started
             started = time.perf_counter()
             self.nlp, self.variables, self.constraints = written.program(build, has_objective=objective is not None)

@@ -24,6 +24,7 @@ from pyomo.repn.util import categorize_valid_components
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.diagnosis.unfinished import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
 from pyrobocop_pyomo.modeling.shared_nodes import nodes_of, shared_value, variables_in
 
@@ -84,13 +85,13 @@ def single_objective(model: BlockData) -> ObjectiveData | None:
     return objectives[0] if objectives else None
 
 
-def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
+def check_variables(model: BlockData, variables: list[VarData]) -> None:
     """Check the free variables of a model.
 
     Raises
     ------
     ModelError
-        When there are none, or discrete ones among them.
+        When there are none, discrete ones among them, or some of another model beside those of one.
     """
     if not variables:
         raise ModelError(
@@ -104,6 +105,11 @@ def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
             "problems only. Fix them, relax them with TransformationFactory('core.relax_integer_vars'), or use a "
             "mixed-integer solver; an integer control of a phase is Control(integer=(0, 1)), and rcp.solve rounds it."
         )
+    foreign = foreign_variable(model, variables)
+    # Rows that are all about one other model are a view of it, which is made on purpose.
+    if foreign is not None and foreign_variable(foreign, variables) is not None:
+        row = next(row for row in _active_rows(model) if any(found is foreign for found in variables_in(row.expr)))
+        raise ModelError(f"'{row.name}' {foreign_read(foreign, model)} {ONE_MODEL}")
 
 
 def refuse_external_functions(model: BlockData, everywhere: bool = False) -> None:

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.modeling.functions import is_function_call
 from .alike_rows import FEWEST_ALIKE, split_alike
 from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
-from .model_checks import external_function_refused, refuse_discrete, single_objective
+from .model_checks import check_variables, external_function_refused, single_objective
 from .term_groups import Columns, NonlinearTerm, TermGroups
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
@@ -332,7 +332,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
         found.cost.group()
         columns.of(calls.given)  # also what only arguments hold may change, and is read again
         found.arguments += [_arguments_of(level, columns, calls) for level in calls.levels]
-    refuse_discrete(model, found.variables)
+    check_variables(model, found.variables)
     return found
 
 

@@ -138,6 +138,8 @@ class Continuation:
                 wanted += [delta, (delta * start.delta) ** 0.5]
                 self._values.write(start.values)
                 shortened += 1
+            elif self.best.diverged:
+                return  # there is no point to go on from
             else:
                 # A failed run leaves multipliers that are worth nothing, and often a point that is.
                 start = None
@@ -170,9 +172,15 @@ class Continuation:
         self.last = iterate = replace(iterate, values=self._values.read())
         if on_the_way:
             self._on_the_way[id(iterate)] = iterate
-        if not hasattr(self, "best") or not self.best.is_better_than(iterate, self._settings.tolerances, self._sign):
+        if not hasattr(self, "best") or self._is_better(iterate):
             self.best = iterate
         return iterate
+
+    def _is_better(self, iterate: Iterate) -> bool:
+        """Whether it is no worse than the best; what grows without end leads nowhere, even if it is feasible."""
+        if iterate.diverged != self.best.diverged:
+            return self.best.diverged
+        return not self.best.is_better_than(iterate, self._settings.tolerances, self._sign)
 
 
 def _is_shorter(start: Iterate, delta: float) -> bool:

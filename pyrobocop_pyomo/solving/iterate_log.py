@@ -29,7 +29,8 @@ from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
-from .violations import Violation, worst_row_of_each_component
+from .side_sizes import SideSizes
+from .violations import Violation, violations_of_pairs, worst_row_of_each_component
 
 logger = logging.getLogger(__name__)
 
@@ -144,7 +145,7 @@ class IterateLog:
     Attributes
     ----------
     pairs : sequence of CanonicalPair
-        To be checked.
+        To be checked; set when the start is on the model.
     steps : list of Iterate
         Without values and multipliers.
     seconds : float
@@ -153,12 +154,27 @@ class IterateLog:
 
     def __init__(self, check: ModelCheck, progress: Progress) -> None:
         self._check, self._progress = check, progress
-        self.pairs: Sequence[CanonicalPair] = ()
+        self._pairs: Sequence[CanonicalPair] = ()
+        self._sizes = SideSizes((), np.empty((0, 2)))
         self._side_values: tuple[Sequence[CanonicalPair], RowValues] | None = None
         self.steps: list[Iterate] = []
         self.seconds = 0.0
 
-    def add(self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False) -> Iterate:
+    @property
+    def pairs(self) -> Sequence[CanonicalPair]:
+        """The pairs that are checked."""
+        return self._pairs
+
+    @pairs.setter
+    def pairs(self, pairs: Sequence[CanonicalPair]) -> None:
+        known = len(self._pairs) == len(pairs)  # again, by another backend or relaxation
+        self._pairs = pairs
+        if not known:
+            self._sizes = SideSizes(pairs, self._sides())
+
+    def add(
+        self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False, held: bool = False
+    ) -> Iterate:
         """Check the point on the model, and log the run that ended there.
 
         Parameters
@@ -170,12 +186,14 @@ class IterateLog:
         on_the_way : bool
             Leave the violation as the session found it by the compiled functions: the user's own expressions are
             evaluated where it counts.
+        held : bool
+            Whether one side of each pair was held at zero, whatever rounding leaves of it.
         """
         if at is None:
-            iterate = self.checked(iterate, on_the_way=on_the_way)
+            iterate = self.checked(iterate, on_the_way=on_the_way, held=held)
         else:
             names: tuple[str, ...] = ("objective", "constraint_violation", "relative_violation")
-            names += ("largest_product", "largest_natural_residual")
+            names += ("largest_product", "largest_natural_residual", "relative_product", "relative_natural_residual")
             iterate = replace(iterate, **{name: getattr(at, name) for name in names})
         iterate = replace(iterate, number=len(self.steps))
         self.steps.append(iterate.record())
@@ -184,20 +202,29 @@ class IterateLog:
         logger.info("%s", line)
         return iterate
 
-    def checked(self, iterate: Iterate, *, on_the_way: bool = False) -> Iterate:
+    def checked(self, iterate: Iterate, *, on_the_way: bool = False, held: bool = False) -> Iterate:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
         sides = self._sides()
         violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
+        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is asked of it
+            sides = np.full_like(sides, -np.inf)
         least_side = float(-sides.min(initial=0.0))
         checked = replace(
             iterate,
             objective=self._check.objective(),
             constraint_violation=max(violation, least_side),
             relative_violation=max(relative, least_side),
-            largest_product=float(np.abs(sides.prod(axis=1)).max(initial=0.0)),
-            largest_natural_residual=float(np.abs(sides.min(axis=1)).max(initial=0.0)),
+            largest_product=_largest_product(sides),
+            largest_natural_residual=_largest_natural_residual(sides),
         )
+        if not held:
+            relative_sides = sides / self._sizes.at(sides)
+            checked = replace(
+                checked,
+                relative_product=_largest_product(relative_sides),
+                relative_natural_residual=_largest_natural_residual(relative_sides),
+            )
         self.seconds += time.perf_counter() - started
         return checked
 
@@ -212,9 +239,21 @@ class IterateLog:
             sides = known[1].values().reshape(-1, 2)
             if not np.isnan(sides).any():
                 return sides
-        # One by one, which also says where there is no value.
-        return np.array([side_values(pair) for pair in pairs]).reshape(-1, 2)
+        return np.array([side_values(pair, unknown=np.nan) for pair in pairs]).reshape(-1, 2)
+
+    def unmet(self, tolerances: Tolerances) -> list[Violation]:
+        """Pairs that are not met at the model's current values, the sides relative to their sizes."""
+        sizes = self._sizes.at(self._sides())
+        return list(violations_of_pairs(self.residuals(), tolerances, sizes.prod(axis=1).tolist()))
 
     def residuals(self) -> list[PairResidual]:
         """The pairs at the model's current values."""
         return [PairResidual(pair.name, *sides) for pair, sides in zip(self.pairs, self._sides().tolist(), strict=True)]
+
+
+def _largest_product(sides: NDArray[np.float64]) -> float:
+    return float(np.abs(sides.prod(axis=1)).max(initial=0.0))
+
+
+def _largest_natural_residual(sides: NDArray[np.float64]) -> float:
+    return float(np.abs(sides.min(axis=1)).max(initial=0.0))

@@ -50,6 +50,8 @@ EXPLORED_SECONDS = 1.0
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
+# Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
+SAME_COST = 1e-6
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
 LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
@@ -129,6 +131,8 @@ class Polish:
 
     Attributes
     ----------
+    diverged : list of Iterate
+        Points of branches on which variables grow without end.
     interrupted : bool
         Whether Ctrl-C ended the search.
     """
@@ -154,6 +158,7 @@ class Polish:
             compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed, objective=self._slope
         )
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
+        self.diverged: list[Iterate] = []
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
         self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
 
@@ -230,11 +235,14 @@ class Polish:
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
         """A polish that failed must not cost the point that it started from.
 
-        Products of a relaxed point flatter its objective, so that does not decide; and where another branch descends
-        from the polished point, it does from the point before, too.
+        Products of a relaxed point flatter its objective, so that does not decide: where its solved branch costs more,
+        it is no solution itself. And where another branch descends from the polished point, it does from the point
+        before, too.
         """
         ranks = [iterate.quality(self._settings.tolerances).rank for iterate in (before, after)]
-        return before if ranks[0] > ranks[1] and after.certificate is not Certificate.DESCENT else after
+        flattered = abs(after.objective - before.objective) > SAME_COST * max(1.0, abs(before.objective))
+        refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
+        return before if ranks[0] > ranks[1] and not refuted else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
@@ -346,8 +354,11 @@ class Polish:
                 iterations=outcome.iterations,
                 seconds=outcome.seconds + self._linear_seconds(),
                 options=self._options,
-            )
+            ),
+            held=True,
         )
+        if iterate.diverged:
+            self.diverged.append(replace(iterate, values=self._values.read()))
         self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
 
     def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:

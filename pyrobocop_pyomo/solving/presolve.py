@@ -50,7 +50,8 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
     Raises
     ------
     ComplementarityError
-        Where both sides are positive, or one of them cannot reach zero from below: the pair cannot be met.
+        Where a side has a fixed value and both are positive, or one of them cannot reach zero from below: the pair
+        cannot be met.
     """
     intervals = ExpressionBoundsVisitor()
     found = []
@@ -64,6 +65,8 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
                     f"be >= 0. Check the bounds and what is fixed. {SIDES_HOLD}"
                 )
         if least_a > tolerance and least_b > tolerance:
+            if not (_is_fixed(pair.a) or _is_fixed(pair.b)):
+                continue  # bounds alone: a problem without a solution, which the solve says
             raise ComplementarityError(
                 f"'{pair.pair.name}': both sides are positive by bounds and fixed variables (at least {least_a:g} and "
                 f"{least_b:g}), but one has to be zero. Check the bounds and what is fixed."
@@ -96,6 +99,10 @@ def fixed_at_zero(decisions: Sequence[Decision]) -> Iterator[None]:
     finally:
         for variable, name, bound in reversed(before):
             setattr(variable, name, bound)
+
+
+def _is_fixed(side: SideVariable) -> bool:
+    return bool(side.variable.fixed)
 
 
 def _range(

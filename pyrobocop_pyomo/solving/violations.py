@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import repeat
 from operator import itemgetter
 from typing import Any
 
@@ -70,11 +71,22 @@ def worst_row_of_each_component(rows: Iterable[tuple[Any, Any, Any, Any]]) -> It
         yield Violation(data.name, place_in_words(data), what, amount, others=len(several) - 1)
 
 
-def violations_of_pairs(residuals: Iterable[PairResidual], tolerances: Tolerances) -> Iterator[Violation]:
-    """Pairs whose sides are both positive, or negative."""
-    for pair in residuals:
-        if max(pair.product / tolerances.product, -pair.natural / tolerances.feasibility) > 1.0:
-            amount = abs(pair.natural)
+def violations_of_pairs(
+    residuals: Iterable[PairResidual], tolerances: Tolerances, sizes: Iterable[float] = repeat(1.0)
+) -> Iterator[Violation]:
+    """Pairs whose sides are both positive, or negative.
+
+    Parameters
+    ----------
+    residuals : iterable of PairResidual
+    tolerances : Tolerances
+    sizes : iterable of float
+        Of the product of each.
+    """
+    for pair, size in zip(residuals, sizes, strict=False):
+        # What has no value is not met either.
+        if not (pair.product <= tolerances.product * size and -pair.natural <= tolerances.feasibility):
+            amount = float("inf") if pair.product != pair.product else abs(pair.natural)
             yield Violation(pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}", amount)
 
 
