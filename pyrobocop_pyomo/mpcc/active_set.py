@@ -395,7 +395,8 @@ class ActiveSetSearch:
         # A point on the way to infinity solves nothing, however low its objective is.
         diverged = outcome.status is IpoptStatus.DIVERGING
         kept = not diverged and self._no_worse(found, start) and not (cut and start.branch is not None)
-        if outcome.status.solved and not kept and start.branch is None and found.violation <= self.limits.feasibility:
+        more_exact = start.branch is None and found.natural_residual < start.natural_residual
+        if outcome.status.solved and not kept and more_exact and found.violation <= self.limits.feasibility:
             self._refused.append(found)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)

@@ -173,7 +173,7 @@ class IterateLog:
             self._sizes = SideSizes(pairs, self._sides())
 
     def add(
-        self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False, held: bool = False
+        self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False, exact: bool = False
     ) -> Iterate:
         """Check the point on the model, and log the run that ended there.
 
@@ -186,11 +186,11 @@ class IterateLog:
         on_the_way : bool
             Leave the violation as the session found it by the compiled functions: the user's own expressions are
             evaluated where it counts.
-        held : bool
+        exact : bool
             Whether one side of each pair was held at zero, whatever rounding leaves of it.
         """
         if at is None:
-            iterate = self.checked(iterate, on_the_way=on_the_way, held=held)
+            iterate = self.checked(iterate, on_the_way=on_the_way, exact=exact)
         else:
             names: tuple[str, ...] = ("objective", "constraint_violation", "relative_violation")
             names += ("largest_product", "largest_natural_residual", "relative_product", "relative_natural_residual")
@@ -202,12 +202,12 @@ class IterateLog:
         logger.info("%s", line)
         return iterate
 
-    def checked(self, iterate: Iterate, *, on_the_way: bool = False, held: bool = False) -> Iterate:
+    def checked(self, iterate: Iterate, *, on_the_way: bool = False, exact: bool = False) -> Iterate:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
         sides = self._sides()
         violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
-        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is asked of it
+        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is required of it
             sides = np.full_like(sides, -np.inf)
         least_side = float(-sides.min(initial=0.0))
         checked = replace(
@@ -218,7 +218,7 @@ class IterateLog:
             largest_product=_largest_product(sides),
             largest_natural_residual=_largest_natural_residual(sides),
         )
-        if not held:
+        if not exact:
             relative_sides = sides / self._sizes.at(sides)
             checked = replace(
                 checked,

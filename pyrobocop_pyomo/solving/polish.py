@@ -355,7 +355,7 @@ class Polish:
                 seconds=outcome.seconds + self._linear_seconds(),
                 options=self._options,
             ),
-            held=True,
+            exact=True,
         )
         if iterate.diverged:
             self.diverged.append(replace(iterate, values=self._values.read()))
