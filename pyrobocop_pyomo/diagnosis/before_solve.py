@@ -13,7 +13,7 @@ from .findings import Finding, Severity, Subject
 from .joining import joining_findings
 from .statements import foreign_findings, scaled_pair_findings
 from .unfinished import unfinished_findings
-from .values import boundary_findings, fixed_findings
+from .values import boundary_findings, discretised_start_findings, fixed_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -33,6 +33,7 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
     # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
     yield from foreign_findings(model, rows_of_each=1)
     yield from fixed_findings(model)
+    yield from discretised_start_findings(model)
     phases = phases_of(model)
     if any(phase.component(name) is None for phase in phases for name in phase.record.declarations):
         return  # a transformation has renamed the variables, as scaling does: the records are about another model

@@ -27,7 +27,15 @@ from .statements import (
 )
 from .structure import structural_findings
 from .unfinished import unfinished_findings
-from .values import boundary_findings, data_findings, decided_findings, rate_findings, row_findings, values_missing
+from .values import (
+    boundary_findings,
+    data_findings,
+    decided_findings,
+    discretised_start_findings,
+    rate_findings,
+    row_findings,
+    values_missing,
+)
 
 _ORDER = list(Severity)
 
@@ -80,6 +88,7 @@ def diagnose(model: Any) -> Diagnosis:
     findings += data_findings(model)
     findings += row_findings(linearised, reported)
     findings += decided_findings(model)
+    findings += discretised_start_findings(model)
     findings += appearance_findings(model, {name for finding in findings for name in finding.components})
     findings += dependence_findings(model, linearised)
     findings += unit_findings(model)

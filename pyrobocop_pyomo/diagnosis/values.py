@@ -12,11 +12,13 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import pairs_of
+from pyrobocop_pyomo.complementarity import canonical_form, pairs_of
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.continuous.discretisation import discretisations_on
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import undefined_part
-from pyrobocop_pyomo.phases.given_ends import KINDS, EndViolation, end_violations, values_given
+from pyrobocop_pyomo.phases.given_ends import KINDS, EndViolation, end_violations, relations_of, values_given
 from pyrobocop_pyomo.phases.horizon import real_grid
 
 from .findings import Finding, Severity, Subject
@@ -178,6 +180,26 @@ def _is_stated(rows: Any, time: float) -> bool:
         return any(pair.source.parent_component() is rows for pair in pairs_of(rows.model()))
     there = [row for index, row in rows.items() if time == (index[0] if isinstance(index, tuple) else index)]
     return not there or any(row.active for row in there)
+
+
+def discretised_start_findings(block: Any) -> Iterator[Finding]:
+    """Fixed values that violate what is stated where a continuous set starts, and no collocation point is.
+
+    The transformation has deactivated these rows and pairs, as far as they hold what nothing determines there.
+    """
+    for discretisation in discretisations_on(block):
+        for data in discretisation.deactivated:
+            pair = data.parent_component().ctype in PAIR_TYPES
+            for relation, violation in relations_of(canonical_form(data) if pair else data.expr):
+                gap = violation(relation)
+                if gap > TOLERANCE and next(variables_in(relation, include_fixed=False), None) is None:
+                    yield Finding(
+                        Severity.ERROR,
+                        Subject.START,
+                        f"the given values violate {'a side of the pair ' if pair else ''}'{data.name}' by {gap:.3g}.",
+                        (data.parent_component().name,),
+                        "Give values that satisfy it, or leave one of them free.",
+                    )
 
 
 def fixed_findings(block: Any) -> Iterator[Finding]:

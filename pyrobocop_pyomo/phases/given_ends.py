@@ -103,7 +103,7 @@ def end_violations(
             amount = bound_violation(variable.value, variable.lb, variable.ub)
             yield EndViolation("bounds", name, name, amount, {name: variable.value})
         for statement, name, row in rows:
-            for relation, violation in _relations(row):
+            for relation, violation in relations_of(row):
                 variables = variables_read(relation)
                 if all(variable.fixed for variable in variables):
                     known = {names.get(id(variable), variable.name): variable.value for variable in variables}
@@ -135,7 +135,7 @@ def _form(statement: Statement, pair: Any) -> CanonicalForm:
     return form_of(statement, first, second, (choices[0], choices[1]) if choices else (None, None))
 
 
-def _relations(row: Any) -> Iterator[tuple[Any, Callable[[Any], float]]]:
+def relations_of(row: Any) -> Iterator[tuple[Any, Callable[[Any], float]]]:
     """What has to hold of a row or a form, and what tells how far it is from that."""
     if not isinstance(row, CanonicalForm):
         yield row, _violation
