@@ -45,7 +45,7 @@ METHODS = ("central", "hub", "paper")
 
 def central(team: rcp.Team, steps: int) -> dict[str, Any]:
     """One model of the whole team, by the barrier strategy."""
-    merged = team.central(eliminate=False)
+    merged = team.central()
     started = time.process_time()
     result = rcp.solve(
         merged.model, strategies="barrier", polish=False, backend="vectorised", progress=False, time_limit=240

@@ -191,14 +191,8 @@ class Team:
                 entries.append((number, shared, shared.names_for(robot)))
         return tuple(entries)
 
-    def central(self, *, eliminate: bool = True) -> MergedModel:
+    def central(self) -> MergedModel:
         """One model of the whole team, from the same builders: what a single planner that knows everything solves.
-
-        Parameters
-        ----------
-        eliminate : bool
-            Whether what one robot shares with the hub, such as its wrench, is replaced by the formula that the robot's
-            model has for it.
 
         Returns
         -------
@@ -207,11 +201,7 @@ class Team:
             `keep_apart` are constraints between the robots' unknowns.
         """
         agents = [*([self.hub] if self.hub is not None else []), *self.robots]
-        single = [
-            name for shared in self.shared if shared.of_one_robot for n in self.names for name in shared.names_for(n)
-        ]
-        names = [name for _, _, entry in self._shared_by(self.names) for name in entry]
-        merged = merge_agents(agents, names, eliminate=single if eliminate and self.hub is not None else ())
+        merged = merge_agents(agents, [name for _, _, names in self._shared_by(self.names) for name in names])
         if self.keep_apart is not None and len(self.robots) > 1:
             self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
         return merged
