@@ -155,7 +155,7 @@ def fingerprint(specs: Iterable[Any]) -> str:
     CheckpointError
         When something has no such number, such as an open file.
     """
-    digest, reader = hashlib.sha256(), _Reader()
+    digest, reader = hashlib.sha256(), _SpecReader()
     for spec in specs:
         for part in reader.parts(spec):
             digest.update(f"{len(part)}:".encode())
@@ -163,7 +163,7 @@ def fingerprint(specs: Iterable[Any]) -> str:
     return digest.hexdigest()
 
 
-class _Reader:
+class _SpecReader:
     """Values as sequences of bytes, each kind with a mark of its own."""
 
     def __init__(self) -> None:

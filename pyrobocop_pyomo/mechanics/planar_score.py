@@ -24,6 +24,7 @@ from .physical_score import (
 )
 from .planar_bodies import POSE, TWIST, DiscRobot, PlanarBody, check_positive
 from .planar_contacts import contact_wrench_on_body, slip_velocity
+from .planar_replay import ContactStep, DrivenReplay
 from .planar_shapes import PlanarGap
 
 _NEWTON_STEPS = 60
@@ -249,6 +250,30 @@ class PlanarScore:
             end_spin=float(np.degrees(end[2])),
             robot_end_speed=float(np.linalg.norm(speeds[:, 0, -1], axis=1).max() * self.rest_at_end),
         )
+
+    def replay(self, plans: Mapping[str, Mapping[str, Array]]) -> DrivenReplay:
+        """Play a combined plan back open loop: robots and object start as planned, and move under the robots' driving
+        forces and the contact that these lead to. Forces of contact and the planned paths are not read.
+
+        Parameters
+        ----------
+        plans : mapping of agent to (mapping of component to array)
+            As for the score.
+
+        Raises
+        ------
+        TrajectoryError
+            When a component is missing, or contact has restitution.
+        """
+        if self.restitution:
+            raise TrajectoryError(f"replay: restitution = {self.restitution:g}; only contact without it is simulated.")
+        pose, twist, robots = self.combined(plans)
+        step = ContactStep(self.body, self.robot, self.friction, self.step, self._resistance)
+        places, speeds, forces = (
+            np.array([getattr(robot, name) for robot in robots.values()]) for name in ("position", "velocity", "force")
+        )
+        found, unsolved = step.play(pose[0], twist, places[:, 0], speeds[:, 0], np.swapaxes(forces, 0, 1))
+        return DrivenReplay(found, *self._from_goal(found[-1]), unsolved)
 
     def simulate(self, pose: Array, velocity: Array, wrench: Array) -> Array:
         """The object's motion under given wrenches, by implicit Euler steps: shape (T + 1, 3).

@@ -30,6 +30,7 @@ STEP, STEPS, SQUEEZE = 0.07, 20, 6.0
 SCORE = planar.Score(ROD, DISC, friction=0.5, step=STEP, goal=(0.35, 0.0, 0.0))
 
 Plans = dict[str, dict[str, np.ndarray]]
+planar_pose = ("qx", "qy", "qth")
 
 
 def carrying(length: float = 0.35, squeeze: float = SQUEEZE, share_of_sine: float = 1.0) -> Plans:
@@ -304,6 +305,44 @@ def test_a_score_takes_less_than_fifty_milliseconds_and_travels() -> None:
         SCORE(plans)
         seconds.append(time.process_time() - start)
     assert min(seconds) < 0.05
+
+
+def test_a_plan_is_found_again_from_its_driving_forces_alone() -> None:
+    """Where contact leaves no choice; forces of contact and the planned paths are not read."""
+    plans = carrying()
+    played = SCORE.replay(plans)
+    assert played.unsolved is None
+    assert played.pose == pytest.approx(np.column_stack([plans["rod"][f"body.{q}"] for q in planar_pose]), abs=2e-4)
+    assert played.goal_distance < 2e-4
+    assert played.goal_angle < 1e-6
+    without_a_force(plans)
+    plans["rod"]["body.qx"] = plans["rod"]["body.qx"] * (np.arange(STEPS + 1) == 0)
+    assert np.array_equal(SCORE.replay(plans).pose, played.pose)
+
+
+def test_a_plan_that_lives_on_a_force_of_nobody_is_not_found_again() -> None:
+    """Robots that are driven as if they held the rod do not move it without pressing it."""
+    plans = carrying()
+    for name in ("left", "right"):
+        plans[name]["me.tau_y"] = 0.0 * plans[name]["me.tau_y"]
+    played = SCORE.replay(plans)
+    assert played.goal_distance > 0.3
+    assert played.unsolved is None
+
+
+def test_a_replay_meets_the_law_of_impact_and_nobody_jumps_over_the_object() -> None:
+    """A disc that flies at 4 m/s, 0.28 m in a step, at a puck of half its mass: plastic, so 8/3 m/s together."""
+    puck = planar.RigidBody(planar.Disc(0.1), mass=0.5, inertia=0.0025)
+    task = planar.Score(puck, FAST, friction=0.5, step=STEP, goal=(None,) * 3, rest_at_end=False)
+    flight = np.column_stack([np.linspace(-0.5, -0.5 + 4 * 0.28, 5), np.zeros(5)])
+    plans = {"puck": {f"body.{n}": np.zeros(5) for n in (*planar_pose, "ux", "uy", "uth")}, "a": {}}
+    plans["a"] |= {f"me.{n}": np.zeros(4) for n in ("tau_x", "tau_y", "c", "alpha_plus", "alpha_minus")}
+    plans["a"] |= {"me.x": flight[:, 0], "me.y": flight[:, 1], "me.vx": np.full(5, 4.0), "me.vy": np.zeros(5)}
+    speeds = np.diff(task.replay(plans).pose[:, 0]) / STEP
+    assert speeds[0] == 0.0
+    assert speeds[2:] == pytest.approx([8 / 3, 8 / 3], abs=1e-3)
+    with pytest.raises(TrajectoryError, match=r"restitution = 0\.5; only contact without it"):
+        replace(task, restitution=0.5).replay(plans)
 
 
 def test_a_plan_becomes_a_film(tmp_path: Path) -> None:
