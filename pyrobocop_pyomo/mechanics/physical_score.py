@@ -38,7 +38,7 @@ class ScoreLimits:
     distance : float
         Between the centres of robots, metres.
     speed, spin : float
-        Beyond a limit, and where rest is asked for: metres and degrees per second.
+        Beyond a limit, and where rest is required: metres and degrees per second.
     bound : float
         Outside of bounds, in units of the variable.
     """
@@ -126,9 +126,9 @@ class PhysicalScore(Presented):
     bound_excess : float
         How far a variable of a plan is outside the bounds that the score was given, in its unit.
     end_speed, end_spin : float
-        Of the simulated object at the end: metres and degrees per second; 0 where no rest is asked for.
+        Of the simulated object at the end: metres and degrees per second; 0 where no rest is required.
     robot_end_speed : float
-        Of the fastest robot at the end, metres per second; 0 where no rest is asked for.
+        Of the fastest robot at the end, metres per second; 0 where no rest is required.
     """
 
     object_force: float
@@ -154,14 +154,14 @@ class PhysicalScore(Presented):
     @property
     def strict(self) -> bool:
         """Whether the plan is practical, residuals are under 0.05 N, penetration under 2 mm; the simulated object ends
-        within 2 cm and 2 deg of its goal, at no more than 2 cm and 2 deg per second where rest is asked for.
+        within 2 cm and 2 deg of its goal, at no more than 2 cm and 2 deg per second where rest is required.
         """
         return not self.misses(STRICT)
 
     @property
     def practical(self) -> bool:
         """Whether the simulated object ends within 5 cm and 5 deg of its goal, at no more than 5 cm and 5 deg per
-        second where rest is asked for, is pushed where it is touched (gap and penetration under 1 cm), products are
+        second where rest is required, is pushed where it is touched (gap and penetration under 1 cm), products are
         under 0.02, and robots keep their limits.
         """
         return not self.misses(PRACTICAL)
