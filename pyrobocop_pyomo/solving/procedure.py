@@ -152,7 +152,7 @@ class _Procedure:
                 return
         if self._found.best is None:
             self._try(SOLVE)  # what was chosen has no start of its own here
-        if chosen is not None or not self._settings.second_tries or self._found.best is None:
+        if chosen is not None or self._found.best is None:
             return
         tries = SecondTries(self._settings, self._found.best, scaled=self._places.scaling is not None)
         for strategy in tries:

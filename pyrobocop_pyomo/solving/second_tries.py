@@ -75,6 +75,9 @@ class SecondTries:
         user, status = self._settings.options.user, self._first.status
         if self._first.certificate is Certificate.DESCENT:
             return ()  # the same starts lead to the same saddle, and what follows one was tried
+        if not self._settings.second_tries:
+            # Other starts are the caller's; the point itself, solved with smaller tolerances, is no other start.
+            return (TIGHTER,) if self._first.converged else ()
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
