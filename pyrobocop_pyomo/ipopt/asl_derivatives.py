@@ -16,20 +16,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pyomo.environ as pyo
 from pyomo.contrib.pynumero.asl import AmplInterface
 
-import pyrobocop_pyomo
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.programs.asl_program import AslProgram
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 
 from .nested_models import nested_model
 
-# Of 3000 random models with nested Expressions, ten of those that the library of 2019 differentiates wrongly: gradients,
-# Hessians, both; and one that it does when the expressions are written out.
+# Of 3000 random models with nested Expressions, ten of those that the library of 2019 differentiates wrongly:
+# gradients, Hessians, both; and one that it does when the expressions are written out.
 NESTED = (15, 165, 256, 285, 464, 737, 856, 1784, 2195, 2905)
-WRITTEN_OUT = (871,)
+EXPANDED = (871,)
 
 _SECONDS = 60.0
 
@@ -54,7 +52,7 @@ class DerivativeCheck(NamedTuple):
         return not self.wrong and not self.trouble
 
     def __str__(self) -> str:
-        tried = len(NESTED) + len(WRITTEN_OUT)
+        tried = len(NESTED) + len(EXPANDED)
         if self.trouble:
             return f"not known: {self.trouble}"
         if self.wrong:
@@ -87,7 +85,7 @@ def check_executable(path: str) -> DerivativeCheck:
 
 def check_library(path: str) -> DerivativeCheck:
     """Compare the derivatives of a PyNumero library with differences, in another process."""
-    root = str(Path(pyrobocop_pyomo.__file__).parent.parent)
+    root = str(Path(__file__).parents[2])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
     try:
         run = subprocess.run(
@@ -136,7 +134,7 @@ def _jacobian(program: NonlinearProgram, x: FloatArray) -> FloatArray:
 
 def _files(folder: Path) -> Iterator[tuple[int, Path]]:
     """The models as Pyomo writes them when it is not told otherwise, with defined variables."""
-    for number in (*NESTED, *WRITTEN_OUT):
+    for number in (*NESTED, *EXPANDED):
         path = folder / f"model_{number}.nl"
         nested_model(number, named=number in NESTED).write(str(path), format="nl")
         yield number, path

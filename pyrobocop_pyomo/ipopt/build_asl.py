@@ -254,7 +254,7 @@ def _compiled_reader(folder: Path) -> Path:
     """The library's reader for second derivatives, without its fault, as an object file."""
     source = _unpacked(folder, "libamplsolver", "pfghread.c")
     text = source / "pfg_read.c"
-    # A reader without that line is a newer one; whether it is right is asked of what is built.
+    # A reader without that line is a newer one; what is built is checked in any case.
     text.write_text(text.read_text(encoding="latin-1").replace(_CUT_CHAIN, _WHOLE_CHAIN), encoding="latin-1")
     built = folder / "pfghread.o"
     _run(["gcc", "-O2", "-w", "-fPIC", "-c", f"-I{ASL_HEADERS}", str(source / "pfghread.c"), "-o", str(built)])

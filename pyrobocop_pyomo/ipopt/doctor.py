@@ -113,12 +113,12 @@ def _derivative_lines() -> list[str]:
     """Whether each AMPL Solver Library on this machine, wherever it comes from, differentiates rightly."""
     lines = []
     for title, paths, check in (
-        ("ipopt executable", _executables(), check_executable),
+        ("the ipopt executable", _executables(), check_executable),
         ("PyNumero's library", _libraries(), check_library),
     ):
         for path in paths:
             found = check(path)
-            lines += ["", f"derivatives of the {title}", f"  {'found':<12}{path}", f"  {'derivatives':<12}{found}"]
+            lines += ["", f"derivatives of {title}", f"  {'found':<12}{path}", f"  {'derivatives':<12}{found}"]
             if not found.right:
                 lines.append(f"  {'remedy':<12}{_DERIVATIVES_REMEDY}")
     return lines
