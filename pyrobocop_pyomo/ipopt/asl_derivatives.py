@@ -101,12 +101,14 @@ def check_library(path: str) -> DerivativeCheck:
 
 
 def differ_from_differences(program: NonlinearProgram, x: FloatArray) -> list[str]:
-    """Which derivatives are not those of the functions: by central differences, to five digits of the largest."""
+    """Which derivatives are not those of the functions: by central differences, to five digits of the largest.
+
+    A long step is wrong where the function bends, a short one where it is rounded; a wrong derivative is so with each.
+    """
     multipliers = np.linspace(0.7, 1.9, program.m)
     gradient, jacobian = program.gradient(x), _jacobian(program, x)
-    rows, columns = program.hessian_structure
     hessian = np.zeros((program.n, program.n))
-    np.add.at(hessian, (rows, columns), program.hessian(x, 1.0, multipliers))
+    np.add.at(hessian, program.hessian_structure, program.hessian(x, 1.0, multipliers))
     hessian += np.tril(hessian, -1).T
 
     def functions(at: FloatArray) -> FloatArray:
@@ -115,11 +117,19 @@ def differ_from_differences(program: NonlinearProgram, x: FloatArray) -> list[st
     def lagrangian_gradient(at: FloatArray) -> FloatArray:
         return program.gradient(at) + multipliers @ _jacobian(program, at)
 
-    steps = 1e-5 * np.eye(program.n)
-    first = np.array([functions(x + step) - functions(x - step) for step in steps]).T / 2e-5
-    second = np.array([lagrangian_gradient(x + step) - lagrangian_gradient(x - step) for step in steps]) / 2e-5
-    compared = {"gradient": (gradient, first[0]), "Jacobian": (jacobian, first[1:]), "Hessian": (hessian, second)}
-    return [name for name, (given, found) in compared.items() if not _agree(given, found)]
+    differ = ["gradient", "Jacobian", "Hessian"]
+    for length in (1e-5, 1e-6, 1e-7):
+        steps = length * np.eye(program.n)
+        first = np.array([functions(x + step) - functions(x - step) for step in steps]).T / (2 * length)
+        second = np.array([lagrangian_gradient(x + step) - lagrangian_gradient(x - step) for step in steps])
+        compared = {
+            "gradient": (gradient, first[0]), "Jacobian": (jacobian, first[1:]),
+            "Hessian": (hessian, second / (2 * length)),
+        }  # fmt: skip
+        differ = [name for name in differ if not _agree(*compared[name])]
+        if not differ:
+            break
+    return differ
 
 
 def _agree(given: FloatArray, found: FloatArray) -> bool:

@@ -15,7 +15,7 @@ from pyomo.contrib.pynumero.interfaces.pyomo_nlp import PyomoNLP
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt import asl_derivatives, build_asl, doctor
-from pyrobocop_pyomo.ipopt.asl_derivatives import NESTED, EXPANDED, DerivativeCheck, differ_from_differences
+from pyrobocop_pyomo.ipopt.asl_derivatives import EXPANDED, NESTED, DerivativeCheck, differ_from_differences
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 from pyrobocop_pyomo.ipopt.nested_models import LARGEST_VALUE, nested_model
 from pyrobocop_pyomo.programs.asl_program import find_asl_library
