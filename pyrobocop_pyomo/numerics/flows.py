@@ -164,7 +164,7 @@ def _from_first_start(
             return march.path
         met = int(left.any(axis=0).argmax())
         best, waited = (met, 0) if met > best else (best, waited + 1)
-        if waited >= _SWEEPS or counted.calls - before > _MOST_EVALUATIONS_OF_A_SWEEP:
+        if waited >= _SWEEPS or counted.calls - before > _MOST_EVALUATIONS_OF_A_SWEEP * max(1, len(fractions) // 16):
             return None
     return None
 
@@ -214,12 +214,15 @@ def _march(
         while steps < min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions))):
             steps *= 2
             fine, path = _runge_kutta(rates, starts, fractions, steps)
-            error = float((np.abs((fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2, 3)) / scales).max())
+            changes = (np.abs(fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2))
+            # Where elements lead far from the plan, relative to how far: less would be rounding.
+            sizes = np.maximum(scales[:, None], np.abs(fine).max(axis=(0, 2)))
+            error = float((changes / sizes).max())
             if error <= tolerance:
                 corrected = path[::2] + (path[::2] - coarse_path) / _ORDER_FACTOR
                 ends = fine[-1] + (fine[-1] - coarse[-1]) / _ORDER_FACTOR
                 return _March(corrected[:: min(_STEPS_PER_INSTANT, steps // 2)], ends, error)
-            if not looked_stiff and steps >= _STIFF_STEPS and not error <= 1.0:
+            if not looked_stiff and steps >= _STIFF_STEPS and not (changes <= scales[:, None]).all():
                 looked_stiff = True
                 found = _marched_implicitly(rates, starts, scales, fractions, tolerance)
                 if found is not None:

@@ -48,7 +48,7 @@ _SMALLEST = 2.0**-40
 # Instants in an element, and parts of all elements together, at most.
 _MOST_INSTANTS, _MOST_PARTS = 2000, 200_000
 
-_MONOTONE = {"tanh", "sinh", "asinh", "asin", "acosh", "atanh", "log10", "floor", "ceil"}
+_MONOTONE = {"sinh", "asinh", "asin", "acosh", "atanh", "log10", "floor", "ceil"}
 _JUDGED = {FUNCTION, POWER, DIVISION, CHOICE, RELATION, CALL}
 
 
@@ -218,7 +218,8 @@ class _Parts:
                 if isinstance(form, TaylorForm):
                     low[row], high[row] = form.value.low, form.value.high
                     bend = form.second.magnitude * (end - start) ** 2 / (8 * _CURVES)
-                    changes[row] = np.fmin(high[row] - low[row], bend)
+                    width = high[row] - low[row]
+                    changes[row] = np.where(np.isfinite(bend), np.fmin(_CHANGE / _CURVES**2 * width, bend), width)
         return low, high, changes
 
     @staticmethod
@@ -283,6 +284,12 @@ def _square_root(form: TaylorForm) -> TaylorForm:
     return TaylorForm(Interval(np.maximum(form.value.low, 0.0), form.value.high), form.first, form.second).sqrt()
 
 
+def _hyperbolic_tangent(form: TaylorForm) -> TaylorForm:
+    value = _monotone("tanh")(form).value
+    slope = Interval.of(1.0) - value.power(2.0)
+    return form.compose(value, slope, -(value * slope).times(2.0))
+
+
 def _compared(surely: Callable[[Any, Any], Any], impossible: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """One where a relation of low and high bounds surely holds, zero where it cannot, and between where neither."""
 
@@ -325,6 +332,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "acos": _function("acos", lambda form: -_monotone("asin")(form) + np.pi / 2),
     "cosh": _function("cosh", lambda form: _monotone("cosh")(_absolute(form))),
     "abs": _function("abs", _absolute),
+    "tanh": _function("tanh", _hyperbolic_tangent),
     "sqrt": _function("sqrt", _square_root),
     "==": _EQUAL,
     "<=": _NO_MORE,

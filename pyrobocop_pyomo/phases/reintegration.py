@@ -27,7 +27,7 @@ from .delays import past_of
 from .element_integration import integrate_inside, signals_at
 from .families import guesses_by_component
 from .point_model import PointModel
-from .quick_instants import instants_to_look_at
+from .quick_instants import SAMPLES, instants_to_look_at
 from .rate_arrays import RateArrays
 from .record import PhaseRecord, Statement
 from .stepped_elements import determined_unknowns, stepped_flows
@@ -35,6 +35,8 @@ from .undefined_instants import refuse_undefined
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
+# Where rules change quickly with the time many instants have to be followed.
+TOLERANCE_IF_QUICK = 1e-6
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
 
@@ -251,7 +253,8 @@ def _side_by_side(
         rates = RateArrays(block, record, trajectory, indices, point)
     except TrajectoryError:
         return None
-    return integrate_flows(rates, starts, scales, fractions, TOLERANCE, first)
+    tolerance = TOLERANCE if len(fractions) == SAMPLES + 1 else TOLERANCE_IF_QUICK
+    return integrate_flows(rates, starts, scales, fractions, tolerance, first)
 
 
 def _integrals(

@@ -22,7 +22,7 @@ def disc(force: Any, elements: int = 5, *, form: str = "explicit") -> Any:
     m = pyo.ConcreteModel("disc")
     m.p = b = rcp.PhaseBlock(duration=DURATION, elements=elements)
     b.x, b.v = rcp.State(initial=0.0), rcp.State(initial=0.0)
-    b.u = rcp.Control(initial_guess=0.0)
+    b.u = rcp.Control(initial_guess=0.0, history=0.0)
     if form == "explicit":
         b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + force(t)})
     elif form == "algebraic":
