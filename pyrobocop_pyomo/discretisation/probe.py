@@ -166,13 +166,13 @@ class _Captured:
         starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
         sizes = _SMALLEST_SCALE + np.array([np.abs(trajectory.states[name]).max() for name in names])
         tolerance = _TOLERANCE_BY_INSTANT if rates.asks_by_instant else _TOLERANCE
-        found = integrate_elements(rates, starts, sizes, _SAMPLES, tolerance)
+        found = integrate_elements(rates, starts, sizes, np.linspace(0.0, 1.0, _SAMPLES + 1), tolerance)
         if found is None:
             raise TrajectoryError(
                 "No integration of all elements at once meets its tolerance: the motion is not smooth."
             )
         ends = np.array([[*starts[1:, j], trajectory.states[name][-1]] for j, name in enumerate(names)]).T
-        errors = np.abs(found[0][:, -1, :] - ends)
+        errors = np.abs(found[0] - ends)
         relative = errors / sizes
         worst = int(relative.max(axis=0).argmax())
         return relative.max(axis=1), names[worst], float(errors[:, worst].max())
