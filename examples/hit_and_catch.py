@@ -74,7 +74,8 @@ class Game:
     @property
     def score(self) -> planar.Score:
         """What combined plans are worth physically."""
-        return planar.Score(PUCK, PLAYER, friction=FRICTION, step=self.step, goal=self.goal)
+        homes = {name: {"me.x": across, "me.y": up} for name, (across, up) in HOMES.items()}
+        return planar.Score(PUCK, PLAYER, friction=FRICTION, step=self.step, goal=self.goal, bounds=homes)
 
     @cached_property
     def schedule(self) -> Schedule:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import functools
 import importlib
 import sys
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec
+from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
+from typing import Any
 
 from pyomo.common.dependencies import attempt_import
 
@@ -49,20 +49,27 @@ pandas, pandas_available = attempt_import("pandas", error_message=_remedy("panda
 xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
 
 
+class _OrdinaryFinder:
+    """Finds SciPy as Python does."""
+
+    @staticmethod
+    def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        return PathFinder.find_spec(name, path, target) if name == "scipy" else None
+
+
 def _import_scipy() -> ModuleType:
     """Import SciPy without its statistics.
 
     Pyomo's finder of modules imports ``scipy.stats`` (0.6 s) as soon as anybody imports SciPy. Found by the ordinary
     finder instead, SciPy comes alone; Pyomo still imports the statistics when it uses SciPy itself.
     """
-    spec = None if "scipy" in sys.modules else PathFinder.find_spec("scipy")
-    if spec is not None and spec.loader is not None:
-        module = sys.modules["scipy"] = module_from_spec(spec)
+    if "scipy" not in sys.modules:
+        # Python's own import does the rest: its locks keep other threads from a module that is not complete yet.
+        sys.meta_path.insert(0, _OrdinaryFinder)
         try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules["scipy"]
-            raise
+            return importlib.import_module("scipy")
+        finally:
+            sys.meta_path.remove(_OrdinaryFinder)
     return importlib.import_module("scipy")
 
 

@@ -171,21 +171,15 @@ def _refuse_crossed(side: ParsedSide, source: Any) -> None:
 
 
 def _refuse_contradiction(a: ParsedSide, b: ParsedSide, source: Any) -> None:
-    """Refuse what the variables' own constant bounds make impossible."""
+    """Refuse a side that the own constant bounds of its variable make impossible."""
     if a.own is b.own is None:
         return
     for side in (a, b):
-        if _distance(side, far=True) < 0:
+        if _farthest(side) < 0:
             raise ComplementarityError(
                 f"'{source.name}': side '{side.given}' contradicts the bounds of '{side.body}', "
                 f"{side.body.lower} and {side.body.upper}. Correct one of them."
             )
-    least = _distance(a, far=False)
-    if least > 0 and _distance(b, far=False) > 0:
-        raise ComplementarityError(
-            f"'{source.name}': by the variables' own bounds both sides are positive, '{a.given}' by {least:g} and "
-            f"'{b.given}' by {_distance(b, far=False):g}; one of them has to be met with equality. Correct the bounds."
-        )
 
 
 def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
@@ -204,12 +198,12 @@ def _decided_row(a: ParsedSide, b: ParsedSide) -> Any:
     return a.body == bounds[0] if same_expression(*bounds) else None
 
 
-def _distance(side: ParsedSide, far: bool) -> float:
-    """Largest or least distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
+def _farthest(side: ParsedSide) -> float:
+    """Largest distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
     if side.own is None or side.kind is SideKind.VARIABLE:
         return 0
     below = side.lower is not None
-    end, bound = side.own[far == below], side.lower if below else side.upper
+    end, bound = side.own[below], side.lower if below else side.upper
     if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
         return 0  # there is no end, or a parameter may move
     return end - bound if below else bound - end

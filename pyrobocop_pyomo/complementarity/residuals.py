@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
 from .canonical import CanonicalPair, SidePart
 
@@ -85,16 +87,29 @@ def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
     return [PairResidual(pair.name, *side_values(pair)) for pair in pairs]
 
 
-def side_values(pair: CanonicalPair) -> tuple[float, float]:
-    """Return the values of both sides, of a part of a range the value of that part; errors as `pair_residuals`."""
-    return _part(_number(pair, pair.a), pair.a_part), _part(_number(pair, pair.b), pair.b_part)
+def side_values(pair: CanonicalPair, unknown: float | None = None) -> tuple[float, float]:
+    """Return the values of both sides, of a part of a range the value of that part.
+
+    Parameters
+    ----------
+    pair : CanonicalPair
+    unknown : float, optional
+        Returned for a side without a value; by default that is an error, as for `pair_residuals`.
+    """
+    a, b = (_number(pair, side, unknown) for side in (pair.a, pair.b))
+    return _part(a, pair.a_part), _part(b, pair.b_part)
 
 
 def _part(number: float, part: SidePart) -> float:
-    return number if part is SidePart.WHOLE else max(number if part is SidePart.POSITIVE else -number, 0.0)
+    if part is SidePart.WHOLE or math.isnan(number):
+        return number
+    return max(number if part is SidePart.POSITIVE else -number, 0.0)
 
 
-def _number(pair: CanonicalPair, side: Any) -> float:
+def _number(pair: CanonicalPair, side: Any, unknown: float | None) -> float:
+    if unknown is not None:
+        number = number_or_nan(side)
+        return unknown if math.isnan(number) else number
     number = value(side, exception=False)
     if number is None:
         raise ComplementarityError(

@@ -6,9 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
+from pyrobocop_pyomo.phases import phases_of
 
+from .determinacy import freedom_findings
 from .findings import Finding, Severity, Subject
-from .statements import scaled_pair_findings
+from .joining import joining_findings
+from .statements import foreign_findings, scaled_pair_findings
+from .unfinished import unfinished_findings
+from .values import boundary_findings, discretised_start_findings, fixed_findings
 
 
 def findings_before_solve(model: Any) -> Iterator[Finding]:
@@ -24,6 +29,18 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
         An error where the model has no solution or cannot mean what it says; a warning where it may be meant.
     """
     yield from scaled_pair_findings(model)
+    yield from unfinished_findings(model)
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    yield from foreign_findings(model, rows_of_each=1)
+    yield from fixed_findings(model)
+    yield from discretised_start_findings(model)
+    phases = phases_of(model)
+    if any(phase.component(name) is None for phase in phases for name in phase.record.declarations):
+        return  # a transformation has renamed the variables, as scaling does: the records are about another model
+    for phase in phases:
+        yield from boundary_findings(phase, [])
+    yield from joining_findings(model)
+    yield from freedom_findings(model)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
@@ -50,5 +67,7 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     if errors:
         said = " ".join(f"{finding.message} {finding.remedy}" for finding in errors)
         contradiction = all(finding.subject in (Subject.CONTRADICTION, Subject.START) for finding in errors)
-        raise (ContradictionError if contradiction else ModelError)(f"'{model.name}': {said}")
+        if contradiction:
+            raise ContradictionError(f"'{model.name}' has no solution. {said}")
+        raise ModelError(f"'{model.name}': {said}")
     return tuple(finding for finding in findings if finding.severity is Severity.WARNING)

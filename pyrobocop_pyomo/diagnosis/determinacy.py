@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,14 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
+from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, maximum_matching
+from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import Algebraic, phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
 
 from .findings import Finding, Severity, Subject
@@ -90,6 +94,92 @@ def _adrift(phase: Any, name: str) -> Finding:
         (f"{phase.name}.{name}",),
         "Give it an initial value, or remove it.",
     )
+
+
+def freedom_findings(block: Any) -> Iterator[Finding]:
+    """Variables that no equation and no pair is left for, in a model without an objective that could choose them.
+
+    What a phase declares to be chosen is not counted: controls, parameters and its horizon; nor the planes that keep
+    shapes apart.
+    """
+    objectives = list(block.component_data_objects(Objective, active=True, descend_into=Block))
+    if any(next(variables_in(each.expr, include_fixed=False), None) is not None for each in objectives):
+        return
+    left = _undetermined(block)
+    if left:
+        without = f"the objective '{objectives[0].name}' is constant" if objectives else "there is no objective"
+        names = [data.name for data in left[:SHOWN]]
+        more = f" and {len(left) - SHOWN} more" if len(left) > SHOWN else ""
+        yield Finding(
+            Severity.WARNING,
+            Subject.UNDETERMINED,
+            f"{without}, and {len(left)} variable{'s are' if len(left) > 1 else ' is'} left that no equation "
+            f"determines, for example {', '.join(map(repr, names))}{more}: the point is one of many that meet "
+            "all constraints.",
+            tuple(dict.fromkeys(data.parent_component().name for data in left)),
+            "Give them values, such as initial conditions, add the equations that are missing, or state an objective.",
+        )
+
+
+SHOWN = 4
+
+
+def _undetermined(block: Any) -> list[Any]:
+    """Variables that a maximum matching with equations and pairs leaves over."""
+    chosen = {id(component) for component in _chosen(block)}
+    components = block.component_objects(Var, active=True, descend_into=Block)
+    components = [component for component in components if id(component) not in chosen]
+    phases = {id(phase): phase for phase in phases_of(block)}
+    outside = [component for component in components if id(component.parent_block()) not in phases]
+    if all(map(_is_determined, phases.values())) and all(data.fixed for each in outside for data in each.values()):
+        return []  # without a walk over all expressions
+    # In the order of declaration. Rows take the last first, so that of a chain in time the start is left.
+    column: dict[int, int] = {}
+    variables: list[Any] = []
+    for data in (data for component in components for data in component.values()):
+        if not data.fixed and id(data) not in column:
+            column[id(data)] = len(variables)
+            variables.append(data)
+    rows = [(row.body,) for row in block.component_data_objects(Constraint, active=True) if row.equality]
+    sources = {id(source): source for source in (*active_sources(block), *(pair.source for pair in pairs_of(block)))}
+    incidence = []
+    for sides in [*rows, *map(sides_of, sources.values())]:
+        found = {column.get(id(variable), -1) for side in sides for variable in variables_in(side, include_fixed=False)}
+        incidence.append(sorted(found - {-1}, reverse=True))
+    read = set(chain.from_iterable(incidence))
+    left = maximum_matching(incidence, len(variables)).unmatched_columns
+    return [variables[i] for i in left if i in read]
+
+
+def _is_determined(phase: Any) -> bool:
+    """Whether a phase determines itself, by counts alone: each state has as many rows as values that are not given."""
+    record = phase.record
+
+    def free(name: str) -> int:
+        return sum(not data.fixed for data in phase.component(name).values())
+
+    def rows(names: Iterable[str]) -> int:
+        found = (phase.component(name) for name in names)
+        return sum(row.active for component in found if component is not None for row in component.values())
+
+    for name in record.names_of_states:
+        values = [name, f"{name}_derivative"] if name in record.kept_derivatives else [name]
+        own = rows(each for each in record.generated_rows if each.rpartition("_")[0] == name)
+        if own < sum(map(free, values)):
+            return False
+    algebraics = sum(map(free, record.names(Algebraic)))
+    return algebraics <= rows(statement.name for statement in record.statements_of("residual"))
+
+
+def _chosen(block: Any) -> Iterator[Any]:
+    """Components whose values are there to be chosen."""
+    for phase in phases_of(block):
+        record = phase.record
+        determined = {*record.names_of_states, *record.names(Algebraic)}
+        determined |= {f"{name}_derivative" for name in record.kept_derivatives}
+        yield from (var for name, var in phase.component_map(Var).items() if name not in determined)
+    for avoidance in blocks_of_kind(block, (ObstacleAvoidanceBlockData, ContainmentData)):
+        yield from avoidance.component_objects(Var, descend_into=True)
 
 
 # Well above rounding, well below what a long horizon or an unstable motion leaves of independent equations.

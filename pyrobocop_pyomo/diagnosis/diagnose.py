@@ -12,9 +12,10 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.phases import Control, phases_of
 
-from .determinacy import appearance_findings, dependence_findings
+from .determinacy import appearance_findings, dependence_findings, freedom_findings
 from .difficult_forms import form_findings
 from .findings import DegreesOfFreedom, Diagnosis, Finding, Severity
+from .joining import joining_findings
 from .linearised_rows import LinearisedRows
 from .scaling import scaling_advice
 from .statements import (
@@ -25,7 +26,16 @@ from .statements import (
     unit_findings,
 )
 from .structure import structural_findings
-from .values import boundary_findings, data_findings, decided_findings, rate_findings, row_findings, values_missing
+from .unfinished import unfinished_findings
+from .values import (
+    boundary_findings,
+    data_findings,
+    decided_findings,
+    discretised_start_findings,
+    rate_findings,
+    row_findings,
+    values_missing,
+)
 
 _ORDER = list(Severity)
 
@@ -34,7 +44,7 @@ def diagnose(model: Any) -> Diagnosis:
     """Look at a model before a solve: structure, numbers at the initial guess, units and scaling.
 
     Nothing is solved and nothing is changed. The Jacobian is evaluated row by row with Pyomo's expressions,
-    which takes some seconds for ten thousand rows; `rcp.solve` only asks each phase's `check`.
+    which takes some seconds for ten thousand rows; `rcp.solve` makes the cheap part of it each time.
 
     Parameters
     ----------
@@ -57,9 +67,12 @@ def diagnose(model: Any) -> Diagnosis:
         )
     phases = phases_of(model)
     remarks: list[str] = []
-    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model), *scaled_pair_findings(model)]
+    findings: list[Finding] = [*statement_findings(model), *misplaced_findings(model)]
+    findings += [*scaled_pair_findings(model), *unfinished_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
+        findings += freedom_findings(model)
+    findings += joining_findings(model)
     findings += form_findings(model)
     for phase in phases:
         findings += structural_findings(phase)
@@ -75,6 +88,7 @@ def diagnose(model: Any) -> Diagnosis:
     findings += data_findings(model)
     findings += row_findings(linearised, reported)
     findings += decided_findings(model)
+    findings += discretised_start_findings(model)
     findings += appearance_findings(model, {name for finding in findings for name in finding.components})
     findings += dependence_findings(model, linearised)
     findings += unit_findings(model)

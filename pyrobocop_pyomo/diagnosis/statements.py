@@ -11,13 +11,15 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import value
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, DeclarationError, ModelError, TranscriptionError
 from pyrobocop_pyomo.modeling.expressions import holds_variable
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
@@ -45,6 +47,7 @@ def statement_findings(block: Any) -> Iterator[Finding]:
         yield _error(
             f"'{name}' is a discrete variable.", (name,), "Ipopt knows real numbers only: fix it, or use a pair."
         )
+    yield from foreign_findings(block)
     wrong: set[str] = set()
     for source in active_sources(block):
         name = source.parent_component().name
@@ -64,6 +67,23 @@ def statement_findings(block: Any) -> Iterator[Finding]:
                 (phase.name,),
                 "Declare what has a derivative as State.",
             )
+
+
+def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """Components that read free variables of another model.
+
+    Parameters
+    ----------
+    block : Block
+    rows_of_each : int, optional
+        How many rows or pairs of each component are looked at; all by default.
+    """
+    for component in block.component_objects((Constraint, Objective, *PAIR_TYPES), active=True, descend_into=Block):
+        rows = islice((row for row in component.values() if row.active), rows_of_each)
+        read = variables_read([sides_of(row) if component.ctype in PAIR_TYPES else row.expr for row in rows])
+        foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
+        if foreign is not None:
+            yield _error(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
 
 
 def _error(message: str, names: tuple[str, ...], remedy: str) -> Finding:
@@ -111,7 +131,8 @@ def objective_findings(model: Any) -> Iterator[Finding]:
     objectives = list(model.component_data_objects(Objective, active=True, descend_into=Block))
     if objectives:
         for objective in objectives:
-            if not holds_variable(objective.expr) and not _is_zero(objective.expr):
+            # An objective of 0 says that any point will do that meets the constraints.
+            if not holds_variable(objective.expr) and value(objective.expr, exception=False) != 0:
                 yield Finding(
                     Severity.WARNING,
                     Subject.STATEMENT,
@@ -140,11 +161,6 @@ def objective_findings(model: Any) -> Iterator[Finding]:
             if elsewhere
             else "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)).",
         )
-
-
-def _is_zero(expression: Any) -> bool:
-    """Whether an objective says that nothing is to be small, as where only feasibility matters."""
-    return expression.__class__ in native_numeric_types and expression == 0
 
 
 def refuse_misplaced(model: Any) -> None:

@@ -11,7 +11,9 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 
+from pyrobocop_pyomo.complementarity import generating_pairs
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -37,7 +39,9 @@ class UndefinedRow:
     part: UndefinedPart
 
     def __str__(self) -> str:
-        return f"{self.part.what}, in {self.where}"
+        read = list(variables_in(self.part.argument))
+        fixed = read and all(variable.fixed for variable in read)
+        return f"{self.part.what}{', which is fixed' if fixed else ''}, in {self.where}"
 
 
 def undefined_rows(model: Any) -> Iterator[UndefinedRow]:
@@ -80,6 +84,12 @@ def move_into_domain(model: Any) -> list[UndefinedRow]:
     return list(undefined_rows(model)) if moved else []
 
 
+def _place(row: Any) -> str:
+    """The place of a row; of one that stands for sides of pairs while these are relaxed, the first of them."""
+    sources = generating_pairs(row)
+    return f"a side of {place_in_words(sources[0])}" if sources else place_in_words(row)
+
+
 def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
     """Every expression with the words for its place; those of right-hand sides stand for their generated rows."""
     generated: set[int] = set()
@@ -91,7 +101,7 @@ def _expressions(model: Any) -> Iterator[tuple[str, Any]]:
         generated.update(id(component) for component in rows if component is not None)
     for row in model.component_data_objects(Constraint, active=True, descend_into=Block):
         if id(row.parent_component()) not in generated:
-            yield place_in_words(row), row.body
+            yield _place(row), row.body
     for pair in model.component_data_objects(PAIR_TYPES, active=True, descend_into=Block):
         for side in sides_of(pair):
             yield f"a side of {place_in_words(pair)}", side

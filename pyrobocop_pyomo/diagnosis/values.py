@@ -12,14 +12,14 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
+from pyrobocop_pyomo.complementarity import canonical_form, pairs_of
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.continuous.discretisation import discretisations_on
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import undefined_part
-from pyrobocop_pyomo.phases import Parameter
+from pyrobocop_pyomo.phases.given_ends import KINDS, EndViolation, end_violations, relations_of, values_given
 from pyrobocop_pyomo.phases.horizon import real_grid
-from pyrobocop_pyomo.phases.point_model import PointModel
-from pyrobocop_pyomo.phases.record import Statement, labelled_rows
 
 from .findings import Finding, Severity, Subject
 from .linearised_rows import LinearisedRows, gradient, residual_of
@@ -123,63 +123,109 @@ def _waits_for_a_value(expression: Any) -> bool:
 
 
 def _and_more(count: int, noun: str) -> str:
-    return "" if count == 1 else f", and at {count - 1} more {noun}{'s' if count > 2 else ''}"
+    plural = noun if count == 2 else "indices" if noun == "index" else f"{noun}s"
+    return "" if count == 1 else f", and at {count - 1} more {plural}"
 
 
 TOLERANCE = 1e-6
 
 
 def boundary_findings(phase: Any, remarks: list[str]) -> Iterator[Finding]:
-    """Fixed start or end values that violate what is stated about states alone."""
+    """Fixed start or end values that violate what is stated, the worst row of each rule."""
     record = phase.record
     for time, where in ((record.grid.times[0], "initial"), (record.grid.times[-1], "final")):
-        fixed = {name: phase.component(name)[time] for name in record.names_of_states}
-        values = {name: data.value for name, data in fixed.items() if data.fixed}
-        parameters = {name: phase.component(name) for name in record.names(Parameter)}
-        values.update((name, data.value) for name, data in parameters.items() if data.fixed)
-        if not values:
+        values = values_given(phase, record, time)
+        statements = [each for each in record.statements if each.kind in KINDS]
+        statements = [each for each in statements if values and _is_stated(phase.component(each.name), time)]
+        if not statements:
             continue
         try:
-            point = PointModel(phase, record, record.grid, real_grid(phase, record))
-        except (TrajectoryError, ValueError, TypeError):
+            grids = (record.grid, real_grid(phase, record))
+        except (ValueError, TypeError):
             return  # the horizon has no values yet
-        point.set_values(values)
-        for statement, name, gap in _violated(phase, point, time, remarks):
+        worst: dict[str, EndViolation] = {}
+        for found in end_violations(phase, record, time, values, statements, grids, remarks):
+            if found.amount > max(TOLERANCE, worst[found.statement].amount if found.statement in worst else 0.0):
+                worst[found.statement] = found
+        for found in worst.values():
+            known = ", ".join(f"{key} = {number:g}" for key, number in found.values.items())
             yield Finding(
                 Severity.ERROR,
                 Subject.START,
-                f"phase '{phase.name}': the {where} values violate {statement.kind} '{name}' by {gap:.3g} at "
-                f"t = {time:g}: {', '.join(f'{key} = {number:g}' for key, number in values.items())}.",
-                (f"{phase.name}.{statement.name}",),
-                f"Give {where} values that satisfy it, or leave one of them free.",
+                f"phase '{phase.name}': the {where} values violate {_KINDS.get(found.kind, found.kind)} '{found.row}' "
+                f"by {found.amount:.3g} at t = {time:g}: {known}.",
+                (f"{phase.name}.{found.statement}",),
+                f"Give {where} values that satisfy it, or leave one of them free.{_UNLESS.get(found.kind, '')}",
                 time,
             )
 
 
-def _violated(phase: Any, point: PointModel, time: float, remarks: list[str]) -> list[tuple[Statement, str, float]]:
-    """Statements that the values of a point violate, the names of their rows, and by how much."""
-    found = []
-    try:
-        for statement in phase.record.statements:
-            if statement.kind not in ("residual", "constraint"):
-                continue
-            try:
-                result = point.result_of(statement, time)
-            except Exception as error:  # a rule was written for its points only: anything may come out elsewhere
-                remarks.append(f"'{statement.name}' of phase '{phase.name}' at t = {time:g} ({error})")
-                continue
-            for label, row in labelled_rows(statement.kind, result).items():
-                gap = relation_violation(row, unknown=0.0)
-                if gap > TOLERANCE:
-                    name = statement.name if label is None else f"{statement.name}[{label}]"
-                    found.append((statement, name, gap))
-    finally:
-        point.leave_nodes()
-    return found
+SIDES_HOLD = (
+    "Both sides of a pair are >= 0 at all times: what acts only where a gap is closed is "
+    "complements(gap >= 0, force >= 0)."
+)
+_KINDS = {"complementarity": "a side of the pair", "bounds": "the bounds of"}
+_UNLESS = {
+    "constraint": " Where nothing is meant at that instant, let the rule return pyo.Constraint.Skip there.",
+    "complementarity": f" {SIDES_HOLD} Where nothing is meant at that instant, let the rule return "
+    "rcp.Complementarity.Skip there.",
+}
+
+
+def _is_stated(rows: Any, time: float) -> bool:
+    """Whether the rows of a rule are meant at a time: neither removed nor deactivated, unless they were relaxed."""
+    if rows is None:
+        return False
+    if not rows.active:
+        return any(pair.source.parent_component() is rows for pair in pairs_of(rows.model()))
+    there = [row for index, row in rows.items() if time == (index[0] if isinstance(index, tuple) else index)]
+    return not there or any(row.active for row in there)
+
+
+def discretised_start_findings(block: Any) -> Iterator[Finding]:
+    """Fixed values that violate what is stated where a continuous set starts, and no collocation point is.
+
+    The transformation has deactivated these rows and pairs, as far as they hold what nothing determines there.
+    """
+    for discretisation in discretisations_on(block):
+        for data in discretisation.deactivated:
+            pair = data.parent_component().ctype in PAIR_TYPES
+            for relation, violation in relations_of(canonical_form(data) if pair else data.expr):
+                gap = violation(relation)
+                if gap > TOLERANCE and next(variables_in(relation, include_fixed=False), None) is None:
+                    yield Finding(
+                        Severity.ERROR,
+                        Subject.START,
+                        f"the given values violate {'a side of the pair ' if pair else ''}'{data.name}' by {gap:.3g}.",
+                        (data.parent_component().name,),
+                        "Give values that satisfy it, or leave one of them free.",
+                    )
+
+
+def fixed_findings(block: Any) -> Iterator[Finding]:
+    """Fixed values outside their bounds, the first of each component."""
+    for component in block.component_objects(Var, active=True, descend_into=Block):
+        outside = [data for data in component.values() if data.fixed and _is_outside(data)]
+        if outside:
+            data = outside[0]
+            yield Finding(
+                Severity.ERROR,
+                Subject.CONTRADICTION,
+                f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({data.lower}, {data.upper})"
+                f"{_and_more(len(outside), 'index')}.",
+                (data.name,),
+                "Change the value or widen the bounds.",
+            )
+
+
+def _is_outside(data: Any) -> bool:
+    lower, upper = data.bounds
+    return data.value is not None and bound_violation(data.value, lower, upper) > TOLERANCE
 
 
 def decided_findings(block: Any) -> Iterator[Finding]:
-    """Rows without a variable that may move, which do not hold; fixed values outside their bounds."""
+    """Rows without a variable that may move, which do not hold; fixed values outside their bounds, crossed bounds."""
+    yield from fixed_findings(block)
     for row in block.component_data_objects(Constraint, active=True, descend_into=Block):
         if next(variables_in(row.body, include_fixed=False), None) is None and abs(residual_of(row)) > TOLERANCE:
             yield Finding(
@@ -191,18 +237,7 @@ def decided_findings(block: Any) -> Iterator[Finding]:
             )
     for data in block.component_data_objects(Var, active=True, descend_into=Block):
         lower, upper = data.bounds
-        if data.fixed and data.value is not None:
-            below = lower is not None and data.value < lower - TOLERANCE
-            above = upper is not None and data.value > upper + TOLERANCE
-            if below or above:
-                yield Finding(
-                    Severity.ERROR,
-                    Subject.CONTRADICTION,
-                    f"'{data.name}' is fixed to {data.value:g}, outside its bounds ({lower}, {upper}).",
-                    (data.name,),
-                    "Change the value or widen the bounds.",
-                )
-        elif lower is not None and upper is not None and lower > upper:
+        if not data.fixed and lower is not None and upper is not None and lower > upper:
             yield Finding(
                 Severity.ERROR,
                 Subject.CONTRADICTION,

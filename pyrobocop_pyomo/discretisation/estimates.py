@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.phases.bounds_between_points import WORTH_A_SENTENCE
 from pyrobocop_pyomo.presentation import Presented
 
 # Relative to the objective, and to the size of each state: what is above is said before anything else.
@@ -44,6 +45,13 @@ class PhaseEstimate(Presented):
         What is not known, and why; and which states pass their bounds between the points of the mesh.
     net : float or None
         What all elements together add to the error of the objective, estimated; errors of different signs cancel.
+    passed : float
+        By how much bounds and path constraints that states pass between the points flatter the objective, estimated:
+        the mean excess beside each point times the multiplier there. `objective` is at least as large.
+    excesses : array, shape (N,), or None
+        How far each element passes bounds of states and path inequalities of states alone between the points, as a part
+        of the size of what is limited, where that is above one. Those that controls or algebraics can meet are not
+        looked at: other controls between the points meet them.
     """
 
     name: str
@@ -54,6 +62,8 @@ class PhaseEstimate(Presented):
     objective: Array | None
     remarks: tuple[str, ...] = ()
     net: float | None = None
+    passed: float = 0.0
+    excesses: Array | None = None
 
     @property
     def elements(self) -> int | None:
@@ -97,7 +107,7 @@ class DiscretisationEstimate(Presented):
         if not parts or len(parts) < len(known):
             return None
         nets, sizes = zip(*parts, strict=True)
-        return max(abs(sum(nets)), CANCELLED * sum(sizes))
+        return max(abs(sum(nets)), CANCELLED * sum(sizes), sum(phase.passed for phase in self.phases.values()))
 
     @property
     def relative_objective_error(self) -> float | None:
@@ -112,6 +122,13 @@ class DiscretisationEstimate(Presented):
         """Largest difference, at the end of any element, from the motion of the equations; as a part of each size."""
         found = [phase.relative for phase in self.phases.values()]
         known = [error for error in found if error is not None]
+        return max(known) if known and len(known) == len(found) else None
+
+    @property
+    def excess(self) -> float | None:
+        """How far some bound or path inequality of states is passed between the points, as a part of its size."""
+        found = [None if of.excesses is None else float(of.excesses.max(initial=0.0)) for of in self.phases.values()]
+        known = [excess for excess in found if excess is not None]
         return max(known) if known and len(known) == len(found) else None
 
     @property
@@ -164,6 +181,8 @@ class DiscretisationEstimate(Presented):
             parts.append(f"motion {worst.largest:.1e} at '{worst.name}.{worst.state}' ({100 * _relative(worst):.1g} %)")
         elif self.phases:
             parts.append("motion not known")
+        if self.excess is not None and self.excess > WORTH_A_SENTENCE:
+            parts.append(f"limits of states passed between the points by {self.excess:.1e} of their sizes")
         return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
 
     def advice(self) -> str:

@@ -12,7 +12,7 @@ stages only: how much smaller it could be between the stages is the second part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -77,7 +77,8 @@ class PhaseLagrangian:
         self._indices = indices_of(record, trajectory.grid)
         self._formulas = FormulasWithDelays(phase, record, self._indices, trajectory.grid, by_instant=True)
         names = [name for name in record.names_of_states if name in multipliers.costates]
-        self._rates = dict(zip(names, self._formulas.rates_of(names, derivatives=True), strict=True))
+        rates = self._formulas.rates_of(names, derivatives=True) if names else []
+        self._rates = dict(zip(names, rates, strict=True))
         self._integrands = [
             (weight, self._formulas.formula_of(statement))
             for weight, statement in zip(weights, record.integrals, strict=True)
@@ -94,33 +95,35 @@ class PhaseLagrangian:
         self.free = record.names(Control)
         if _determines_algebraics(phase, record):
             self.free = [*self.free, *record.names(Algebraic)]
-        self.apart: frozenset[int] = frozenset()
-        self.apart = self._rows_that_controls_meet()
+        self.apart = self._rows_with_slopes_by(self.free)
+        self.of_states = frozenset(range(len(self._rows))) - self._rows_with_slopes_by(list(self._signals))
 
     def _refuse_delayed_signals(self) -> None:
         found = sorted(self._formulas.delayed_names - set(self._trajectory.states))
         if found:
             raise TrajectoryError(f"'{found[0]}' is read at earlier times: what it does there later is not seen.")
 
-    def _rows_that_controls_meet(self) -> frozenset[int]:
-        """Places of the rows with a slope by a control or a free algebraic."""
-        if not (self.free and self._rows):
-            return frozenset()
-        self.apart = frozenset(range(len(self._rows)))
+    def _rows_with_slopes_by(self, names: Sequence[str]) -> frozenset[int]:
+        """Places of the rows that controls or algebraics of these names can meet."""
+        found: set[int] = set()
+        if not (names and self._rows):
+            return frozenset(found)
         stages = _Instants(self, self._trajectory.grid.scheme.c)
-        here = stages.own_rows({})
-        found = set()
+        every = range(len(self._rows))
+        here = stages.rows(every, {})
         with np.errstate(all="ignore"):
-            for name in self.free:
+            for name in names:
                 values = stages.values_of(name)
-                moved = stages.own_rows({name: values + _STEP * (1.0 + np.abs(values).max())})
+                moved = stages.rows(every, {name: values + _STEP * (1.0 + np.abs(values).max())})
                 for i, (before, after) in enumerate(zip(here, moved, strict=True)):
                     if np.abs(after[0] - before[0]).max() > _SLOPE * (1.0 + np.abs(before[0]).max()):
                         found.add(i)
         return frozenset(found)
 
-    def errors(self, size: float) -> tuple[Array, Array]:
+    def errors(self, size: float) -> tuple[Array, Array, Array]:
         """What each element adds to the error of the objective, shapes ``(N,)``: with its sign, and as a bound.
+
+        Third comes what is passed between the points, times its multipliers: the objective is too good by so much.
 
         Parameters
         ----------
@@ -133,25 +136,48 @@ class PhaseLagrangian:
             When something has no finite value.
         """
         scheme, widths = self._trajectory.grid.scheme, self._trajectory.grid.mesh.widths
-        points, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
-        exact, weights = (points + 1.0) / 2.0, weights / 2.0
         with np.errstate(all="ignore"):
-            stages = _Instants(self, scheme.c)
-            between = _Instants(self, exact, stages.rates() if scheme.starts_on_a_stage else {})
-            if scheme.starts_on_a_stage:
-                stages = _Instants(self, scheme.c, stages.rates())
+            stages, between, weights = self._stages_and_between()
             here = between.integrand({})
             first = weights @ here - scheme.b @ stages.integrand({})
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
+            passed = between.passed()
         # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
         net = first - second
         parts = np.abs(first) + np.abs(second)
         # Where the polynomials of the controls mean nothing, each part is as large as what the element holds.
         lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
         bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
-        if not np.isfinite(bound).all():
+        if not np.isfinite(bound + passed).all():
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
-        return widths * net, widths * bound
+        return widths * net, np.maximum(widths * bound, passed), passed
+
+    def excesses(self) -> Array:
+        """How far each element passes inequalities of states alone between the points, shape ``(N,)``.
+
+        As a part of the size of what is limited, where that is above one. What is violated at points as well, where
+        the user may have set another bound, counts only for what is more.
+        """
+        with np.errstate(all="ignore"):
+            stages, between, _ = self._stages_and_between()
+            worst = np.zeros(len(self._trajectory.grid.mesh.widths))
+            for (at, *sides, _), (here, *others, _) in zip(stages.limited(), between.limited(), strict=True):
+                size = max(1.0, float(np.abs(at).max()))
+                for sign, there, beyond in zip((-1.0, 1.0), sides, others, strict=True):
+                    allowed = max(0.0, float((sign * (at - there)).max()))
+                    worst = np.maximum(worst, ((sign * (here - beyond)).max(axis=0) - allowed) / size)
+        if not np.isfinite(worst).all():
+            raise TrajectoryError("A path constraint has no finite value at some point between those of the mesh.")
+        return worst
+
+    def _stages_and_between(self) -> tuple[_Instants, _Instants, Array]:
+        """At the stages, and at the points of a far more exact rule with their weights."""
+        scheme = self._trajectory.grid.scheme
+        points, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
+        stages = _Instants(self, scheme.c)
+        rates = stages.rates() if scheme.starts_on_a_stage else {}
+        between = _Instants(self, (points + 1.0) / 2.0, rates)
+        return _Instants(self, scheme.c, rates) if rates else stages, between, weights / 2.0
 
 
 class _Instants:
@@ -166,7 +192,7 @@ class _Instants:
     """
 
     def __init__(self, phase: PhaseLagrangian, fractions: Array, rates: Mapping[str, Array] | None = None) -> None:
-        self._of = phase
+        self._of, self._fractions = phase, fractions
         trajectory, multipliers = phase._trajectory, phase._multipliers
         scheme, mesh = trajectory.grid.scheme, trajectory.grid.mesh
         self._at_stages = at_stages = scheme.stage_polynomial_at(fractions)
@@ -225,12 +251,30 @@ class _Instants:
 
     def own_rows(self, given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
         """Body and bounds of the rows that controls and algebraics can meet."""
+        return self.rows(self._of.apart, given)
+
+    def rows(self, places: Iterable[int], given: Mapping[str, Array]) -> list[tuple[Array, Array, Array]]:
+        """Body and bounds of some rows."""
         known = self._evaluator({**self._values, **given})
         shape = np.zeros(self._index.shape)
         return [
             (shape + known(body), shape + known(lower), shape + known(upper))
-            for (body, lower, upper), _ in (self._densities[i] for i in self._of.apart)
+            for (body, lower, upper), _ in (self._of._rows[i] for i in places)
         ]
+
+    def limited(self) -> list[tuple[Array, Array, Array, Array]]:
+        """Inequalities of states alone, declared bounds too: body, both bounds, and densities at the stages."""
+        of, shape = self._of, np.zeros(self._index.shape)
+        found = [
+            (body, lower, upper, of._rows[i][1])
+            for i, (body, lower, upper) in zip(of.of_states, self.rows(of.of_states, {}), strict=True)
+            if not np.array_equal(lower, upper)
+        ]
+        none = np.zeros((self._index.shape[1], of._stages))
+        for name in of._states:
+            density = sum((of for known, _, of in self._of._multipliers.bounds if known == name), none)
+            found.append((shape + self._values[name], *(shape + self._bound(name, side) for side in (0, 1)), density))
+        return found
 
     def rates(self) -> dict[str, Array]:
         """What the equations say of the derivatives."""
@@ -267,17 +311,43 @@ class _Instants:
                 total -= density * np.where(density == 0.0, 0.0, values[name] - bound)
         return of._sign * total
 
+    def passed(self) -> Array:
+        """Excess over inequalities of states alone, times the multipliers beside it; shape ``(N,)``.
+
+        A multiplier of the mesh stands at a point; where the motion passes the bound between two points, that of the
+        continuous problem stands there. A polynomial through the densities has both signs, and what it gives cancels.
+        """
+        of = self._of
+        scheme, widths = of._trajectory.grid.scheme, np.array(of._trajectory.grid.mesh.widths)
+        count, stages = len(widths), scheme.stages
+        # The gap before each stage of the phase, and the one after the last.
+        gaps = np.searchsorted(scheme.c, self._fractions)[:, None] + stages * np.arange(count)
+        total = np.zeros(count)
+        for body, lower, upper, density in self.limited():
+            for excess, sign in ((lower - body, of._sign), (body - upper, -of._sign)):
+                weights = (widths[:, None] * scheme.b * np.maximum(sign * density, 0.0)).ravel()
+                beyond = np.maximum(excess, 0.0)
+                mean = np.zeros(count * stages + 1)
+                np.add.at(mean, gaps, beyond / np.bincount(gaps.ravel(), minlength=mean.size)[gaps])
+                after = mean[1:] > mean[:-1]
+                places = np.minimum((np.arange(count * stages) + after) // stages, count - 1)
+                np.add.at(total, places, weights * np.maximum(mean[1:], mean[:-1]))
+        return total
+
     def least(self) -> Array:
         """The integrand where controls, and algebraics that rows determine, are as good as the instant lets them be."""
         of = self._of
         if of.apart:
             return least_integrand_within_rows(self, {name: self.values_of(name) for name in of.free})
-        stages = [
-            {name: np.broadcast_to(of._signals[name][:, k], self._index.shape) for name in of.free}
-            for k in range(of._stages)
-            if all(name in of._signals for name in of.free)
-        ]
-        return least_integrand(self, {name: self.values_of(name) for name in of.free}, stages)
+        starts = []
+        if all(name in of._signals for name in of.free):
+            starts = [{name: of._signals[name][:, k] for name in of.free} for k in range(of._stages)]
+            # Where some control is largest or smallest in the whole plan: it may have left another valley too late.
+            every = {name: of._signals[name].ravel() for name in of.free}
+            extremes = {int(place) for values in every.values() for place in (values.argmin(), values.argmax())}
+            starts += [{name: values[place] for name, values in every.items()} for place in sorted(extremes)]
+        starts = [{name: np.broadcast_to(of, self._index.shape) for name, of in start.items()} for start in starts]
+        return least_integrand(self, {name: self.values_of(name) for name in of.free}, starts)
 
     def values_of(self, name: str) -> Array:
         """A control or algebraic at the instants."""

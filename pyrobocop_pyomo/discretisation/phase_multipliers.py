@@ -89,6 +89,13 @@ def phase_multipliers(phase: Any, found: RowMultipliers, widths: Array) -> Phase
     return PhaseMultipliers(costates, starts, rows_of, _bounds(phase, found, grid, weights), room)
 
 
+def no_multipliers(phase: Any) -> PhaseMultipliers:
+    """The rows of the path constraints of a phase, and no multipliers."""
+    grid = phase.record.grid
+    weights = np.ones((grid.mesh.elements, grid.scheme.stages))
+    return PhaseMultipliers({}, {}, _rows(phase, RowMultipliers({}, {}, {}), "constraint", grid, weights), [], {})
+
+
 def _by_index(found: RowMultipliers, rows: Any) -> dict[Any, float]:
     known = found.rows
     by_index = {index: known.get(id(row)) for index, row in rows.items()}

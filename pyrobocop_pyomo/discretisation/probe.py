@@ -27,7 +27,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .estimates import DiscretisationEstimate, PhaseEstimate
 from .integral_weights import integral_weights
 from .lagrangian import PhaseLagrangian
-from .phase_multipliers import PhaseMultipliers, phase_multipliers
+from .phase_multipliers import PhaseMultipliers, no_multipliers, phase_multipliers
 from .row_multipliers import RowMultipliers
 
 logger = logging.getLogger(__name__)
@@ -98,6 +98,7 @@ class _Captured:
         self.phase, self._weights, self._sign, self._why = phase, weights, sign, why
         self._trajectory: Trajectory = PhaseValues(phase).trajectory(evaluate=False)
         self._multipliers: PhaseMultipliers | None = None
+        self._rows = no_multipliers(phase)
         if any(True for _ in phase.component_data_objects(PAIR_TYPES, active=True)):
             # On finer meshes of a slider that is pushed the estimate stayed at twenty times the objective.
             self._why = "It has pairs, whose forces and multipliers jump inside elements."
@@ -110,7 +111,7 @@ class _Captured:
     def error(self, size: float) -> PhaseEstimate:
         """The errors of the phase, as far as they can be estimated; `size` is that of the objective."""
         remarks = []
-        motion, state, largest, objective, net = None, "", 0.0, None, None
+        motion, state, largest, objective, net, flattered = None, "", 0.0, None, None, 0.0
         name = self.phase.name
         try:
             self._refuse_other_rules()
@@ -121,20 +122,26 @@ class _Captured:
             self._refuse_other_rules()
             if self._multipliers is None:
                 raise TrajectoryError(self._why)
-            net, objective = PhaseLagrangian(
+            nets, objective, parts = PhaseLagrangian(
                 self.phase, self._trajectory, self._multipliers, self._weights, self._sign
             ).errors(abs(size))
+            net, flattered = float(nets.sum()), float(parts.sum())
         except Exception as error:  # as above
             remarks.append(f"phase '{name}': error of the objective not estimated. {_said(error)}")
+        excesses = None
+        try:
+            self._refuse_other_rules()
+            none = [0.0] * len(self.phase.record.integrals)
+            excesses = PhaseLagrangian(self.phase, self._trajectory, self._rows, none, self._sign).excesses()
+        except Exception as error:  # as above
+            remarks.append(f"phase '{name}': what is passed between the points is not known. {_said(error)}")
         passed = bounds_passed(self.phase.record, self._trajectory)
         # A control with a value at each point passes its bounds wherever it is on one of them: verify() tells that.
         of_states = sentence_on_bounds({name: one for name, one in passed.items() if not one.is_control})
         if of_states:
             remarks.append(f"phase '{name}': {of_states}")
         order = self._trajectory.grid.scheme.order
-        return PhaseEstimate(
-            name, order, motion, state, largest, objective, tuple(remarks), None if net is None else float(net.sum())
-        )
+        return PhaseEstimate(name, order, motion, state, largest, objective, tuple(remarks), net, flattered, excesses)
 
     def _refuse_other_rules(self) -> None:
         if self.phase.record.discrete_states:
@@ -159,13 +166,13 @@ class _Captured:
         starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
         sizes = _SMALLEST_SCALE + np.array([np.abs(trajectory.states[name]).max() for name in names])
         tolerance = _TOLERANCE_BY_INSTANT if rates.asks_by_instant else _TOLERANCE
-        found = integrate_elements(rates, starts, sizes, _SAMPLES, tolerance)
+        found = integrate_elements(rates, starts, sizes, np.linspace(0.0, 1.0, _SAMPLES + 1), tolerance)
         if found is None:
             raise TrajectoryError(
                 "No integration of all elements at once meets its tolerance: the motion is not smooth."
             )
         ends = np.array([[*starts[1:, j], trajectory.states[name][-1]] for j, name in enumerate(names)]).T
-        errors = np.abs(found[0][:, -1, :] - ends)
+        errors = np.abs(found[0] - ends)
         relative = errors / sizes
         worst = int(relative.max(axis=0).argmax())
         return relative.max(axis=1), names[worst], float(errors[:, worst].max())

@@ -10,8 +10,11 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import ArrayLike
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.PyomoModel import ConcreteModel
 
 from pyrobocop_pyomo.errors import TeamError
+
+_NAMES_ON_A_MERGED_MODEL = ("objective", "keep_apart")
 
 Penalty = Union[float, tuple[float, ...], tuple[tuple[float, ...], ...]]  # noqa: UP007
 
@@ -34,7 +37,7 @@ class Agent:
     Raises
     ------
     TeamError
-        When the name is empty or the builder is not callable.
+        When the name is empty or one that models have for something else, or the builder is not callable.
     """
 
     name: str
@@ -44,6 +47,8 @@ class Agent:
     def __init__(self, name: str, builder: Callable[..., Any], *data: Any) -> None:
         if not isinstance(name, str) or not name:
             raise TeamError(f"an agent needs a name; {name!r} is none.")
+        if hasattr(ConcreteModel(), name) or name in _NAMES_ON_A_MERGED_MODEL:
+            raise TeamError(f"no agent can be called '{name}': models have that name for something else. Take another.")
         if not callable(builder):
             raise TeamError(
                 f"agent '{name}': its builder {builder!r} cannot be called. Give a function that builds its model."

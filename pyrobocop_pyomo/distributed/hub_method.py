@@ -10,7 +10,7 @@ from pyrobocop_pyomo.numerics import Array
 
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
-from .rounds import Round
+from .rounds import Round, check_ending
 from .spread import Spread
 from .team_schedules import BarrierPath, BarrierRounds, PenaltyRounds, Reopening, TargetedPenalties
 
@@ -35,8 +35,9 @@ class Hub:
     penalties : PenaltyRounds
     rounds : int
         At most.
-    until : {"strict", "practical"}
-        Which physical score ends the rounds, for teams with physics.
+    until : {"strict", "practical", "rounds"}
+        Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last. Success is a
+        plan that is at least practical.
     tolerance : float
         Without physics: largest disagreement, and largest change of what is agreed on in a round.
     object_first : float
@@ -51,6 +52,11 @@ class Hub:
         The plan is scored from this mu on.
     reopening : Reopening
         What happens where a contact mode froze too early.
+
+    Raises
+    ------
+    TeamError
+        For less than one round, or an unknown ending.
 
     Notes
     -----
@@ -74,6 +80,10 @@ class Hub:
     iterations: int = 150
     score_below: float = 2e-3
     reopening: Reopening = field(default_factory=Reopening)
+
+    def __post_init__(self) -> None:
+        """Refuse rounds without an end."""
+        check_ending("Hub", self.rounds, self.until)
 
     def begin(self, work: Coordination) -> TeamState:
         """Ask the hub for a first motion of the object, and start there."""

@@ -17,7 +17,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of, relax
 from pyrobocop_pyomo.errors import EvaluationError, TeamError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
@@ -227,7 +227,17 @@ class LocalProblem:
             rows,
             self._all_variables,
             self._read_positions(),
+            {name: tuple(self._own_controls(part)) for name, part in self._merged.parts.items()},
         )
+
+    def _own_controls(self, part: Any) -> Iterator[str]:
+        shared = {quantity.name for quantity in self._quantities}
+        for phase in phases_of(part):
+            for control in phase.record.names(Control):
+                component = phase.component(control)
+                name = self._own_name(component)
+                if name not in shared and not all(variable.fixed for variable in component.values()):
+                    yield name
 
     def solve(self, order: Order) -> Report:
         """Solve as ordered, from the last point.

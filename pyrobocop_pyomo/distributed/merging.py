@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pyomo.common.collections import ComponentMap, ComponentSet
+from pyomo.common.collections import ComponentMap
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
@@ -24,7 +24,6 @@ from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.phases import PhaseBlockData
 
 from .agents import Agent
 
@@ -74,7 +73,7 @@ def build_model(agent: Agent) -> Any:
     return model
 
 
-def merge_agents(agents: Sequence[Agent], shared: Iterable[str], *, eliminate: Iterable[str] = ()) -> MergedModel:
+def merge_agents(agents: Sequence[Agent], shared: Iterable[str]) -> MergedModel:
     """Build the models of agents and make one of them.
 
     Parameters
@@ -83,9 +82,6 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str], *, eliminate: I
         The first one's variables stand for those that are shared.
     shared : iterable of str
         Names of the components that are one and the same wherever they appear.
-    eliminate : iterable of str
-        Names of shared components whose variables are replaced by what an equation of an agent says that they are, as
-        the wrench of a robot by its formula.
 
     Raises
     ------
@@ -111,9 +107,6 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str], *, eliminate: I
                 if statement in known:
                     row.deactivate()
             known.update(said.values())
-        wanted = set(eliminate)
-        if wanted:
-            _eliminate(merged, first, wanted)
         _add_up_objectives(merged)
     return MergedModel(merged, parts)
 
@@ -212,60 +205,6 @@ def _fingerprints(block: Any) -> ComponentMap:
     """From each active linear equation of a block to its fingerprint."""
     found = ((row, _fingerprint(row)) for row in list(_active(block, Constraint)))
     return ComponentMap((row, fingerprint) for row, fingerprint in found if fingerprint is not None)
-
-
-def _eliminate(merged: Any, first: Any, names: set[str]) -> None:
-    """Replace shared variables by what an agent's equation says that they are, and drop both."""
-    components = [c for name in sorted(names) for c in _variable_components(first, name).values()]
-    wanted = ComponentSet(v for c in components for v in c.values() if not v.fixed)
-    definitions: dict[int, Any] = {}
-    for row in _active(merged, Constraint):
-        found = _definition(row, wanted, definitions) if row.equality else None
-        if found is not None:
-            definitions[id(found[0])] = found[1]
-            row.deactivate()
-    # A formula may hold variables that other formulas stand for: the moment arm holds the force.
-    visitor = ExpressionReplacementVisitor(substitute=dict(definitions), remove_named_expressions=True)
-    definitions = {key: visitor.walk_expression(expression) for key, expression in definitions.items()}
-    _substitute(merged, definitions)
-    for component in components:
-        if all(id(v) in definitions for v in component.values()):
-            block, label = component.parent_block(), component.local_name
-            expressions = {key: definitions[id(v)] for key, v in component.items()}
-            for reference in list(merged.component_objects(Var, descend_into=True)):
-                if reference.is_reference() and any(v.parent_component() is component for v in reference.values()):
-                    _forget_declaration(reference.parent_block(), label)
-                    BlockData.del_component(reference.parent_block(), reference)
-            _forget_declaration(block, label)
-            BlockData.del_component(block, component)
-            BlockData.add_component(block, label, Expression(list(expressions), initialize=expressions))
-
-
-def _forget_declaration(block: Any, name: str) -> None:
-    """A phase no longer has the variable that it declared."""
-    if isinstance(block, PhaseBlockData):
-        block.record.declarations.pop(name, None)
-
-
-def _definition(row: Any, wanted: ComponentSet, known: Mapping[int, Any]) -> tuple[Any, Any] | None:
-    """Variable and expression, where a row says ``coefficient * variable == expression``."""
-    inside = variables_in(row.body, include_fixed=False)
-    if not any(variable in wanted and id(variable) not in known for variable in inside):
-        return None
-    representation = generate_standard_repn(row.body, compute_values=True, quadratic=False)
-    nonlinear = {id(v) for v in representation.nonlinear_vars}
-    for variable, coefficient in zip(representation.linear_vars, representation.linear_coefs, strict=True):
-        if coefficient and variable in wanted and id(variable) not in known and id(variable) not in nonlinear:
-            others: Any = representation.constant - row.upper
-            others += sum(
-                c * v
-                for c, v in zip(representation.linear_coefs, representation.linear_vars, strict=True)
-                if v is not variable
-            )
-            if representation.nonlinear_expr is not None:
-                others += representation.nonlinear_expr
-            return variable, others / -coefficient
-    return None
 
 
 def _add_up_objectives(merged: Any) -> None:

@@ -73,6 +73,8 @@ class ProblemFacts:
         Variables of the model, fixed ones included.
     positions : float array, shape (coordinates, times), or None
         First positions, where robots are kept apart.
+    own_controls : mapping of agent to tuple of str
+        Controls of the phases of each agent whose model is in the problem: those that are free and not shared.
     """
 
     quantities: tuple[QuantityFacts, ...]
@@ -84,6 +86,7 @@ class ProblemFacts:
     rows: int
     all_variables: int
     positions: Array | None
+    own_controls: Mapping[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True)

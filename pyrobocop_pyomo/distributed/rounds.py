@@ -6,12 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented
 
+ENDINGS = ("strict", "practical", "rounds")
+
 
 class PlanScore(Protocol):
-    """What a combined plan is worth physically."""
+    """What a combined plan is worth physically. A strict plan is a practical one, too."""
 
     @property
     def strict(self) -> bool:
@@ -22,6 +25,24 @@ class PlanScore(Protocol):
     def practical(self) -> bool:
         """Whether the plan would do its work."""
         ...
+
+
+def is_success(score: PlanScore | None) -> bool:
+    """Whether a plan with this score is a success: at least practical."""
+    return score is not None and (score.strict or score.practical)
+
+
+def check_ending(method: str, rounds: int, until: str) -> None:
+    """Refuse a method whose rounds have no end, or none at all.
+
+    Raises
+    ------
+    TeamError
+    """
+    if not rounds >= 1:
+        raise TeamError(f"{method}: rounds = {rounds!r}; expected at least 1.")
+    if until not in ENDINGS:
+        raise TeamError(f"{method}: until = {until!r}; expected {', '.join(map(repr, ENDINGS))}.")
 
 
 @dataclass(frozen=True)

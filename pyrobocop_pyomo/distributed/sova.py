@@ -11,7 +11,7 @@ from pyrobocop_pyomo.numerics import Array
 from .coordination import Coordination, TeamState
 from .local_problem import DELTA_PER_MU
 from .messages import Order
-from .rounds import Round
+from .rounds import Round, check_ending
 from .spread import Spread
 from .team_schedules import (
     BarrierPath,
@@ -40,7 +40,8 @@ class Sova:
     rounds : int
         At most.
     until : {"strict", "practical", "rounds"}
-        Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last.
+        Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last. Success is a
+        plan that is at least practical.
     tolerance : float
         Without physics: largest disagreement, and largest change in a round.
     regularisation : float
@@ -55,6 +56,11 @@ class Sova:
     follow_barrier : bool
         Whether a round solves the barrier problem of its mu, warm in primal and dual. Otherwise each round solves the
         problem with delta = 2 mu, from the primal point of the round before, as the paper does.
+
+    Raises
+    ------
+    TeamError
+        For less than one round, or an unknown ending.
 
     References
     ----------
@@ -71,6 +77,10 @@ class Sova:
     score_below: float = 2e-3
     reopening: Reopening = field(default_factory=Reopening)
     follow_barrier: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse rounds without an end."""
+        check_ending("Sova", self.rounds, self.until)
 
     @classmethod
     def paper(cls) -> Sova:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,7 +21,8 @@ from .engines import find_engine
 from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents
-from .rounds import PlanScore, Round
+from .messages import ProblemFacts
+from .rounds import PlanScore, Round, is_success
 from .sova import Sova
 from .team_result import TeamResult
 from .team_schedules import Reopening
@@ -39,7 +40,7 @@ class Method(Protocol):
 
     @property
     def until(self) -> str:
-        """Which physical score ends the rounds."""
+        """Which physical score ends the rounds; success is a plan that is at least practical."""
         ...
 
     @property
@@ -191,14 +192,8 @@ class Team:
                 entries.append((number, shared, shared.names_for(robot)))
         return tuple(entries)
 
-    def central(self, *, eliminate: bool = True) -> MergedModel:
+    def central(self) -> MergedModel:
         """One model of the whole team, from the same builders: what a single planner that knows everything solves.
-
-        Parameters
-        ----------
-        eliminate : bool
-            Whether what one robot shares with the hub, such as its wrench, is replaced by the formula that the robot's
-            model has for it.
 
         Returns
         -------
@@ -207,11 +202,7 @@ class Team:
             `keep_apart` are constraints between the robots' unknowns.
         """
         agents = [*([self.hub] if self.hub is not None else []), *self.robots]
-        single = [
-            name for shared in self.shared if shared.of_one_robot for n in self.names for name in shared.names_for(n)
-        ]
-        names = [name for _, _, entry in self._shared_by(self.names) for name in entry]
-        merged = merge_agents(agents, names, eliminate=single if eliminate and self.hub is not None else ())
+        merged = merge_agents(agents, [name for _, _, names in self._shared_by(self.names) for name in names])
         if self.keep_apart is not None and len(self.robots) > 1:
             self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
         return merged
@@ -293,9 +284,24 @@ def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
         When an agent cannot be sent or built.
     """
     facts = engine.start(team.problem_specs(method))
+    _refuse_forces_of_nobody(team, facts)
     hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
     graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
     return Coordination(engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph)
+
+
+def _refuse_forces_of_nobody(team: Team, facts: Mapping[str, ProblemFacts]) -> None:
+    """A control of the hub that a robot has as well is a force of the robot: the hub alone cannot choose it."""
+    controls = {name: own for fact in facts.values() for name, own in fact.own_controls.items()}
+    of_hub = () if team.hub is None else controls[team.hub.name]
+    for robot in team.names:
+        both = [name for name in controls[robot] if name in of_hub]
+        if both:
+            raise TeamError(
+                f"{', '.join(map(repr, both))}: a control in the models of the hub and of '{robot}' that they do not "
+                "share, so that each would choose values of its own. Add Shared(...) with it, such as "
+                "Shared('push[{robot}]') for the wrench of each robot."
+            )
 
 
 def find_method(method: Method | str, team: Team) -> Method:
@@ -378,14 +384,14 @@ class _Rounds:
             return record.agrees(method.tolerance)
         score = record.score
         return score is not None and (
-            (method.until == "strict" and score.strict) or (method.until == "practical" and score.practical)
+            (method.until == "strict" and score.strict) or (method.until == "practical" and is_success(score))
         )
 
     def _keep_best(self, record: Round) -> None:
         if record.score is None:
             return
         # Later rounds agree better and are cheaper as a rule.
-        rank = (float(record.score.strict), float(record.score.practical), float(record.number))
+        rank = (float(record.score.strict), float(is_success(record.score)), float(record.number))
         if self._best is None or rank > self._best[0]:
             self._best = rank, len(self._work.rounds) - 1, record.score, dict(self._work.plans)
 

@@ -20,7 +20,7 @@ from .engine import AgentFailure, Engine
 from .engines import find_engine
 from .hub_method import Hub
 from .messages import ProblemFacts
-from .rounds import Round
+from .rounds import Round, is_success
 from .shifting import later_index
 from .sova import Sova
 from .team import Method, Team, find_method, start_team
@@ -254,7 +254,7 @@ class TeamHorizon:
     def _is_good(self, record: Round) -> bool:
         if self._work.physics is None:
             return record.agrees(self._method.tolerance)
-        return record.score is not None and record.score.practical
+        return is_success(record.score)
 
 
 def _later_values(fact: ProblemFacts, elements: int) -> np.ndarray:

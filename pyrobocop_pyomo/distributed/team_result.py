@@ -16,7 +16,7 @@ from pyrobocop_pyomo.plotting import AnimationFile, animation_file
 from pyrobocop_pyomo.presentation import Presented
 
 from .coordination import Plans
-from .rounds import PlanScore, Round
+from .rounds import PlanScore, Round, is_success
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class TeamResult(Presented):
     @property
     def success(self) -> bool:
         """Whether the plan is at least practical by physics; without physics, whether the agents agree."""
-        return self.agreement if self.physics is None else self.score is not None and self.score.practical
+        return self.agreement if self.physics is None else is_success(self.score)
 
     @property
     def objective(self) -> float:

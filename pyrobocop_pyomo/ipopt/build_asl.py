@@ -4,6 +4,9 @@ No wheel carries an Ipopt with AMPL's solver library. But the pieces are at hand
 library and its headers, the distribution has the AMPL Solver Library (``libamplsolver-dev``) and, in its source
 package ``coinor-ipopt``, the two C++ files of Ipopt's AMPL driver. Pyomo has the source of PyNumero's interface.
 Compiling takes a few seconds; neither the distribution's own Ipopt nor the settings of apt are touched.
+
+The library's reader is compiled anew, out of the distribution's source package ``libamplsolver``: as it is, some of its
+derivatives are wrong (docs/explanation/evaluation.md). Everything else of the library is linked as it is.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from pathlib import Path
 
 from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
 
+from .asl_derivatives import DerivativeCheck, check_executable, check_library
 from .ipopt_executable import ipopt_executable_version
 
 logger = logging.getLogger(__name__)
@@ -31,6 +35,15 @@ logger = logging.getLogger(__name__)
 PACKAGES = ("libamplsolver-dev", "g++")
 ASL_HEADERS = Path("/usr/include/ampl-netlib-solvers")
 ALTERNATIVE = "Elsewhere: conda install -c conda-forge ipopt pynumero_libraries"
+
+_SOURCES = ("coinor-ipopt", "libamplsolver")
+# The reader enters a new linear term into its hash table, which may then grow and put it into another chain; the line
+# that is left out cuts that chain off. Two equal terms are then not recognised as one, and the second gets no adjoint.
+_CUT_CHAIN = "asl->P.lalist = la;\n\t\tla->hnext = 0;\n"
+_WHOLE_CHAIN = "asl->P.lalist = la;\n"
+# In front of the reader stands the one that writes out defined variables.
+_EXPANSION = Path(__file__).with_name("expanded_definitions.cpp")
+_WRAPPED = "-Wl,--wrap=pfgh_read_ASL"
 
 # What autotools would have found out; every compiler of this century has these headers.
 _HEADER_MACROS = [
@@ -41,7 +54,7 @@ _HEADER_MACROS = [
 def build_asl(
     prefix: str | Path = sys.prefix, *, force: bool = False, report: Callable[[str], None] = logger.info
 ) -> tuple[Path, Path]:
-    """Build what is missing and install it.
+    """Build what is missing, or differentiates wrongly, and install it.
 
     Parameters
     ----------
@@ -56,7 +69,7 @@ def build_asl(
     Returns
     -------
     executable, library : Path
-        What was installed.
+        What was installed; both differentiate small models rightly.
 
     Raises
     ------
@@ -67,27 +80,33 @@ def build_asl(
     """
     executable = Path(prefix) / "bin" / "ipopt"
     library = Path(prefix) / "lib" / "libpynumero_ASL.so"
-    build_executable = force or ipopt_executable_version(str(executable)) is None
-    build_library = force or not _loads(library)
+    build_executable = force or not _executable_is_good(executable, report)
+    build_library = force or not _library_is_good(library, report)
     if not build_executable and not build_library:
         report(f"already built: {executable}, {library}")
         return executable, library
     casadi = _casadi_folder()
     _require_packages(report)
-    with tempfile.TemporaryDirectory(prefix="pyrobocop_build_") as folder:
+    with tempfile.TemporaryDirectory(prefix="pyrobocop_build_") as name:
+        folder = Path(name)
+        _fetch_sources(folder, report)
+        report("compiling the reader of .nl files")
+        reader = _compiled_reader(folder)
         if build_executable:
-            driver = _fetch_driver(Path(folder), report)
+            driver = _unpacked(folder, "coinor-ipopt", "AmplTNLP.cpp")
             report("compiling the ipopt executable")
-            built = Path(folder) / "ipopt"
+            built = folder / "ipopt"
             _run([
                 "g++", "-O2", "-w", *_HEADER_MACROS, f"-I{casadi / 'include' / 'coin-or'}", f"-I{driver}",
-                f"-I{ASL_HEADERS}", str(driver / "AmplTNLP.cpp"), str(driver / "ampl_ipopt.cpp"), "-o", str(built),
-                f"-L{casadi}", "-l:libipopt.so.3", f"-Wl,-rpath,{casadi}", "-l:libamplsolver.a", "-ldl", "-lm",
+                f"-I{ASL_HEADERS}", str(driver / "AmplTNLP.cpp"), str(driver / "ampl_ipopt.cpp"), str(_EXPANSION),
+                str(reader), "-o", str(built), _WRAPPED, f"-L{casadi}", "-l:libipopt.so.3", f"-Wl,-rpath,{casadi}",
+                "-l:libamplsolver.a", "-ldl", "-lm",
             ])  # fmt: skip
             _install(built, executable)
             version = ipopt_executable_version(str(executable))
             if version is None:
                 raise BuildFailed(f"'{executable}' was built, but '{executable} --version' does not run.")
+            _require_right(check_executable(str(executable)), executable)
             report(f"installed {executable}: {version}")
             report(
                 "Pyomo's own SolverFactory('ipopt') finds it when its folder is on PATH, or after a call of "
@@ -95,18 +114,43 @@ def build_asl(
             )
         if build_library:
             report("compiling PyNumero's library")
-            built = Path(folder) / "libpynumero_ASL.so"
+            built = folder / "libpynumero_ASL.so"
             source = _pynumero_source()
-            # One source file: Pyomo's own CMake project for it would only add CMake to what is needed.
+            # One source file: Pyomo's own CMake project for it would only add CMake to what is needed. Its reader is
+            # this one, also where another library of the process has a function of that name.
             _run([
                 "g++", "-O2", "-w", "-fPIC", "-shared", "-DBUILDING_PYNUMERO_ASL", f"-I{ASL_HEADERS}",
-                f"-I{source}", str(source / "AmplInterface.cpp"), "-o", str(built), "-lamplsolver", "-ldl",
+                f"-I{source}", str(source / "AmplInterface.cpp"), str(_EXPANSION), str(reader), "-o", str(built),
+                _WRAPPED, "-Wl,-Bsymbolic-functions", "-lamplsolver", "-ldl",
             ])  # fmt: skip
             _install(built, library)
             if not _loads(library):
                 raise BuildFailed(f"'{library}' was built, but cannot be loaded.")
+            _require_right(check_library(str(library)), library)
             report(f"installed {library}")
     return executable, library
+
+
+def _executable_is_good(executable: Path, report: Callable[[str], None]) -> bool:
+    if ipopt_executable_version(str(executable)) is None:
+        return False
+    return _is_right(check_executable(str(executable)), executable, report)
+
+
+def _library_is_good(library: Path, report: Callable[[str], None]) -> bool:
+    return _loads(library) and _is_right(check_library(str(library)), library, report)
+
+
+def _is_right(check: DerivativeCheck, file: Path, report: Callable[[str], None]) -> bool:
+    """Whether a file can stay; what an older version of this function built has wrong derivatives."""
+    if not check.right:
+        report(f"to be replaced: {file}, derivatives {check}")
+    return check.right
+
+
+def _require_right(check: DerivativeCheck, file: Path) -> None:
+    if not check.right:
+        raise BuildFailed(f"'{file}' was built, but its derivatives are {check}. {ALTERNATIVE}")
 
 
 def _loads(library: Path) -> bool:
@@ -171,11 +215,11 @@ def _privilege() -> list[str] | None:
     return None
 
 
-def _fetch_driver(folder: Path, report: Callable[[str], None]) -> Path:
-    """Folder with the sources of Ipopt's AMPL driver, out of the distribution's source package."""
+def _fetch_sources(folder: Path, report: Callable[[str], None]) -> None:
+    """Put the original archives of the distribution's source packages into a folder."""
     if shutil.which("apt-get") is None:
         raise BuildFailed(f"apt-get is not found: this builds on Debian and Ubuntu only. {ALTERNATIVE}")
-    sources, state, cache = folder / "driver.list", folder / "state", folder / "cache"
+    sources, state, cache = folder / "sources.list", folder / "state", folder / "cache"
     for path in (state / "lists" / "partial", cache / "archives" / "partial"):
         path.mkdir(parents=True)
     sources.write_text("\n".join(_source_lines()) + "\n", encoding="utf-8")
@@ -183,23 +227,38 @@ def _fetch_driver(folder: Path, report: Callable[[str], None]) -> Path:
     apt = ["apt-get", "-q", "-o", f"Dir::Etc::sourcelist={sources}", "-o", "Dir::Etc::sourceparts=-",
            "-o", f"Dir::State::lists={state / 'lists'}", "-o", f"Dir::Cache={cache}",
            "-o", "APT::Sandbox::User=root"]  # fmt: skip
-    report("fetching the source of Ipopt's AMPL driver (package coinor-ipopt)")
+    report(f"fetching the source packages {' and '.join(_SOURCES)}")
     _run([*apt, "update"])
-    _run([*apt, "source", "--download-only", "--tar-only", "coinor-ipopt"], cwd=folder)
-    archives = sorted(folder.glob("coinor-ipopt_*.orig.tar.*"))
+    _run([*apt, "source", "--download-only", "--tar-only", *_SOURCES], cwd=folder)
+
+
+def _unpacked(folder: Path, package: str, file: str) -> Path:
+    """The folder of a file in the archive of a source package, after unpacking that folder."""
+    archives = sorted(folder.glob(f"{package}_*.orig.tar.*"))
     if not archives:
-        raise BuildFailed(f"apt-get source coinor-ipopt delivered no original archive. {ALTERNATIVE}")
+        raise BuildFailed(f"apt-get source {package} delivered no original archive. {ALTERNATIVE}")
     with tarfile.open(archives[0]) as archive:
-        wanted = [member for member in archive.getmembers() if "/src/Apps/AmplSolver/" in member.name]
+        places = [Path(member.name).parent for member in archive.getmembers() if Path(member.name).name == file]
+        if not places:
+            raise BuildFailed(f"'{archives[0].name}' holds no {file}. {ALTERNATIVE}")
+        wanted = [member for member in archive.getmembers() if Path(member.name).parent == places[0]]
         # Safe extraction filters exist from the patch releases of 3.10 and 3.11 on, hence the check.
         if hasattr(tarfile, "data_filter"):
             archive.extractall(folder, members=wanted, filter="data")
         else:
             archive.extractall(folder, members=wanted)
-    drivers = list(folder.rglob("AmplTNLP.cpp"))
-    if not drivers:
-        raise BuildFailed(f"'{archives[0].name}' holds no src/Apps/AmplSolver/AmplTNLP.cpp. {ALTERNATIVE}")
-    return drivers[0].parent
+    return folder / places[0]
+
+
+def _compiled_reader(folder: Path) -> Path:
+    """The library's reader for second derivatives, without its fault, as an object file."""
+    source = _unpacked(folder, "libamplsolver", "pfghread.c")
+    text = source / "pfg_read.c"
+    # A reader without that line is a newer one; what is built is checked in any case.
+    text.write_text(text.read_text(encoding="latin-1").replace(_CUT_CHAIN, _WHOLE_CHAIN), encoding="latin-1")
+    built = folder / "pfghread.o"
+    _run(["gcc", "-O2", "-w", "-fPIC", "-c", f"-I{ASL_HEADERS}", str(source / "pfghread.c"), "-o", str(built)])
+    return built
 
 
 def _source_lines() -> list[str]:

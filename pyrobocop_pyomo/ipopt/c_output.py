@@ -8,6 +8,7 @@ import io
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from typing import TextIO
 
@@ -20,10 +21,28 @@ def flush_c_streams() -> None:
         ctypes.CDLL(None).fflush(None)
 
 
+# Descriptor 1 belongs to all threads. Two that swap it at once may put back what the other one had put there, and
+# standard output is lost for good: only one at a time does.
+_descriptor = threading.RLock()
+
+
+def _renew_lock() -> None:
+    """In a forked process the thread that held the lock does not exist."""
+    global _descriptor
+    _descriptor = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew_lock)
+
+
 @contextlib.contextmanager
 def c_output_sent_to(streams: Sequence[TextIO]) -> Iterator[None]:
-    """Send what C code prints to Python's streams, also in notebooks, while it is printed."""
-    with capture_output([_not_by_descriptor(stream) for stream in streams], capture_fd=True):
+    """Send what C code prints to Python's streams, also in notebooks, while it is printed.
+
+    Threads that ask for this at the same time wait for each other.
+    """
+    with _descriptor, capture_output([_not_by_descriptor(stream) for stream in streams], capture_fd=True):
         try:
             yield
         finally:
@@ -55,24 +74,47 @@ def _not_by_descriptor(stream: TextIO) -> TextIO:
 
 @contextlib.contextmanager
 def c_output_captured() -> Iterator[list[str]]:
-    """Capture what C code prints; the list holds it, as one text, when the context ends.
+    """Capture what C code prints; the list holds it, as one text or none, when the context ends.
 
     For calls of microseconds: what another thread prints meanwhile is captured as well. Pyomo's ``capture_output``
-    starts threads and passes on what arrives, which is right for a whole solve and too much here.
+    starts threads and passes on what arrives, which is right for a whole solve and too much here. While another thread
+    has the descriptor, nothing is captured.
     """
     captured: list[str] = []
+    descriptor = _descriptor
+    if not descriptor.acquire(blocking=False):
+        yield captured
+        return
+    try:
+        with _swapped_descriptor(captured):
+            yield captured
+    finally:
+        descriptor.release()
+
+
+@contextlib.contextmanager
+def c_output_muted() -> Iterator[None]:
+    """Drop what C code prints by the way, where no other thread could print meanwhile."""
+    with contextlib.ExitStack() as stack:
+        if threading.active_count() == 1:
+            stack.enter_context(c_output_captured())
+        yield
+
+
+@contextlib.contextmanager
+def _swapped_descriptor(captured: list[str]) -> Iterator[None]:
     with contextlib.suppress(ValueError, OSError):
         sys.stdout.flush()
     flush_c_streams()
     try:
         original = os.dup(1)
     except OSError:  # no standard output at all, as in a service
-        yield captured
+        yield
         return
     with tempfile.TemporaryFile() as file:
         try:
             os.dup2(file.fileno(), 1)
-            yield captured
+            yield
         finally:
             flush_c_streams()
             os.dup2(original, 1)

@@ -27,6 +27,7 @@ from pyrobocop_pyomo.programs.asl_program import ASL_REMEDY, find_asl_library
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 from pyrobocop_pyomo.programs.compiled_terms import how_terms_are_evaluated
 
+from .asl_derivatives import check_executable, check_library
 from .backends import NO_IPOPT
 from .in_process import InProcessIpopt
 from .ipopt_executable import find_ipopt_executable, ipopt_executable_version
@@ -40,6 +41,10 @@ _EXECUTABLE_REMEDY = (
     "PYROBOCOP_IPOPT_EXECUTABLE"
 )
 _CASADI_REMEDY = "pip install 'pyrobocop_pyomo[ipopt]'"
+_DERIVATIVES_REMEDY = (
+    "python -m pyrobocop_pyomo build-asl (Debian, Ubuntu); or let Pyomo write Expressions out: "
+    "model.write(..., io_options={'export_defined_variables': False})"
+)
 _COMPILER_REMEDY = "any C compiler, for example: apt-get install gcc (without it Ipopt uses MUMPS, as always)"
 # Importing this package leaves Pyomo as it is: an executable outside of PATH is shown to Pyomo on request only.
 _NOT_ON_PATH = "Pyomo's own SolverFactory finds it after pyrobocop_pyomo.ipopt.configure_ipopt_executable()"
@@ -97,10 +102,44 @@ def report() -> tuple[str, bool]:
         lines += [f"  {label:<12}{text}" for label, text in facts.items() if text]
         if not backend.works:
             lines.append(f"  {'remedy':<12}{backend.remedy}")
+    lines += _derivative_lines()
     lines += _linear_solver_lines()
     works = any(backend.works for backend in backends)
     lines += ["", "At least one backend to Ipopt works." if works else NO_IPOPT]
     return "\n".join(lines), works
+
+
+def _derivative_lines() -> list[str]:
+    """Whether each AMPL Solver Library on this machine, wherever it comes from, differentiates rightly."""
+    lines = []
+    for title, paths, check in (
+        ("the ipopt executable", _executables(), check_executable),
+        ("PyNumero's library", _libraries(), check_library),
+    ):
+        for path in paths:
+            found = check(path)
+            lines += ["", f"derivatives of {title}", f"  {'found':<12}{path}", f"  {'derivatives':<12}{found}"]
+            if not found.right:
+                lines.append(f"  {'remedy':<12}{_DERIVATIVES_REMEDY}")
+    return lines
+
+
+def _executables() -> list[str]:
+    """The one that this package takes, the one that Pyomo takes, and what build-asl installed."""
+    chosen = ""
+    with contextlib.suppress(SolverNotFoundError):
+        chosen = find_ipopt_executable() or ""
+    return _different(chosen, Executable("ipopt").path(), Path(sys.prefix) / "bin" / "ipopt")
+
+
+def _libraries() -> list[str]:
+    """The one that Pyomo or this package takes, and what build-asl installed."""
+    return _different(find_asl_library(), Path(sys.prefix) / "lib" / "libpynumero_ASL.so")
+
+
+def _different(*paths: str | Path | None) -> list[str]:
+    files = {Path(path).resolve(): str(path) for path in reversed(paths) if path and Path(path).is_file()}
+    return list(reversed(files.values()))
 
 
 def _linear_solver_lines() -> list[str]:

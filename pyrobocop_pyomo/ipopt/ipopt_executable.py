@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -38,7 +39,10 @@ def find_ipopt_executable() -> str | None:
     known = Executable("ipopt").path()
     if known:
         return str(known)
-    for folder in (Path(sys.prefix) / "bin", Path(sys.prefix) / "Library" / "bin", Path.home() / ".idaes" / "bin"):
+    folders = [Path(sys.prefix) / "bin", Path(sys.prefix) / "Library" / "bin"]
+    with contextlib.suppress(RuntimeError):  # a container's user may have no home
+        folders.append(Path.home() / ".idaes" / "bin")
+    for folder in folders:
         path = folder / _NAME
         if path.is_file() and os.access(path, os.X_OK):
             return str(path)

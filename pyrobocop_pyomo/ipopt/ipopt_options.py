@@ -59,9 +59,10 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
                 refused = name
                 break
     if refused is not None:
+        told = "".join(explanations)
         raise SolverOptionError(
             f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by Ipopt {_version(library)}. "
-            f"{_last_explanation(explanations[0])}{_nearest(refused, explanations[0])} "
+            f"{_last_explanation(told)}{_nearest(refused, told)} "
             "See https://coin-or.github.io/Ipopt/OPTIONS.html for names and values."
         )
 

@@ -23,7 +23,7 @@ from .ipopt_library import IpoptLibrary, load_ipopt_library
 from .ipopt_options import set_options
 from .ipopt_outcome import STATUS_OF_RETURN_CODE, IpoptOutcome, IpoptStatus, IterationRecord
 from .kept_problem import KeptProblem
-from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, with_linear_solver
+from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
 
 logger = logging.getLogger(__name__)
 
@@ -45,6 +45,7 @@ def run_ipopt(
     scaling: ProblemScaling | None = None,
     on_iteration: Callable[[IterationRecord], bool | None] | None = None,
     output: Sequence[TextIO] = (),
+    head: str = "",
     kept: KeptProblem | None = None,
 ) -> IpoptOutcome:
     """Solve a nonlinear program with Ipopt, in this process.
@@ -67,6 +68,8 @@ def run_ipopt(
         Called with the `IterationRecord` of each iteration; stops Ipopt by returning False.
     output : sequence of text streams
         Where Ipopt's own log goes; it is silent when there is none.
+    head : str
+        What stands above the log.
     kept : KeptProblem, optional
         Of earlier runs of the same program, for this run and further ones.
 
@@ -80,20 +83,21 @@ def run_ipopt(
     SolverNotFoundError
         When there is no Ipopt library, or no linear solver of this package where it is requested.
     SolverOptionError
-        For an option that Ipopt does not know, or a value that it refuses.
+        For an option that Ipopt does not know, a value that it refuses, or a linear solver whose library is missing.
     Exception
         What a callback raised, after Ipopt has returned. An `EvaluationError` is none of them: Ipopt then tries a
         shorter step.
     """
     how: dict[str, Any] = {"scaling": scaling, "on_iteration": on_iteration, "output": output}
     resolved, own = with_linear_solver(options, nlp)
-    outcome = _run_once(nlp, resolved, start, kept, deadline=deadline, **how)
+    said = SAID_OF_OWN_SOLVER if own else ""
+    outcome = _run_once(nlp, resolved, start, kept, deadline=deadline, head=head + said, **how)
     if not own:
         return outcome
     if outcome.status not in IN_DOUBT:
         return replace(outcome, linear_solver=OWN_SOLVER)
     logger.info("with the linear solver of this package: %s MUMPS has a try.", outcome.status.value)
-    again = _run_once(nlp, {**options, **FALL_BACK}, start, None, deadline=deadline, **how)
+    again = _run_once(nlp, {**options, **FALL_BACK}, start, None, deadline=deadline, head=head, **how)
     return replace(
         again,
         seconds=outcome.seconds + again.seconds,
@@ -114,6 +118,7 @@ def _run_once(
     scaling: ProblemScaling | None,
     on_iteration: Callable[[IterationRecord], bool | None] | None,
     output: Sequence[TextIO],
+    head: str,
 ) -> IpoptOutcome:
     library = (None if kept is None else kept.library) or load_ipopt_library()
     start = PrimalDualPoint(nlp.x_start) if start is None else start
@@ -130,6 +135,9 @@ def _run_once(
     started, cpu_started = time.perf_counter(), time.process_time()
     with contextlib.ExitStack() as stack:
         if output:
+            for stream in (log, *output):
+                stream.write(head)
+                stream.flush()
             stack.enter_context(c_output_sent_to([log, *output]))
         if kept is None or scaling is not None or output:
             kept = KeptProblem()
@@ -150,6 +158,8 @@ def _run_once(
     if callbacks.failure is not None:
         raise callbacks.failure
     status = STATUS_OF_RETURN_CODE.get(code, IpoptStatus.INTERNAL_ERROR)
+    if status is IpoptStatus.INVALID_OPTION:
+        raise refused_options(options)
     if interruption.requested:
         # Also when Ipopt ended by itself at that moment: whoever pressed Ctrl-C wants the program to stop.
         status = IpoptStatus.INTERRUPTED

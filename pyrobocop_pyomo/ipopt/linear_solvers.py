@@ -39,6 +39,15 @@ _MOST_KEPT = 64
 _predicted: dict[bytes, FactorSize] = {}
 # What records of a run say where that happened.
 FELL_BACK = "mumps, after ldl failed"
+# What Ipopt does not bring but loads: the library by its usual name, the option that says where it is, who has it.
+_HSL = ("libhsl.so", "hsllib", "HSL")
+_LOADED = dict.fromkeys(("ma27", "ma57", "ma77", "ma86", "ma97"), _HSL)
+_LOADED["pardiso"] = ("libpardiso.so", "pardisolib", "the Pardiso project")
+# At the head of Ipopt's log, which calls it by the name of the convention.
+SAID_OF_OWN_SOLVER = (
+    f"Linear solver 'ma27' below stands for the one of this package ('{OWN_SOLVER}'): Ipopt loads it by MA27's "
+    "convention.\n"
+)
 
 
 def linear_solver_options() -> dict[str, str]:
@@ -99,6 +108,28 @@ def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None 
             "one. Leave one of both out, or name what that library has: linear_solver='ma27' or 'ma57'."
         )
     return {**resolved, **linear_solver_options()}, True
+
+
+def refused_options(options: Mapping[str, Any]) -> SolverOptionError:
+    """Why Ipopt refused options before its first iteration, which it says in its log only.
+
+    Parameters
+    ----------
+    options : mapping
+        As they were handed to it.
+    """
+    solver = options.get("linear_solver")
+    if solver not in _LOADED:
+        return SolverOptionError(
+            f"Ipopt refused its options as inconsistent: {dict(options)}. Its log says which, and why: tee=True."
+        )
+    library, option, owner = _LOADED[solver]
+    return SolverOptionError(
+        f"Ipopt option 'linear_solver': '{solver}' is in the library '{options.get(option, library)}', which is not "
+        f"found or does not have it. Ipopt does not bring it: it comes from {owner}. Say where it is, options={{"
+        f"'linear_solver': '{solver}', '{option}': '/path/to/{library}'}}, or leave 'linear_solver' out, or take "
+        f"'mumps' or '{OWN_SOLVER}'."
+    )
 
 
 def suits(nlp: NonlinearProgram) -> bool:

@@ -31,8 +31,12 @@ def run_scaled(
     def told(record: IterationRecord) -> bool | None:
         return None if on_iteration is None else on_iteration(unscaled(record))
 
+    head = (
+        f"The log below is about the scaled program: the objective divided by {scales.objective:.3g}, variables and "
+        "rows by their typical sizes.\n"
+    )
     scaled = ScaledProgram(nlp, scales)
-    outcome = run_ipopt(scaled, options, scales.scaled(start), on_iteration=on_iteration and told, **how)
+    outcome = run_ipopt(scaled, options, scales.scaled(start), on_iteration=on_iteration and told, head=head, **how)
     point = scales.unscaled(outcome.point, nlp)
     assert point.g_multipliers is not None
     assert point.lower_multipliers is not None

@@ -37,6 +37,10 @@ class ScoreLimits:
         Along the re-simulated object, metres.
     distance : float
         Between the centres of robots, metres.
+    speed, spin : float
+        Beyond a limit, and where rest is required: metres and degrees per second.
+    bound : float
+        Outside of bounds, in units of the variable.
     """
 
     name: str
@@ -49,10 +53,14 @@ class ScoreLimits:
     gap_at_force: float | None
     simulated_penetration: float | None
     distance: float
+    speed: float
+    spin: float
+    bound: float
 
 
-STRICT = ScoreLimits("strict", 0.05, 0.05, 0.02, 0.002, 0.02, 2.0, None, None, 0.2)
-PRACTICAL = ScoreLimits("practical", None, 0.05, 0.02, None, 0.05, 5.0, 0.01, 0.01, 0.2)
+# What practical asks for, strict asks for as well: a strict plan is practical.
+STRICT = ScoreLimits("strict", 0.05, 0.05, 0.02, 0.002, 0.02, 2.0, 0.01, 0.01, 0.2, 0.02, 2.0, 0.002)
+PRACTICAL = ScoreLimits("practical", None, 0.05, 0.02, None, 0.05, 5.0, 0.01, 0.01, 0.2, 0.05, 5.0, 0.01)
 
 # field of the score -> (label, unit, whose trajectory of the object, field of the limits)
 _ROWS = {
@@ -69,6 +77,12 @@ _ROWS = {
     "gap_at_force": ("gap where a robot pushes", "m", "simulated", "gap_at_force"),
     "simulated_penetration": ("penetration", "m", "simulated", "simulated_penetration"),
     "distance": ("distance of robots", "m", "-", "distance"),
+    "force_excess": ("driving force beyond its limit", "N", "-", "cone"),
+    "speed_excess": ("speed of a robot beyond its limit", "m/s", "-", "speed"),
+    "bound_excess": ("variable outside its bounds", "-", "plan", "bound"),
+    "end_speed": ("speed at the end", "m/s", "simulated", "speed"),
+    "end_spin": ("angular speed at the end", "deg/s", "simulated", "spin"),
+    "robot_end_speed": ("speed of a robot at the end", "m/s", "-", "speed"),
 }
 
 
@@ -105,6 +119,16 @@ class PhysicalScore(Presented):
         Of a robot into the simulated object, metres.
     distance : float
         Smallest distance between the centres of two robots, metres; infinite for one robot.
+    force_excess : float
+        Largest driving force beyond the robots' limits along an axis, newtons.
+    speed_excess : float
+        Largest speed of a robot beyond its limit along an axis, as planned or as positions have it, metres per second.
+    bound_excess : float
+        How far a variable of a plan is outside the bounds that the score was given, in its unit.
+    end_speed, end_spin : float
+        Of the simulated object at the end: metres and degrees per second; 0 where no rest is required.
+    robot_end_speed : float
+        Of the fastest robot at the end, metres per second; 0 where no rest is required.
     """
 
     object_force: float
@@ -120,18 +144,25 @@ class PhysicalScore(Presented):
     gap_at_force: float
     simulated_penetration: float
     distance: float
+    force_excess: float
+    speed_excess: float
+    bound_excess: float
+    end_speed: float
+    end_spin: float
+    robot_end_speed: float
 
     @property
     def strict(self) -> bool:
-        """Whether residuals are under 0.05 N, products under 0.02, penetration under 2 mm; the simulated object ends
-        within 2 cm and 2 deg of its goal.
+        """Whether the plan is practical, residuals are under 0.05 N, penetration under 2 mm; the simulated object ends
+        within 2 cm and 2 deg of its goal, at no more than 2 cm and 2 deg per second where rest is required.
         """
         return not self.misses(STRICT)
 
     @property
     def practical(self) -> bool:
-        """Whether the simulated object ends within 5 cm and 5 deg of its goal, is pushed where it is touched (gap and
-        penetration under 1 cm), and products are under 0.02.
+        """Whether the simulated object ends within 5 cm and 5 deg of its goal, at no more than 5 cm and 5 deg per
+        second where rest is required, is pushed where it is touched (gap and penetration under 1 cm), products are
+        under 0.02, and robots keep their limits.
         """
         return not self.misses(PRACTICAL)
 
@@ -183,7 +214,32 @@ def distance_outside(at: float, wanted: float | tuple[float, float] | None) -> f
     return at - min(max(at, lower), upper)
 
 
+def excess(values: Array, lower: float | Array | None, upper: float | Array | None) -> float:
+    """Largest distance of values from an interval, 0 within it; not a number where a value is none."""
+    below = 0.0 if lower is None else lower - values
+    above = 0.0 if upper is None else values - upper
+    return float(np.max(np.maximum(np.maximum(below, above), 0.0 * values)))
+
+
+def bound_excess(
+    plans: Mapping[str, Mapping[str, Array]], bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]]
+) -> float:
+    """How far plans leave the bounds that are given by agent and component.
+
+    Raises
+    ------
+    TrajectoryError
+        When an agent has no plan, or its plan no such component.
+    """
+    found = [0.0]
+    for agent, limits in bounds.items():
+        if agent not in plans:
+            raise TrajectoryError(f"physical score: bounds for '{agent}'; there are plans of {', '.join(plans)}.")
+        found += [excess(plan_component(agent, plans[agent], name), *limit) for name, limit in limits.items()]
+    return float(np.max(found))
+
+
 def smallest_distance(positions: list[Array]) -> float:
     """Between the centres of two robots at any time, metres; infinite for one robot."""
     apart = [float(np.linalg.norm(a - b, axis=1).min()) for a, b in combinations(positions, 2)]
-    return min(apart, default=float("inf"))
+    return float(np.min([np.inf, *apart]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,18 @@ from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 
-from .physical_score import PUSHING, PhysicalScore, distance_outside, plan_component, smallest_distance
+from .physical_score import (
+    PUSHING,
+    PhysicalScore,
+    bound_excess,
+    distance_outside,
+    excess,
+    plan_component,
+    smallest_distance,
+)
 from .planar_bodies import POSE, TWIST, DiscRobot, PlanarBody, check_positive
 from .planar_contacts import contact_wrench_on_body, slip_velocity
+from .planar_replay import ContactStep, DrivenReplay
 from .planar_shapes import PlanarGap
 
 _NEWTON_STEPS = 60
@@ -68,6 +77,10 @@ class PlanarScore:
         (lower, upper).
     restitution : float
         As in the contact.
+    rest_at_end : bool
+        Whether the object and the robots have to be at rest at the end, as `state_motion` states by default.
+    bounds : mapping of agent to (mapping of component to (lowest, highest))
+        Of the variables of the agents that are scored, such as ``{"a": {"me.x": (-1.0, 1.0)}}``; None for no bound.
 
     Notes
     -----
@@ -81,6 +94,8 @@ class PlanarScore:
     step: float
     goal: Sequence[float | tuple[float, float] | None]
     restitution: float = 0.0
+    rest_at_end: bool = True
+    bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_positive(self, "friction", "step")
@@ -113,8 +128,8 @@ class PlanarScore:
         TrajectoryError
             When a component is missing, no agent has a robot's motion, or lengths do not fit.
         """
-        pose, twist, robots = self.combined(plans)
-        return self.of_plan(pose, twist, robots)
+        score = self.of_plan(*self.combined(plans))
+        return replace(score, bound_excess=bound_excess(plans, self.bounds))
 
     def combined(self, plans: Mapping[str, Mapping[str, Array]]) -> tuple[Array, Array, dict[str, PlannedDisc]]:
         """Reads the combined plan: the object's pose, shape (T + 1, 3), its velocity at the start, shape (3,), robots.
@@ -199,33 +214,66 @@ class PlanarScore:
         twist = np.vstack([velocity_at_start, np.diff(pose, axis=0) / self.step])
         contacts = {name: self._gap(robot, pose) for name, robot in robots.items()}
         wrench = self._wrench(pose, robots)
-        own_forces, products, excess = [], [], 0.0
+        own_forces, products, outside = [], [], [0.0]
         for name, robot in robots.items():
             own_forces.append(self._missing_force(robot, -self._wrench(pose, {name: robot})[:, :2]))
             products.append(self._products(robot, contacts[name], twist))
             left = self.friction * robot.normal - robot.along - robot.against
-            excess = max(excess, *(float(-side.min()) for side in (robot.normal, robot.along, robot.against, left)))
+            outside += [float(-side.min()) for side in (robot.normal, robot.along, robot.against, left)]
         missing = self._inertia * np.diff(twist, axis=0) / self.step - wrench - self._resistance(twist[1:])
         simulated = self.simulate(pose[0], velocity_at_start, wrench)
         later = {name: self._gap(robot, simulated).gap for name, robot in robots.items()}
         pushed = [later[name][1:][robot.normal > PUSHING] for name, robot in robots.items()]
         distance, angle = self._from_goal(simulated[-1])
         gap_product, friction_product, separation_product = np.max(products, axis=0).tolist()
+        forces = np.array([robot.force for robot in robots.values()])
+        speeds = np.array([(self._velocity(robot), robot.velocity) for robot in robots.values()])
+        end = np.abs(simulated[-1] - simulated[-2]) / self.step * self.rest_at_end
         return PhysicalScore(
             object_force=float(np.hypot(missing[:, 0], missing[:, 1]).max()),
             object_moment=float(np.abs(missing[:, 2]).max()),
-            robot_force=max(own_forces),
-            cone_excess=excess,
+            robot_force=float(np.max(own_forces)),
+            cone_excess=float(np.max(outside)),
             gap_product=gap_product,
             friction_product=friction_product,
             separation_product=separation_product,
-            penetration=max(0.0, *(float(-at.gap.min()) for at in contacts.values())),
+            penetration=excess(np.array([at.gap for at in contacts.values()]), 0.0, None),
             goal_distance=distance,
             goal_angle=angle,
             gap_at_force=float(np.concatenate([np.zeros(1), *pushed]).max()),
-            simulated_penetration=max(0.0, *(float(-gap.min()) for gap in later.values())),
+            simulated_penetration=excess(np.array(list(later.values())), 0.0, None),
             distance=smallest_distance([robot.position for robot in robots.values()]),
+            force_excess=excess(forces, -self.robot.force_limit, self.robot.force_limit),
+            speed_excess=excess(speeds, -self.robot.speed_limit, self.robot.speed_limit),
+            bound_excess=0.0,
+            end_speed=float(np.hypot(end[0], end[1])),
+            end_spin=float(np.degrees(end[2])),
+            robot_end_speed=float(np.linalg.norm(speeds[:, 0, -1], axis=1).max() * self.rest_at_end),
         )
+
+    def replay(self, plans: Mapping[str, Mapping[str, Array]]) -> DrivenReplay:
+        """Play a combined plan back open loop: robots and object start as planned, and move under the robots' driving
+        forces and the contact that these lead to. Forces of contact and the planned paths are not read.
+
+        Parameters
+        ----------
+        plans : mapping of agent to (mapping of component to array)
+            As for the score.
+
+        Raises
+        ------
+        TrajectoryError
+            When a component is missing, or contact has restitution.
+        """
+        if self.restitution:
+            raise TrajectoryError(f"replay: restitution = {self.restitution:g}; only contact without it is simulated.")
+        pose, twist, robots = self.combined(plans)
+        step = ContactStep(self.body, self.robot, self.friction, self.step, self._resistance)
+        places, speeds, forces = (
+            np.array([getattr(robot, name) for robot in robots.values()]) for name in ("position", "velocity", "force")
+        )
+        found, unsolved = step.play(pose[0], twist, places[:, 0], speeds[:, 0], np.swapaxes(forces, 0, 1))
+        return DrivenReplay(found, *self._from_goal(found[-1]), unsolved)
 
     def simulate(self, pose: Array, velocity: Array, wrench: Array) -> Array:
         """The object's motion under given wrenches, by implicit Euler steps: shape (T + 1, 3).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,15 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene
 
-from .physical_score import PUSHING, PhysicalScore, distance_outside, plan_component, smallest_distance
+from .physical_score import (
+    PUSHING,
+    PhysicalScore,
+    bound_excess,
+    distance_outside,
+    excess,
+    plan_component,
+    smallest_distance,
+)
 from .planar_bodies import check_positive
 from .rotations import inner_product, rotation_matrix, rotation_vector, tangents_across
 from .spatial_bodies import POSITION, ROTATION, SPIN, VELOCITY, SpatialBody, SphereRobot
@@ -99,6 +107,10 @@ class SpatialScore:
         As in the contact.
     never_normal : (x, y, z)
         As in the contact: it decides where the edges of the friction pyramid are.
+    rest_at_end : bool
+        Whether the object and the robots have to be at rest at the end, as `state_motion` states by default.
+    bounds : mapping of agent to (mapping of component to (lowest, highest))
+        Of the variables of the agents that are scored, such as ``{"a": {"me.x": (-1.0, 1.0)}}``; None for no bound.
     """
 
     body: SpatialBody
@@ -108,6 +120,8 @@ class SpatialScore:
     goal: Sequence[float | tuple[float, float] | None]
     restitution: float = 0.0
     never_normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    rest_at_end: bool = True
+    bounds: Mapping[str, Mapping[str, tuple[float | None, float | None]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_positive(self, "friction", "step")
@@ -140,7 +154,8 @@ class SpatialScore:
         TrajectoryError
             When a component is missing, no agent has a robot's motion, or lengths do not fit.
         """
-        return self.of_plan(*self.combined(plans))
+        score = self.of_plan(*self.combined(plans))
+        return replace(score, bound_excess=bound_excess(plans, self.bounds))
 
     def combined(self, plans: Mapping[str, Mapping[str, Array]]) -> tuple[PlannedBody, dict[str, PlannedSphere]]:
         """Reads the combined plan.
@@ -212,33 +227,42 @@ class SpatialScore:
         twist = body.twist(self.step)
         contacts = {name: self._gap(robot, body.position, body.rotation) for name, robot in robots.items()}
         wrench = self._wrenches(body, robots)
-        own_forces, products, excess = [], [], 0.0
+        own_forces, products, outside = [], [], [0.0]
         for name, robot in robots.items():
             at = contacts[name]
             own_forces.append(self._missing_force(robot, -self._wrench(robot, at)[:, :3]))
             products.append(self._products(robot, at, twist))
             left = self.friction * robot.normal - robot.tangential.sum(axis=1)
-            excess = max(excess, *(float(-side.min()) for side in (robot.normal, robot.tangential, left)))
+            outside += [float(-side.min()) for side in (robot.normal, robot.tangential, left)]
         missing = self._missing_wrench(twist, body.rotation, wrench)
         simulated = self.simulate(body, wrench)
         later = {name: self._gap(robot, simulated.position, simulated.rotation).gap for name, robot in robots.items()}
         pushed = [later[name][1:][robot.normal > PUSHING] for name, robot in robots.items()]
         gap_product, friction_product, separation_product = np.max(products, axis=0).tolist()
         distance, angle = self._from_goal(simulated)
+        forces = np.array([robot.force for robot in robots.values()])
+        speeds = np.array([(self._velocity(robot), robot.velocity) for robot in robots.values()])
+        end = simulated.twist(self.step)[-1] * self.rest_at_end
         return PhysicalScore(
             object_force=float(np.linalg.norm(missing[:, :3], axis=1).max()),
             object_moment=float(np.linalg.norm(missing[:, 3:], axis=1).max()),
-            robot_force=max(own_forces),
-            cone_excess=excess,
+            robot_force=float(np.max(own_forces)),
+            cone_excess=float(np.max(outside)),
             gap_product=gap_product,
             friction_product=friction_product,
             separation_product=separation_product,
-            penetration=max(0.0, *(float(-at.gap.min()) for at in contacts.values())),
+            penetration=excess(np.array([at.gap for at in contacts.values()]), 0.0, None),
             goal_distance=distance,
             goal_angle=angle,
             gap_at_force=float(np.concatenate([np.zeros(1), *pushed]).max()),
-            simulated_penetration=max(0.0, *(float(-gap.min()) for gap in later.values())),
+            simulated_penetration=excess(np.array(list(later.values())), 0.0, None),
             distance=smallest_distance([robot.position for robot in robots.values()]),
+            force_excess=excess(forces, *np.transpose(self.robot.force_limits)),
+            speed_excess=excess(speeds, -self.robot.speed_limit, self.robot.speed_limit),
+            bound_excess=0.0,
+            end_speed=float(np.linalg.norm(end[:3])),
+            end_spin=float(np.degrees(np.linalg.norm(end[3:]))),
+            robot_end_speed=float(np.linalg.norm(speeds[:, 0, -1], axis=1).max() * self.rest_at_end),
         )
 
     def simulate(self, body: PlannedBody, wrench: Array) -> PlannedBody:

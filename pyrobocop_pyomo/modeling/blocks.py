@@ -269,8 +269,8 @@ def snapshot_of(record: Record) -> Record:
     return duplicate
 
 
-def blocks_of_kind(model: Any, kind: type[BuiltBlockData]) -> list[Any]:
-    """The active blocks of a kind on a model, wherever they are; the model itself may be one."""
+def blocks_of_kind(model: Any, kind: type[BuiltBlockData] | tuple[type[BuiltBlockData], ...]) -> list[Any]:
+    """The active blocks of a kind, or of several, on a model, wherever they are; the model itself may be one."""
     found = model.block_data_objects(active=True, descend_into=Block)
     return [block for block in found if isinstance(block, kind)]
 

@@ -43,6 +43,12 @@ KEEP_THEIR_MEANING = {
     "matvec", "vecmat",
 }  # fmt: skip
 
+# What a choice between variables is called here, at the end of a sentence.
+LAWS = (
+    "max(x, 0) is b.name = rcp.mechanics.Maximum(lambda b, t: b.x[t], 0), read as b.name[t]; likewise Minimum, "
+    "AbsoluteValue, Saturation (np.clip), Sign, and Step for an 'if x > 0'"
+)
+
 _CHOICES = {"maximum", "minimum", "fmax", "fmin", "clip", "where", "sort", "argsort", "argmax", "argmin"}
 _JUMPS = {"sign", "heaviside", "floor", "ceil", "trunc", "rint", "remainder", "fmod", "floor_divide", "divmod", "mod"}
 
@@ -51,9 +57,9 @@ def remedy_for(name: str) -> str:
     """What to do instead of a function of NumPy that expressions do not have."""
     if name in _CHOICES:
         return (
-            "It has a kink, where derivatives end: state it by complementarity (see mechanics), as two inequalities "
-            "where only one side can pay, or smoothed: (a + b + np.sqrt((a - b)**2 + 1e-6)) / 2."
+            f"It has a kink, where derivatives end: state it by complementarity on a phase, where {LAWS}; as two "
+            "inequalities where only one side can pay; or smoothed: (a + b + np.sqrt((a - b)**2 + 1e-6)) / 2."
         )
     if name in _JUMPS:
-        return "It jumps: state its pieces by complementarity (see mechanics), or as phases of their own."
+        return f"It jumps: state its pieces as phases of their own, or by complementarity on a phase, where {LAWS}."
     return "It has no formula in Pyomo's functions; write it with np.sin, np.exp, np.sqrt, np.power and the like."

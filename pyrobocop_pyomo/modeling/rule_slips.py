@@ -9,11 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 from pyomo.common.errors import PyomoException
 from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import PyRobocopError
 
+from .expression_functions import FUNCTIONS, LAWS, remedy_for
 from .expression_nodes import NUMPY_NAMES
 
 _OF_NUMPY = {numpy_name: name for name, numpy_name in NUMPY_NAMES.items()}
@@ -22,6 +24,7 @@ _NO_ATTRIBUTE = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
 _SCALAR = re.compile(r"scalar component '(.*)' as an indexed component")
 _BY_ZERO = re.compile(r"division by zero|cannot be raised to a negative power|zero to a negative")
 _OF_PHASE = re.compile(r"phase '.*?' has no '(\w+)'\.")
+_OF_PYOMO = re.compile(r"VarData|ScalarVar|\w+Expression")
 _SHAPES = re.compile(r"mismatch in its core dimension|could not be broadcast|shapes .* not aligned|same length")
 _FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImplementedType")
 
@@ -84,6 +87,8 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
         if (of_phase := _OF_PHASE.match(text)) is not None:
             return _of_missing(of_phase.group(1), block, arguments)
         named = _NO_ATTRIBUTE.search(text)
+        if named and _OF_PYOMO.fullmatch(named.group(1)) and isinstance(getattr(np, named.group(2), None), np.ufunc):
+            return f"its rule gives a variable to np.{named.group(2)}, which takes numbers. {_of_numpy(named.group(2))}"
         of_block = named is not None and named.group(1) == type(block).__name__
         return _of_missing(named.group(2), block, arguments) if named and of_block else None
     if not callable(rule):
@@ -100,12 +105,15 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
     if "Implicit conversion of Pyomo" in text or "must be real number" in text:
         return (
             f"its rule gives a variable, or {arguments[1]}, to a function that needs a number, such as math.cos or "
-            "float(). Use Pyomo's functions: pyo.cos, pyo.sin, pyo.sqrt."
+            "float(). Use Pyomo's functions: pyo.cos, pyo.sin, pyo.sqrt; math.floor, math.fabs and the like jump or "
+            f"have a kink: {LAWS}."
         )
     if (found := _UFUNC.search(text)) is not None:
         name = found.group(1)
         instead = f"pyo.{_OF_NUMPY[name]}(...)" if name in _OF_NUMPY else "Pyomo's functions"
         return f"its rule gives a variable to np.{name}, which takes numbers. Use {instead}."
+    if "__round__" in text or "for %" in text or "for //" in text or "divmod" in text:
+        return f"its rule rounds a variable, or takes a remainder. {remedy_for('floor')}"
     if type(block).__name__ in text or "BlockProxy" in text:
         return block_as_number(block, arguments)
     if "unhashable type: 'VarData'" in text:
@@ -117,6 +125,10 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
     if _FAMILY.search(text) is not None:
         return forgotten_index(arguments[1])
     return None
+
+
+def _of_numpy(name: str) -> str:
+    return f"Write it of arrays: np.{name}(rcp.array(...), ...)." if name in FUNCTIONS else remedy_for(name)
 
 
 def block_as_number(block: Any, arguments: Sequence[str]) -> str:
@@ -136,12 +148,12 @@ def forgotten_index(index: str = "t", component: str = "b.x") -> str:
 
 
 def _of_condition(text: str) -> str | None:
-    if "Cannot convert non-constant Pyomo expression" not in text:
+    if "Cannot convert non-constant Pyomo" not in text:
         return None
     return (
-        "its rule asks whether a relation of variables, or of t, is true, by 'if', 'and', min, max, or a chain such as "
-        "0 <= b.x[t] <= 1. A rule states formulas: write (0, b.x[t], 1) for two bounds, and pyo.Expr_if or "
-        "complementarity for a choice."
+        "its rule asks whether a relation of variables, or of t, is true, by 'if', 'and', min, max, np.maximum, or a "
+        "chain such as 0 <= b.x[t] <= 1. A rule states formulas: write (0, b.x[t], 1) for two bounds, and "
+        f"pyo.Expr_if or complementarity for a choice: {LAWS}."
     )
 
 

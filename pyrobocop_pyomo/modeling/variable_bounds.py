@@ -48,6 +48,11 @@ class VariableBounds:
             violations[absent] = 0.0
         return violations
 
+    def sizes(self) -> NDArray[np.float64]:
+        """Magnitude of each variable at the value that it has now, or 1 where that is larger."""
+        values = np.array(list(map(_VALUE, self.variables)), dtype=float)
+        return np.fmax(np.abs(values), 1.0)
+
     def _take(self, bounds: list[tuple[float | None, float | None]]) -> None:
         self._given = [list(map(read, self.variables)) for read in _GIVEN]
         known = {*native_numeric_types, type(None)}

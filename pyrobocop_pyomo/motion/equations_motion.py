@@ -215,7 +215,8 @@ def _reads(template: SignalFormulas) -> bool:
 
 def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: int) -> Array:
     """Entries of the pose by the equations less those of the plan, shape ``(intervals, k, entries)``."""
-    fractions = next(iter(found.values())).fractions
+    # Each phase is looked at where its own rules ask for it.
+    fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in found.values()]))
     interval, fraction = np.repeat(np.arange(intervals), len(fractions)), np.tile(fractions, intervals)
     planned, led = {}, {}
     for signal in template.signals:
@@ -230,9 +231,9 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
             led[id(signal.placeholder)] = np.full(len(interval), np.inf)
         elif name in states:
             # The difference of states is taken from one integration; the plan's polynomial is the same in both.
-            led[id(signal.placeholder)] = signal.values(interval, fraction) + (
-                states[name] - reintegration.planned[name]
-            ).reshape(-1)
+            off = states[name] - reintegration.planned[name]
+            moved = [np.interp(fractions, reintegration.fractions, of_element) for of_element in off]
+            led[id(signal.placeholder)] = signal.values(interval, fraction) + np.concatenate(moved)
     with np.errstate(all="ignore"):
         difference = template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
     return difference.reshape(intervals, len(fractions), -1)

@@ -10,9 +10,9 @@ from pyomo.core.expr.template_expr import GetItemExpression
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.expression_nodes import NUMPY_NAMES, POWER, ExpressionEvaluator, kind_of_node
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 
 from .table_functions import TableFunction
-from .taylor_forms import TaylorForm
 
 
 def _function(name: str) -> Callable[[Any], Any]:

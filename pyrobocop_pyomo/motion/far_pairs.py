@@ -14,8 +14,8 @@ import numpy as np
 
 from pyrobocop_pyomo.geometry import distances_of_points
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
+from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 
-from .interval_arithmetic import Interval
 from .moving_shapes import MovingShape
 from .required_clearance import RequiredClearance
 

@@ -14,12 +14,12 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.numerics import Array, Indices
+from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 
 from .bodies import Body
-from .interval_arithmetic import Interval
 from .motion import Motion
 from .pose_templates import PiecewisePolynomial, SignalFormulas, entry_values
-from .taylor_forms import TaylorForm
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ import numpy as np
 
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.numerics import Array, Indices
+from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
 
 from .bodies import Body
 from .formulas_between_points import FormulaTemplate, formula_template
-from .interval_arithmetic import Interval
 from .motion import Motion
 from .pose_templates import SignalFormulas, node_times, template_of
 

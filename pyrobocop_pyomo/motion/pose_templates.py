@@ -22,13 +22,13 @@ from pyrobocop_pyomo.numerics.bernstein import (
     derivative_coefficients,
     restrict,
 )
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 from .expression_values import ExpressionValues
 from .interpolation import Interpolation, parent_of
 from .motion import Motion
 from .pose_rules import asked_pose
 from .table_functions import TableFunction
-from .taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 # Largest difference of template and rule at a node, relative to the size of the pose.
 _AGREEMENT = 1e-9

@@ -11,10 +11,9 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
+from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.optional_imports import scipy
-
-from .interval_arithmetic import Interval
-from .taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 _EPS = float(np.finfo(float).eps)
 # Slopes on both sides of a knot that differ by less, relative to the largest, are equal up to rounding.

@@ -30,7 +30,7 @@ NODES_PER_ITERATION = 10
 
 
 class Certificate(enum.Enum):
-    """What is known about first-order descent at a point; the value is a sentence."""
+    """What is known about descent at a point; the value is a sentence for points with pairs."""
 
     PROVEN = "B-stationary: no branch through the point has a direction of descent."
     DESCENT = "Not B-stationary: another branch through the point descends, but no better point was reached along it."
@@ -193,10 +193,16 @@ class ActiveSetSearch:
     linear_seconds: float = 0.0
     work_left: float = np.inf
     undecided: int = 0
+    _refused: list[BranchPoint] = field(default_factory=list)
     _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
     def polish(self, start: BranchPoint) -> BranchPoint:
-        """Solve the branch nearest to a point, or else the best linearised one; keep the answer if it is no worse."""
+        """Solve the branch nearest to a point, or else the best linearised one; keep the answer if it is no worse.
+
+        Where neither is, the better one is kept all the same: the start, whose pairs are met only loosely, is no point
+        of the problem at all.
+        """
+        self._refused.clear()
         branch = nearest_branch(self.program, start.x)
         found = self._go("polish", branch, start, start.x)
         if found is None and not self._late():
@@ -204,7 +210,7 @@ class ActiveSetSearch:
             nearby = self._nearly_feasible_branch(Linearisation.at(self.program.nlp, start.x), radius)
             if nearby is not None and nearby.branch != branch:
                 found = self._go("polish", nearby.branch, start, start.x + nearby.step)
-        return found or start
+        return found or min(self._refused, key=lambda refused: refused.objective, default=start)
 
     def project(self, start: BranchPoint) -> BranchPoint:
         """Solve the branch that the linearised constraints can be met in, or nearly, from a point that is infeasible.
@@ -386,7 +392,12 @@ class ActiveSetSearch:
         found = BranchPoint.at(self.program, outcome.point, branch)
         # Whatever else Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
         cut = outcome.status in (IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED, IpoptStatus.STOPPED)
-        kept = self._no_worse(found, start) and not (cut and start.branch is not None)
+        # A point on the way to infinity solves nothing, however low its objective is.
+        diverged = outcome.status is IpoptStatus.DIVERGING
+        kept = not diverged and self._no_worse(found, start) and not (cut and start.branch is not None)
+        more_exact = start.branch is None and found.natural_residual < start.natural_residual
+        if outcome.status.solved and not kept and more_exact and found.violation <= self.limits.feasibility:
+            self._refused.append(found)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)
         return found if kept else None

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_captured
+from pyrobocop_pyomo.ipopt.c_output import c_output_muted
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
@@ -53,7 +53,7 @@ def minimise(
     """
     rows = [scipy.optimize.LinearConstraint(*some) for some in constraints if some[0].shape[0]]
     # HiGHS now and then prints a line, whatever its options are.
-    with c_output_captured():
+    with c_output_muted():
         result = scipy.optimize.milp(
             cost,
             integrality=binary,

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_captured
+from pyrobocop_pyomo.ipopt.c_output import c_output_muted
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
 from .branch import Branch, restricted
 from .linear_programs import LinearProgram
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 # Multipliers beyond this multiple of the objective's gradient are taken for none at all: the constraints there are
 # as good as dependent, and a mixed-integer program could not tell such a number from its own tolerance.
 LARGEST_MULTIPLIER = 1e5
+# What multipliers may leave of the stationarity conditions, relative to what has to balance.
+STATIONARY = 1e-5
 # Multipliers that leave no more than this part of the tolerance need not be the best ones.
 NEARLY = 0.1
 
@@ -110,7 +113,7 @@ class MultiplierProblem:
             room = right - asked[:, width:] @ np.round(values[width:])
             closed = np.unique(asked[np.flatnonzero(room < 0.5 * self._bound), :width].nonzero()[1])
             upper[closed] = 0.0
-        with c_output_captured():
+        with c_output_muted():
             _, values = self._linear.solve(upper=upper, time_limit=time_limit)
         if values is None:
             return None
@@ -140,7 +143,7 @@ class MultiplierProblem:
                 )
             ],
         )
-        with c_output_captured():
+        with c_output_muted():
             duals = steps.row_duals(time_limit=time_limit)
         if duals is None:
             return None
@@ -240,6 +243,7 @@ def strong_multipliers(
     point: Linearisation,
     branch: Branch,
     solved: PrimalDualPoint,
+    sizes: FloatArray,
     reach: float = 1e-3,
     tolerance: float = 1e-6,
 ) -> Multipliers | None:
@@ -253,10 +257,12 @@ def strong_multipliers(
         Whose nonlinear program the point solves.
     solved : PrimalDualPoint
         The same point with the solver's multipliers.
+    sizes : float array, shape (n,)
+        Of the variables there.
     reach : float
         A pair is biactive here if its other side is at most this large: nearly biactive pairs count as well.
     tolerance : float
-        Relative to the objective's gradient.
+        Of signs, relative to the objective's gradient, and of what counts as zero.
 
     Returns
     -------
@@ -264,7 +270,7 @@ def strong_multipliers(
         None says nothing: other multipliers may have the signs.
     """
     nlp = restricted(program, branch)
-    if lagrangian_residual(nlp, solved) > tolerance:
+    if stationarity(nlp, solved, sizes) > STATIONARY:
         return None
     rows, lower, upper = solved.complete(nlp)
     scale = max(1.0, float(np.abs(point.gradient).max(initial=0.0)))
@@ -332,7 +338,7 @@ def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:
 
 
 def classify(
-    problem: MultiplierProblem, tolerance: float = 1e-5, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
+    problem: MultiplierProblem, tolerance: float = STATIONARY, time_limit: float = 5.0, deadline: Deadline = NO_DEADLINE
 ) -> Multipliers | None:
     """Find the strongest kind of stationarity that a point meets.
 

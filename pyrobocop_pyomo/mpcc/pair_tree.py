@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.ipopt.c_output import c_output_captured
+from pyrobocop_pyomo.ipopt.c_output import c_output_muted
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
@@ -92,7 +92,7 @@ class PairTree:
 
     def cost_of(self, a_zero: BoolArray, b_zero: BoolArray) -> float:
         """The least cost with the sides as given; infinite where there is no point."""
-        with c_output_captured():
+        with c_output_muted():
             _, x = self._solved(a_zero, b_zero)
         return np.inf if x is None else float(self._program.cost @ x)
 
@@ -109,7 +109,7 @@ class PairTree:
             Relative distance from the optimum at which the search may stop.
         """
         # HiGHS now and then prints a line, whatever its options are.
-        with c_output_captured():
+        with c_output_muted():
             return self._search(ceiling, node_limit, gap)
 
     def _search(self, ceiling: float, node_limit: int, gap: float) -> BestSides:

@@ -7,6 +7,7 @@ an older version, of another compiler, half written or changed by others is thus
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import logging
 import os
@@ -60,9 +61,14 @@ def native_cache() -> Path:
     chosen = os.environ.get(CACHE_VARIABLE)
     if chosen:
         return Path(chosen)
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "pyrobocop_pyomo"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pyrobocop_pyomo"
+    caches = os.environ.get("XDG_CACHE_HOME")
+    if caches and sys.platform != "darwin":
+        return Path(caches) / "pyrobocop_pyomo"
+    try:
+        home = Path.home()
+    except RuntimeError:  # a container whose user has neither HOME nor an entry among the system's users
+        return Path(tempfile.gettempdir()) / f"pyrobocop_pyomo-{os.geteuid()}"
+    return home / ("Library/Caches" if sys.platform == "darwin" else ".cache") / "pyrobocop_pyomo"
 
 
 def shared_library(
@@ -84,16 +90,21 @@ def shared_library(
     Returns
     -------
     path or None
-        None where ``PYROBOCOP_NATIVE=off``, where there is no compiler, or where compiling failed: the log says which.
+        None where ``PYROBOCOP_NATIVE=off``, where there is no compiler, where compiling failed, or where the library
+        cannot be loaded, as from a folder that is mounted ``noexec``: the log says which.
     """
     if not native_allowed():
         return None
     try:
         with _lock:
-            return build_shared_library(name, sources, flags=flags, force=force)
+            library = build_shared_library(name, sources, flags=flags, force=force)
+            ctypes.CDLL(str(library))  # who is given its path, as Ipopt is, has no other library to go on with
+            return library
     except BuildFailed as error:
         logger.info("without the compiled part '%s': %s", name, error)
-        return None
+    except OSError as error:
+        logger.info("without the compiled part '%s', which cannot be loaded: %s", name, error)
+    return None
 
 
 def build_shared_library(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,10 +20,14 @@ from .stiff_flows import march_implicitly
 # (local fraction, states of shape (n, k, N)) -> derivatives by the local fraction, of the same shape.
 Rates = Callable[[float, Array], Array]
 
-# Steps between two samples, doubled from the first number up to the last before the equations count as too stiff.
+# Steps between two fractions, doubled from the first number up to the last before the equations count as too stiff.
 _FIRST_STEPS, _MOST_STEPS = 1, 128
+# Steps over an element with many fractions, at most.
+_MOST_STEPS_IN_ALL = 4096
 # From so many steps on, a result that is not finite, or an error of the size of the states, is a sign of stiffness.
 _STIFF_STEPS = 8
+# Motions are looked at after every so many of the wider steps of the last two integrations.
+_STEPS_PER_INSTANT = 2
 _ORDER_FACTOR = 15.0  # two raised to the order of the method, minus one
 # Relative to the scale of each state: the step of differences, and how well the ends of elements meet.
 _DIFFERENCE = 1e-6
@@ -37,10 +42,12 @@ _MOST_EVALUATIONS_OF_A_SWEEP = 4000
 
 @dataclass(frozen=True)
 class Flows:
-    """What equations do over ``N`` elements with ``n`` states, at ``k`` equidistant fractions of each.
+    """What equations do over ``N`` elements with ``n`` states, at ``k`` fractions of each.
 
     Attributes
     ----------
+    fractions : array, shape (k,)
+        Those that were requested, and more where the integration took many steps in between.
     local : array, shape (N, k, n)
         Each element from its own start.
     whole : array, shape (N, k, n), or None
@@ -49,13 +56,14 @@ class Flows:
         Estimated error of the integration, relative to the scales.
     """
 
+    fractions: Array
     local: Array
     whole: Array | None
     error: float
 
 
 def integrate_flows(
-    rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float, first: Array | None = None
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, first: Array | None = None
 ) -> Flows | None:
     """Integrate all elements, each from its own start, and the motion from the first start on.
 
@@ -67,8 +75,8 @@ def integrate_flows(
         Where each element starts.
     scales : array, shape (n,)
         Sizes of the states.
-    samples : int
-        How many parts each element is sampled at.
+    fractions : array, shape (k,)
+        Where in each element states are wanted, from 0 to 1. On each part the rates are smooth functions of the time.
     tolerance : float
         Of the integration, relative to the scales.
     first : array, shape (n,), optional
@@ -82,29 +90,32 @@ def integrate_flows(
     base = starts.T[:, None, :]
     steps = _DIFFERENCE * scales
     varied = np.concatenate([base, base + np.diag(steps)[:, :, None]], axis=1)
-    found = _march(rates, varied, scales, samples, tolerance)
+    found = _march(rates, varied, scales, fractions, tolerance)
     if found is None:
         return None
-    paths, error, stiff = found
-    slopes = (paths[-1][:, 1:, :] - paths[-1][:, :1, :]) / steps[None, :, None]
-    local = paths[:, :, 0, :]
+    slopes = (found.ends[:, 1:, :] - found.ends[:, :1, :]) / steps[None, :, None]
     first = starts[0] if first is None else first
-    whole = _from_first_start(rates, starts, local, slopes, scales, tolerance, first, stiff=stiff)
-    return Flows(_by_element(local), whole, error)
+    whole = _from_first_start(rates, starts, found, slopes, scales, fractions, tolerance, first)
+    # Both were looked at after each of their steps, which are halved again and again: the fewer are among the more.
+    count = len(found.path) if whole is None else min(len(found.path), len(whole))
+    local = _by_element(found.path[:: (len(found.path) - 1) // (count - 1)])
+    if whole is not None:
+        whole = _by_element(whole[:: (len(whole) - 1) // (count - 1)])
+    return Flows(_divided(fractions, (count - 1) // (len(fractions) - 1)), local, whole, found.error)
 
 
 def integrate_elements(
-    rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float
 ) -> tuple[Array, float] | None:
     """Integrate all elements, each from its own start; parameters as for `integrate_flows`.
 
     Returns
     -------
-    (paths, error) or None
-        ``paths`` of shape ``(N, k, n)``; None as from `integrate_flows`.
+    (ends, error) or None
+        ``ends`` of shape ``(N, n)``; None as from `integrate_flows`.
     """
-    found = _march(rates, starts.T[:, None, :], scales, samples, tolerance)
-    return None if found is None else (_by_element(found[0][:, :, 0, :]), found[1])
+    found = _march(rates, starts.T[:, None, :], scales, fractions, tolerance)
+    return None if found is None else (found.path[-1].T, found.error)
 
 
 def _by_element(paths: Array) -> Array:
@@ -115,13 +126,12 @@ def _by_element(paths: Array) -> Array:
 def _from_first_start(
     rates: Rates,
     starts: Array,
-    paths: Array,
+    march: _March,
     slopes: Array,
     scales: Array,
+    fractions: Array,
     tolerance: float,
     first: Array,
-    *,
-    stiff: bool,
 ) -> Array | None:
     """Newton's method for the starts at which the ends of elements meet; `slopes` are those of the first sweep.
 
@@ -132,10 +142,10 @@ def _from_first_start(
     """
     now, sizes = starts.T.copy(), scales
     elements = now.shape[1]
-    best, waited = -1, 0
+    best, waited, stiff = -1, 0, march.stiff
     counted = _Counted(rates)
     for sweep in range(max(_SWEEPS, _MOST_ELEMENTS // elements)):
-        now = now + _moves(now, paths[-1], slopes, first, _TRUSTED * sizes)
+        now = now + _moves(now, march.ends[:, 0], slopes, first, _TRUSTED * sizes)
         # What grows far beyond the plan is followed relative to its own size.
         sizes = np.maximum(scales, np.abs(now).max(axis=1))
         varied = now[:, None, :]
@@ -143,18 +153,18 @@ def _from_first_start(
             steps = _DIFFERENCE * sizes
             varied = np.concatenate([varied, varied + np.diag(steps)[:, :, None]], axis=1)
         before = counted.calls
-        found = _march(counted, varied, sizes, len(paths) - 1, tolerance, may_be_stiff=stiff)
+        found = _march(counted, varied, sizes, fractions, tolerance, may_be_stiff=stiff)
         if found is None:
             return None
-        paths = found[0][:, :, 0, :]
+        march = found
         if sweep >= _SWEEPS_WITH_FIRST_SLOPES:
-            slopes = (found[0][-1][:, 1:, :] - found[0][-1][:, :1, :]) / steps[None, :, None]
-        left = np.abs(paths[-1][:, :-1] - now[:, 1:]) > 10 * tolerance * sizes[:, None]
+            slopes = (march.ends[:, 1:, :] - march.ends[:, :1, :]) / steps[None, :, None]
+        left = np.abs(march.path[-1][:, :-1] - now[:, 1:]) > 10 * tolerance * sizes[:, None]
         if not left.any():
-            return _by_element(paths)
+            return march.path
         met = int(left.any(axis=0).argmax())
         best, waited = (met, 0) if met > best else (best, waited + 1)
-        if waited >= _SWEEPS or counted.calls - before > _MOST_EVALUATIONS_OF_A_SWEEP:
+        if waited >= _SWEEPS or counted.calls - before > _MOST_EVALUATIONS_OF_A_SWEEP * max(1, len(fractions) // 16):
             return None
     return None
 
@@ -184,44 +194,69 @@ def _moves(now: Array, ends: Array, slopes: Array, first: Array, trusted: Array)
     return changes
 
 
-def _march(
-    rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float, *, may_be_stiff: bool = True
-) -> tuple[Array, float, bool] | None:
-    """States (k, n, variants, N) at the samples, with halved steps until they no longer change.
+@dataclass(frozen=True)
+class _March:
+    """What was integrated: the first variant at many instants (k, n, N), all variants at the end (n, variants, N)."""
 
-    Also the error left, and whether implicit steps were needed.
-    """
+    path: Array
+    ends: Array
+    error: float
+    stiff: bool = False
+
+
+def _march(
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float, *, may_be_stiff: bool = True
+) -> _March | None:
+    """Integrate with halved steps until the states at the fractions no longer change."""
     steps, looked_stiff = _FIRST_STEPS, not may_be_stiff
     with np.errstate(all="ignore"):
-        coarse = _runge_kutta(rates, starts, samples, steps)
-        while steps < _MOST_STEPS:
+        coarse, coarse_path = _runge_kutta(rates, starts, fractions, steps)
+        while steps < min(_MOST_STEPS, max(_STIFF_STEPS, _MOST_STEPS_IN_ALL // len(fractions))):
             steps *= 2
-            fine = _runge_kutta(rates, starts, samples, steps)
-            correction = (fine - coarse) / _ORDER_FACTOR
-            error = float((np.abs(correction).max(axis=(0, 2, 3)) / scales).max())
+            fine, path = _runge_kutta(rates, starts, fractions, steps)
+            changes = (np.abs(fine - coarse) / _ORDER_FACTOR).max(axis=(0, 2))
+            # Where elements lead far from the plan, relative to how far: less would be rounding.
+            sizes = np.maximum(scales[:, None], np.abs(fine).max(axis=(0, 2)))
+            error = float((changes / sizes).max())
             if error <= tolerance:
-                return fine + correction, error, False
-            if not looked_stiff and steps >= _STIFF_STEPS and not error <= 1.0:
+                corrected = path[::2] + (path[::2] - coarse_path) / _ORDER_FACTOR
+                ends = fine[-1] + (fine[-1] - coarse[-1]) / _ORDER_FACTOR
+                return _March(corrected[:: min(_STEPS_PER_INSTANT, steps // 2)], ends, error)
+            if not looked_stiff and steps >= _STIFF_STEPS and not (changes <= scales[:, None]).all():
                 looked_stiff = True
-                found = march_implicitly(rates, starts, scales, samples, tolerance)
+                found = _marched_implicitly(rates, starts, scales, fractions, tolerance)
                 if found is not None:
-                    return *found, True
-            coarse = fine
-    found = None if looked_stiff else march_implicitly(rates, starts, scales, samples, tolerance)
-    return None if found is None else (*found, True)
+                    return found
+            coarse, coarse_path = fine, path
+    return None if looked_stiff else _marched_implicitly(rates, starts, scales, fractions, tolerance)
 
 
-def _runge_kutta(rates: Rates, states: Array, samples: int, steps: int) -> Array:
-    paths = np.empty((samples + 1, *states.shape))
-    paths[0] = states
-    h = 1.0 / (samples * steps)
-    for step in range(samples * steps):
-        start, middle, end = step * h, (step + 0.5) * h, (step + 1) * h
-        first = rates(start, states)
-        second = rates(middle, states + 0.5 * h * first)
-        third = rates(middle, states + 0.5 * h * second)
-        fourth = rates(min(end, 1.0), states + h * third)
-        states = states + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-        if (step + 1) % steps == 0:
-            paths[(step + 1) // steps] = states
-    return paths
+def _marched_implicitly(
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float
+) -> _March | None:
+    found = march_implicitly(rates, starts, scales, fractions, tolerance)
+    return None if found is None else _March(found[0][:, :, 0, :], found[0][-1], found[1], stiff=True)
+
+
+def _divided(fractions: Array, parts: int) -> Array:
+    """Fractions with so many equal parts between each two of them."""
+    places = np.arange(parts * (len(fractions) - 1) + 1) / parts
+    return np.interp(places, np.arange(len(fractions)), fractions)
+
+
+def _runge_kutta(rates: Rates, states: Array, fractions: Array, steps: int) -> tuple[Array, Array]:
+    """States at the fractions, with so many steps between two of them, and of the first variant after each step."""
+    paths, path = [states], [states[:, 0, :]]
+    for before, after in pairwise(fractions.tolist()):
+        h = (after - before) / steps
+        for step in range(steps):
+            start, end = before + step * h, after if step + 1 == steps else before + (step + 1) * h
+            middle = (start + end) / 2
+            first = rates(start, states)
+            second = rates(middle, states + 0.5 * h * first)
+            third = rates(middle, states + 0.5 * h * second)
+            fourth = rates(end, states + h * third)
+            states = states + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+            path.append(states[:, 0, :])
+        paths.append(states)
+    return np.array(paths), np.array(path)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from .schemes import Scheme
 Rates = Callable[[float, Array], Array]
 
 _STAGES = 5
-# Steps between two samples, doubled from the first number up to the last.
+# Steps between two fractions, doubled from the first number up to the last.
 _FIRST_STEPS, _MOST_STEPS = 1, 32
 # Implicit steps are dear: this tolerance is not undercut. With halved steps the error is such a part of the change.
 _SMALLEST_TOLERANCE, _PART_OF_CHANGE = 1e-8, 1 / 8
@@ -38,9 +39,9 @@ def _scheme() -> Scheme:
 
 
 def march_implicitly(
-    rates: Rates, starts: Array, scales: Array, samples: int, tolerance: float
+    rates: Rates, starts: Array, scales: Array, fractions: Array, tolerance: float
 ) -> tuple[Array, float] | None:
-    """States at the samples, with halved steps until they no longer change.
+    """States at the fractions, with halved steps until they no longer change.
 
     Parameters
     ----------
@@ -49,15 +50,15 @@ def march_implicitly(
         Of ``k`` variants of ``N`` elements.
     scales : array, shape (n,)
         Sizes of the states.
-    samples : int
-        How many parts each element is sampled at.
+    fractions : array, shape (f,)
+        Where in each element states are wanted, from 0 to 1.
     tolerance : float
         Relative to the scales; 1e-8 where it is less.
 
     Returns
     -------
     (paths, error) or None
-        ``paths`` of shape ``(samples + 1, n, k, N)``, and the estimated error relative to the scales; None where it is
+        ``paths`` of shape ``(f, n, k, N)``, and the estimated error relative to the scales; None where it is
         above the tolerance and above a millionth.
     """
     n, k, count = starts.shape
@@ -67,7 +68,7 @@ def march_implicitly(
     steps, coarse = _FIRST_STEPS, None
     with np.errstate(all="ignore"):
         while steps <= _MOST_STEPS:
-            fine = _march(rates, starts, scales, samples, steps, _NEWTON_TOLERANCE * tolerance)
+            fine = _march(rates, starts, scales, fractions, steps, _NEWTON_TOLERANCE * tolerance)
             if fine is not None and coarse is not None:
                 error = _PART_OF_CHANGE * float((np.abs(fine - coarse).max(axis=(0, 2, 3)) / scales).max())
                 if error <= (tolerance if steps < _MOST_STEPS else max(tolerance, _GOOD_ENOUGH)):
@@ -78,18 +79,17 @@ def march_implicitly(
     return None
 
 
-def _march(rates: Rates, states: Array, scales: Array, samples: int, steps: int, tolerance: float) -> Array | None:
-    paths = np.empty((samples + 1, *states.shape))
-    paths[0] = states
-    h = 1.0 / (samples * steps)
-    for step in range(samples * steps):
-        following = _step(rates, step * h, h, states, scales, tolerance)
-        if following is None:
-            return None
-        states = following
-        if (step + 1) % steps == 0:
-            paths[(step + 1) // steps] = states
-    return paths
+def _march(rates: Rates, states: Array, scales: Array, fractions: Array, steps: int, tolerance: float) -> Array | None:
+    paths = [states]
+    for before, after in pairwise(fractions.tolist()):
+        h = (after - before) / steps
+        for step in range(steps):
+            following = _step(rates, before + step * h, h, states, scales, tolerance)
+            if following is None:
+                return None
+            states = following
+        paths.append(states)
+    return np.array(paths)
 
 
 def _step(rates: Rates, start: float, h: float, states: Array, scales: Array, tolerance: float) -> Array | None:

@@ -150,7 +150,7 @@ class ObstacleAvoidanceBlockData(BuiltBlockData):
         for name, body in record.scene.bodies.items():
             motion.check_formula(body, name)
         scene = record.scene
-        check_rules(self._what, motion, scene.bodies, scene.obstacles, between=record.per_interval)
+        check_rules(self._what, motion, scene.bodies, between=record.per_interval)
         self._separate()
 
     def _separate(self) -> None:

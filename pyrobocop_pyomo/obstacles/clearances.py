@@ -19,6 +19,8 @@ from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
 
+from .clocks import phase_of
+
 BodyPair = tuple[str, str]
 
 
@@ -239,7 +241,8 @@ def length_at(motion: Motion, rule: ClearanceRule, pair: BodyPair, segment: Any,
     if segment.interval is None or time in motion.intervals[segment.interval]:
         try:
             with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
-                found = rule(motion.block, time)
+                phase = phase_of(motion)
+                found = rule(motion.block, time if phase is None else phase.record.index_for_rule(time, what))
         except KeyError as error:
             raise ObstacleError(
                 f"{what} has no value at t = {time!r} ({error}). It is evaluated at every point and at both ends of "

@@ -38,9 +38,7 @@ _SAME = 1e-9
 _LARGEST_JUMP = 1e-6
 
 
-def check_rules(
-    what: str, motion: Motion, bodies: Mapping[str, Body], obstacles: Iterable[str] = (), *, between: bool = True
-) -> None:
+def check_rules(what: str, motion: Motion, bodies: Mapping[str, Body], *, between: bool = True) -> None:
     """Check the pose rules of a block that is being stated.
 
     Parameters
@@ -50,8 +48,6 @@ def check_rules(
     motion : Motion
         With intervals; else nothing is checked.
     bodies : mapping of name to Body
-    obstacles : iterable of str
-        Names of the bodies that the plan does not move.
     between : bool
         Whether the rows are about the motion between the nodes. Rows of single points can be stated with rules that
         cannot be asked elsewhere; what can be asked is checked.
@@ -59,12 +55,11 @@ def check_rules(
     Raises
     ------
     ObstacleError
-        Naming the body: its rule cannot be asked between the nodes, goes by values, turns a shape without end, or is an
-        obstacle on the index of a phase where that is no time.
+        Naming the body: its rule cannot be asked between the nodes, goes by values, turns a shape without end, or is
+        on the index of a phase where that is no time.
     """
     if not motion.intervals:
         return
-    fixed = frozenset(obstacles)
     for name, body in bodies.items():
         if body.pose is None:
             continue
@@ -82,7 +77,7 @@ def check_rules(
                 name,
             )
         _refuse_endless_turns(what, name, body, reading)
-        _check_index(what, name, motion, body.pose, reading, is_obstacle=name in fixed)
+        _check_index(what, name, motion, body.pose, reading)
 
 
 def _refuse_endless_turns(what: str, name: str, body: Body, reading: PoseReading) -> None:
@@ -94,7 +89,7 @@ def _refuse_endless_turns(what: str, name: str, body: Body, reading: PoseReading
         )
 
 
-def _check_index(what: str, name: str, motion: Motion, pose: Any, reading: PoseReading, *, is_obstacle: bool) -> None:
+def _check_index(what: str, name: str, motion: Motion, pose: Any, reading: PoseReading) -> None:
     phase = phase_of(motion)
     if phase is None or not phase.has_normalised_time or not reading.reads_index or _is_real_time(phase, reading):
         return
@@ -105,9 +100,9 @@ def _check_index(what: str, name: str, motion: Motion, pose: Any, reading: PoseR
     remedy = f"Write b.time_at(t) in place of t, where b is '{phase.name}'"
     if isinstance(pose, TablePath):
         remedy = f"Give the table the clock of the phase: TablePath(..., clock=lambda m, t: m.{phase.name}.time_at(t))"
-    if is_obstacle:
-        raise ObstacleError(f"{fact}. {remedy}.")
-    logger.warning("%s. %s, unless a path is meant that takes as long as the phase does.", fact, remedy)
+    raise ObstacleError(
+        f"{fact}. {remedy}; for a path that takes as long as the phase does, (b.time_at(t) - b.start) / b.duration."
+    )
 
 
 def _is_real_time(phase: Any, reading: PoseReading) -> bool:

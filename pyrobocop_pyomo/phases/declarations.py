@@ -52,6 +52,9 @@ _OTHER_WORDS = {
     "size": "index",
     "dim": "index",
 }
+# What stands for the domain of a Pyomo variable.
+_DOMAIN = "bounds=(lower, upper)"
+_DOMAIN_OF_CONTROL = "integer=(0, 1), with the values that it takes, or bounds=(lower, upper) where they are real"
 
 
 def _lost_bounds(time: float) -> Bounds:
@@ -116,7 +119,9 @@ class Declaration:
         if not keywords.keys() <= cls.__dataclass_fields__.keys():
             unknown = [name for name in keywords if name not in cls.__dataclass_fields__]
             what = f"{cls.__name__} (declared at {call_site()})"
-            check_keywords(what, unknown, known, DeclarationError, other_words=_OTHER_WORDS)
+            domain = _DOMAIN_OF_CONTROL if "integer" in known else _DOMAIN
+            words = {**_OTHER_WORDS, "within": domain, "domain": domain}
+            check_keywords(what, unknown, known, DeclarationError, other_words=words)
         return super().__new__(cls)
 
     def __init_subclass__(cls, **options: Any) -> None:

@@ -20,6 +20,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
+from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -62,7 +63,7 @@ def delay_as_number(delay: Any, what: str) -> float:
 def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
     """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
     what = f"phase '{block.name}': '{name}'"
-    number = delay_as_number(delay, what)
+    t, number = point_of(t), delay_as_number(delay, what)
     if number > 0.0:
         record.delayed_names.add(name)
     if record.delay_reader is not None:
@@ -161,7 +162,7 @@ def value_at_time(block: Any, record: PhaseRecord, name: str, time: Any) -> Any:
     what = f"phase '{block.name}': '{name}'"
     boundaries = record.grid.mesh.boundaries
     start, end = boundaries[0], boundaries[-1]
-    number = float(value(time))
+    number = float(value(point_of(time)))
     if not start - SAME_TIME * (end - start) <= number <= end + SAME_TIME * (end - start):
         raise TranscriptionError(f"{what} is read at {number:g}; its time indices run from {start:g} to {end:g}.")
     found = _value_at_time(block, record, name, number)

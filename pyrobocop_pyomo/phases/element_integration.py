@@ -28,6 +28,7 @@ from pyrobocop_pyomo.transcription import InitialGuess
 from .declarations import Algebraic, Control
 from .delays import AheadOfMotion, MotionSoFar, past_of
 from .point_model import PointEquations, PointModel
+from .quick_instants import SAMPLES
 from .record import PhaseRecord
 
 LOGGER = logging.getLogger(__name__)
@@ -307,12 +308,12 @@ def integrate_inside(
     local = [_integrate(rates, i, start, end, starts[i], fractions) for i, (start, end) in ends]
     if delays is not None:
         carried_on = _whole_by_steps(trajectory, rates, fractions, starts[0] if first is None else first, delays)
-        return Flows(np.array(local), carried_on, 1e-10)
+        return Flows(fractions, np.array(local), carried_on, 1e-10)
     whole: list[Array] = [local[0]] if first is None else [_integrate(rates, 0, *ends[0][1], first, fractions)]
     for i, (start, end) in ends[1:]:
         whole.append(_integrate(rates, i, start, end, whole[-1][-1], fractions))
     carried = np.array(whole)
-    return Flows(np.array(local), carried if np.isfinite(carried).all() else None, 1e-10)
+    return Flows(fractions, np.array(local), carried if np.isfinite(carried).all() else None, 1e-10)
 
 
 def _whole_by_steps(
@@ -324,15 +325,17 @@ def _whole_by_steps(
     carried = []
     try:
         for i, (start, end) in enumerate(pairwise(trajectory.grid.mesh.boundaries)):
-            with np.errstate(all="ignore"):
-                result = integrate_by_steps(
-                    partial(rates, i), start, end, state, so_far, lambda: point.smallest_delay,
-                    method="DOP853", rtol=1e-10, atol=1e-11,
-                )  # fmt: skip
-            state = result.y[:, -1]
-            if not result.success or not np.isfinite(state).all():
-                return None
             times = np.append(start + (end - start) * fractions[:-1], end)
+            quick = len(times) > SAMPLES + 1
+            for first, last in pairwise(times.tolist() if quick else [start, end]):
+                with np.errstate(all="ignore"):
+                    result = integrate_by_steps(
+                        partial(rates, i), first, last, state, so_far, lambda: point.smallest_delay,
+                        method="DOP853", rtol=1e-10, atol=1e-11,
+                    )  # fmt: skip
+                state = result.y[:, -1]
+                if not result.success or not np.isfinite(state).all():
+                    return None
             carried.append(np.array([so_far.state(time) for time in times.tolist()]))
     except (TrajectoryError, TranscriptionError):
         raise  # a rule that cannot be asked says nothing about the motion
@@ -407,10 +410,26 @@ def _at_real_time(solution: Callable[[float], Array], origin: float, start: floa
 
 
 def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array, fractions: Array) -> Array:
-    nothing = np.full((len(fractions), len(initial)), np.inf)
+    """States at the fractions of an element; infinite where they are not known.
+
+    An integration that has to end at each fraction cannot step over what happens between two of them.
+    """
+    times = np.append(start + (end - start) * fractions[:-1], end)
+    if len(times) <= SAMPLES + 1:
+        return _integrate_part(rates, i, initial, times)
+    states = [initial]
+    for part in pairwise(times.tolist()):
+        states.append(_integrate_part(rates, i, states[-1], np.array(part))[-1])
+    return np.array(states)
+
+
+def _integrate_part(rates: Rates, i: int, initial: Array, times: Array) -> Array:
+    nothing = np.full((len(times), len(initial)), np.inf)
     if not np.isfinite(initial).all():
         return nothing
-    times = np.append(start + (end - start) * fractions[:-1], end)
+    start, end = float(times[0]), float(times[-1])
+    if start == end:
+        return np.repeat(initial[None], len(times), axis=0)
     for method, most in (("DOP853", _MOST_CALLS), ("Radau", _MOST_CALLS_IF_STIFF)):
         calls = 0
 
@@ -436,5 +455,5 @@ def _integrate(rates: Rates, i: int, start: float, end: float, initial: Array, f
             raise  # a rule that cannot be asked says nothing about the motion
         except (OverflowError, ZeroDivisionError, ValueError):
             return nothing
-        return result.y.T if result.success and len(result.t) == len(fractions) else nothing
+        return result.y.T if result.success and len(result.t) == len(times) else nothing
     return nothing

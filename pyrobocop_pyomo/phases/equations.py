@@ -9,6 +9,7 @@ from itertools import count
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.PyomoModel import Model
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
@@ -17,6 +18,8 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.lent_items import variables_read
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 
@@ -40,7 +43,7 @@ def add_ode(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     """Rows for the states whose derivatives a rule gives."""
     what = f"phase '{block.name}': ode '{name}'"
     rates = _given_for_states(
-        block, record, what, "derivative", "right-hand side", rule, lambda time: rule(block, time), ("b", "t")
+        block, record, what, "derivative", "right-hand side", rule, lambda t: rule(block, t), ("b", "t")
     )
     for state, values in rates.items():
         _refuse_second_equation(record, state, what)
@@ -60,9 +63,9 @@ def add_step(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
     states = {name: block.component(name) for name in record.names_of_states}
     starts = {stage: nodes[0] for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True)}
 
-    def ask(time: float) -> Any:
-        starting = {name: state[starts[time]] for name, state in states.items()}
-        return rule(block, time, PreviousStates(what, starting, record.families))
+    def ask(t: Any) -> Any:
+        starting = {name: state[starts[t]] for name, state in states.items()}
+        return rule(block, t, PreviousStates(what, starting, record.families))
 
     given = _given_for_states(block, record, what, "next value", "value", rule, ask, ("b", "t", "previous"))
     for state, following in given.items():
@@ -89,7 +92,7 @@ def _given_for_states(
     meaning: str,
     expected: str,
     rule: Rule,
-    ask: Callable[[float], Any],
+    ask: Callable[[Any], Any],
     arguments: tuple[str, ...],
 ) -> dict[str, dict[float, Any]]:
     """What a rule gives for states as {name: {collocation point: expression}}."""
@@ -100,7 +103,7 @@ def _given_for_states(
             other_times_explained(record, what, time),
             slips_explained(rule, what, block, arguments, TranscriptionError),
         ):
-            result = ask(time)
+            result = ask(record.index_for_rule(time, what))
         if not isinstance(result, Mapping):
             returned = "nothing" if result is None else f"a {type(result).__name__}"
             raise TranscriptionError(
@@ -117,6 +120,8 @@ def _given_for_states(
                     "number or an expression. Is an index [t] missing?"
                 )
             given.setdefault(names[state], {})[time] = expression
+        if time == record.grid.points[0]:
+            refuse_foreign(block, what, [values[time] for values in given.values()])
     for name, values in given.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
@@ -302,11 +307,28 @@ def _collect(
     for time in times:
         explained = other_times_explained(record, what, time) if times == record.grid.points else nullcontext()
         with explained, slips_explained(rule, what, block, ("b", "t"), TranscriptionError):
-            result = rule(block, time)
+            result = rule(block, record.index_for_rule(time, what))
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))
+        if time == times[0]:
+            refuse_foreign(block, what, results[time])
     return results
+
+
+def refuse_foreign(block: Any, what: str, result: Any) -> None:
+    """Refuse a rule that reads variables of another model; one point tells, and a solve asks for all.
+
+    Raises
+    ------
+    TranscriptionError
+        Naming the rule, the variable and its model.
+    """
+    if not isinstance(block.model(), Model):
+        return  # what it stands on is assigned to a model later
+    foreign = foreign_variable(block, variables_read(result))
+    if foreign is not None:
+        raise TranscriptionError(f"{what} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
 def _add_rows(block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]]) -> int:

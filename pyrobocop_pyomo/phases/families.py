@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.set import SetData
 
 from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, PyRobocopError, TranscriptionError
+from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
 
 from .declarations import Control, Declaration, Parameter, State
@@ -141,6 +143,8 @@ def _every(names: FamilyNames, entry: Any) -> Any:
 
 def _split(names: FamilyNames, given: Any, what: str, error: type[PyRobocopError] = DeclarationError) -> Any:
     """One for each: as given in an array, a list or a mapping; the same for all otherwise."""
+    if isinstance(given, IndexedComponent) and given.is_indexed():
+        given = dict(given.items())
     if not _is_listed(given):
         found = _every(names, given)
         if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
@@ -351,9 +355,10 @@ class OneOf:
 
     name: str
 
-    def __call__(self, b: Any, t: float) -> Any:
+    def __call__(self, b: Any, t: Any) -> Any:
         """The row at a time index."""
         record = getattr(b, "record", None)
+        t = point_of(t)
         given = isinstance(t, (int, float))  # or a variable that stands for all times
         if given and record is not None and all(times[0] != t for times in record.grid.stage_times):
             return Constraint.Skip  # the same values again

@@ -19,6 +19,7 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 
 from pyrobocop_pyomo.errors import DeclarationError, InitialGuessError, MeshError
+from pyrobocop_pyomo.modeling.time_index import TimeIndex, point_of
 from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.transcription import initial_number
 
@@ -126,8 +127,9 @@ def quadrature_weights(block: Any, record: PhaseRecord) -> tuple[Any, dict[float
     return scale, weights
 
 
-def real_time(block: Any, record: PhaseRecord, t: float) -> Any:
+def real_time(block: Any, record: PhaseRecord, index: float | TimeIndex) -> Any:
     """The time that an index stands for."""
+    t = point_of(index)
     if not record.normalised:
         return with_units(record, t)
     if t.__class__ in native_numeric_types and t == 0:

@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import quadrature
 
-from .equations import Rule, rule_name
+from .equations import Rule, refuse_foreign, rule_name
 from .horizon import quadrature_weights
 from .record import PhaseRecord, Statement
 from .variables import add_generated
@@ -65,6 +65,9 @@ def _integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     scale, weights = quadrature_weights(block, record)
     what = f"phase '{block.name}': the integrand '{rule_name(integrand)}'"
     with slips_explained(integrand, what, block, ("b", "t"), TranscriptionError):
-        total = quadrature(lambda time: _one_number(integrand(block, time), what, time), weights)
+        total = quadrature(
+            lambda time: _one_number(integrand(block, record.index_for_rule(time, what)), what, time), weights
+        )
+    refuse_foreign(block, what, total)
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total

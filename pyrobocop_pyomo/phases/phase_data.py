@@ -42,6 +42,7 @@ from .phase_actions import PhaseActions
 from .phase_tables import phase_in_words, phase_tables
 from .phase_values import PhaseValues
 from .record import PhaseRecord, Statement
+from .stated_numbers import in_numbers
 from .structure import check_phase
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
@@ -131,6 +132,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
                     f"{self._what}: '{name}' (declared at {declaration.declared_at}) is one_of, but no vector: say how "
                     "many components it has by index=3."
                 )
+            declaration = in_numbers(declaration, f"{self._what}: {type(declaration).__name__.lower()} '{name}'")
             add_variables(self, self.record, name, declaration)
             self.record.declarations[name] = declaration
 

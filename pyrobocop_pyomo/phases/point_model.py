@@ -94,6 +94,11 @@ class PointModel(Signals):
         self.past: Callable[[str, float], float] | None = None
         self.smallest_delay = np.inf
 
+    @property
+    def at_instant(self) -> Mapping[str, Any]:
+        """The variables that hold the values of the instant, by the name of what is declared."""
+        return self._values
+
     # ---------------------------------------------------------------- what rules read
 
     def is_index(self, key: Any) -> bool:

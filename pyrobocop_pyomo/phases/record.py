@@ -13,6 +13,7 @@ from pyrobocop_pyomo.modeling.blocks import snapshot_of
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.expression_arrays import array
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Grid
 
@@ -144,6 +145,10 @@ class PhaseRecord:
         if name.removesuffix("_derivative") in self.kept_derivatives and name not in self.declarations:
             return StageNodes(name, self.grid)
         return self.declarations[name].nodes(name, self.grid, f"'{name}'")
+
+    def index_for_rule(self, time: float, what: str) -> float | TimeIndex:
+        """The ``t`` that a rule is given while it is stated: one that is no number where indices are no times."""
+        return TimeIndex(time, what) if self.normalised else time
 
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""

@@ -27,15 +27,16 @@ from .delays import past_of
 from .element_integration import integrate_inside, signals_at
 from .families import guesses_by_component
 from .point_model import PointModel
+from .quick_instants import SAMPLES, instants_to_look_at
 from .rate_arrays import RateArrays
 from .record import PhaseRecord, Statement
 from .stepped_elements import determined_unknowns, stepped_flows
 from .undefined_instants import refuse_undefined
 
-# Parts of each element at whose ends the motions are compared.
-SAMPLES = 16
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
 TOLERANCE = 1e-10
+# Where rules change quickly with the time many instants have to be followed.
+TOLERANCE_IF_QUICK = 1e-6
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
 
@@ -161,15 +162,15 @@ def reintegrate(
     contact = any(True for _ in block.component_data_objects(Complementarity, active=True, descend_into=True))
     with nullcontext() if point is not None else put_on_model([(block, trajectory)]), tables_continued():
         try:
-            flows, fractions = _flows(block, record, trajectory, point, first)
+            flows = _flows(block, record, trajectory, point, first)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
         integrals, remarks = ({}, ()) if states_only else _integrals(block, record, trajectory, point)
         if not np.isfinite(flows.local).all():
             _refuse_undefined(block, record, trajectory, point)
-    planned = trajectory.element_polynomials(fractions)
+    planned = trajectory.element_polynomials(flows.fractions)
     return Reintegration(
-        fractions=fractions,
+        fractions=flows.fractions,
         planned={name: planned[name] for name in names},
         local={name: flows.local[:, :, j] for j, name in enumerate(names)},
         open_loop=None if flows.whole is None else {name: flows.whole[:, :, j] for j, name in enumerate(names)},
@@ -206,7 +207,7 @@ def element_end_errors(block: Any, record: PhaseRecord, trajectory: Trajectory) 
 
 def _flows(
     block: Any, record: PhaseRecord, trajectory: Trajectory, point: PointModel | None, first: Array | None
-) -> tuple[Flows, Array]:
+) -> Flows:
     names = record.names_of_states
     unknowns = determined_unknowns(block, record)
     if unknowns is not None:
@@ -217,8 +218,8 @@ def _flows(
             f"re-integration needs explicit equations; implicit are those of {', '.join(implicit)}, and the residual "
             "equations determine neither all algebraics nor the derivatives alone."
         )
-    fractions = np.linspace(0.0, 1.0, SAMPLES + 1)
     indices = indices_of(record, trajectory.grid)
+    fractions = instants_to_look_at(block, record, trajectory, indices, record.statements_of("ode"))
     if point is None:
         point = PointModel(block, record, indices, trajectory.grid, companions_of(block, indices.mesh.boundaries))
     point.set_values(trajectory.parameters)
@@ -229,7 +230,7 @@ def _flows(
         point.asks_phase, point.past = False, past_of(trajectory)
         # With delays the whole motion reads itself, which elements side by side cannot.
         delays = bool(record.delayed_names)
-        flows = None if delays else _side_by_side(block, record, trajectory, indices, point, first)
+        flows = None if delays else _side_by_side(block, record, trajectory, indices, point, fractions, first)
         if flows is None:
             rates = _single_rates(record, trajectory, point)
             refuse_data_at_points(block, record, trajectory, _by_element(rates, trajectory))
@@ -237,7 +238,7 @@ def _flows(
     finally:
         point.past = past
         point.leave_nodes()
-    return flows, fractions
+    return flows
 
 
 def _side_by_side(
@@ -246,6 +247,7 @@ def _side_by_side(
     trajectory: Trajectory,
     indices: Grid,
     point: PointModel,
+    fractions: Array,
     first: Array | None,
 ) -> Flows | None:
     """All elements at once; None where the equations are no formulas, or too stiff for this."""
@@ -257,7 +259,8 @@ def _side_by_side(
         refuse_data_at_points(block, record, trajectory, rates.at_instants)
     except TrajectoryError:
         return None
-    return integrate_flows(rates, starts, scales, SAMPLES, TOLERANCE, first)
+    tolerance = TOLERANCE if len(fractions) == SAMPLES + 1 else TOLERANCE_IF_QUICK
+    return integrate_flows(rates, starts, scales, fractions, tolerance, first)
 
 
 def _integrals(
@@ -303,12 +306,13 @@ def _integral(
             planned += weight * rates(fraction, np.vstack([here, planned])[:, None, :])[-1, 0]
     if not np.isfinite(planned).all():
         raise TrajectoryError(f"{what} has no finite value on the plan.")
+    fractions = instants_to_look_at(block, record, trajectory, indices, [*record.statements_of("ode"), statement])
     starts = np.column_stack([*(nodes[name][:, 0] for name in names), np.zeros(len(width))])
     sizes = [np.abs(nodes[name]).max() for name in names] + [np.abs(planned).sum()]
-    found = integrate_elements(rates, starts, SMALLEST_SCALE + np.array(sizes), SAMPLES, TOLERANCE)
+    found = integrate_elements(rates, starts, SMALLEST_SCALE + np.array(sizes), fractions, TOLERANCE)
     if found is None:
         raise TrajectoryError(f"{what}: the equations are too stiff for an integration of all elements at once.")
-    return planned, found[0][:, -1, -1]
+    return planned, found[0][:, -1]
 
 
 def _by_element(rates: Any, trajectory: Trajectory) -> Any:

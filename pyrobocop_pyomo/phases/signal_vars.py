@@ -9,6 +9,7 @@ from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import IndexedVar
 from pyomo.core.expr.numvalue import value
 
+from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.presentation import as_html, one_line, sparkline
 
 from .delays import delayed_value, value_at_time
@@ -39,7 +40,7 @@ class _OverTime:
         try:
             return super()._validate_index(idx)  # type: ignore[misc]
         except KeyError:
-            raise NoSuchTime(self, idx) from None
+            raise NoSuchTime(self, point_of(idx)) from None
 
     # An array leaves `array * variable` to the operators below.
     __array_ufunc__ = None

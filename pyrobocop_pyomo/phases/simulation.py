@@ -42,6 +42,7 @@ from .phase_values import make_trajectory, pairs_of_phase, read_values
 from .point_model import PointEquations
 from .rate_arrays import PointRates, compiled_rates
 from .record import PhaseRecord
+from .stated_numbers import moving_end
 
 # What a rule raises at values where it has none: a logarithm of a negative number, a division by zero.
 _NO_VALUE = (ArithmeticError, ValueError)
@@ -500,8 +501,15 @@ def initial_states(block: Any, record: PhaseRecord, given: Mapping[str, float]) 
         [
             initial_number(given[name], f"phase '{block.name}': initial value of '{name}'")
             if name in given
-            else float(read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0])
+            else _start_on_model(block, record, name, first)
             for name in names
         ],
         dtype=float,
     )
+
+
+def _start_on_model(block: Any, record: PhaseRecord, name: str, first: float) -> float:
+    followed = moving_end(block, name, record.declarations[name], "initial")
+    if followed is not None:
+        return followed
+    return float(read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from .declarations import Algebraic
 from .delays import past_of
 from .element_integration import Unknowns, find_unknowns, step_element
 from .point_model import PointEquations
+from .quick_instants import SAMPLES, instants_to_look_at
 from .record import PhaseRecord
 
 _MORE_STAGES = 2
@@ -39,15 +41,15 @@ def determined_unknowns(block: Any, record: PhaseRecord) -> Unknowns | None:
 
 def stepped_flows(
     block: Any, record: PhaseRecord, trajectory: Trajectory, unknowns: Unknowns, first: Array | None = None
-) -> tuple[Flows, Array]:
+) -> Flows:
     """Every element by a Radau scheme of two stages more, with the values of the trajectory on the model.
+
+    Where rules change quickly with the time each element takes many such steps.
 
     Returns
     -------
-    flows : Flows
-        Infinite where the equations of an element have no solution.
-    fractions : array, shape (k,)
-        The nodes of the finer scheme.
+    Flows
+        At the nodes of the finer scheme; infinite where the equations of an element have no solution.
     """
     names = record.names_of_states
     indices = indices_of(record, trajectory.grid)
@@ -57,24 +59,36 @@ def stepped_flows(
     equations.point.set_values(equations.parameters)
     equations.point.past = past_of(trajectory)
     fine = radau(trajectory.grid.scheme.stages + _MORE_STAGES)
-    to_fine = trajectory.grid.scheme.stage_polynomial_at(fine.c)
+    looked_at = instants_to_look_at(block, record, trajectory, indices, stated)
+    parts = list(pairwise(looked_at.tolist() if len(looked_at) > SAMPLES + 1 else [0.0, 1.0]))
+    nodes = [start + (end - start) * fine.state_nodes for start, end in parts]
+    fractions = np.concatenate([nodes[0], *(of[1:] for of in nodes[1:])])
     boundaries, widths = trajectory.grid.mesh.boundaries, trajectory.grid.mesh.widths
     states = np.array([trajectory.element_states(name) for name in names])
-    signals = {name: trajectory.element_signals(name) @ to_fine.T for name in trajectory.signals}
+    weights = [trajectory.grid.scheme.stage_polynomial_at(start + (end - start) * fine.c).T for start, end in parts]
+    signals = [{name: trajectory.element_signals(name) @ at for name in trajectory.signals} for at in weights]
 
     def stepped(i: int, start: Array) -> Array:
         """States at the nodes of one element, shape ``(k, n)``."""
+        paths = [start[None]]
+        for part in range(len(parts)):
+            paths.append(part_stepped(i, part, paths[-1][-1])[1:])
+        return np.concatenate(paths)
+
+    def part_stepped(i: int, part: int, start: Array) -> Array:
         if not np.isfinite(start).all():
             return np.full((len(fine.state_nodes), len(names)), np.inf)
         equations.enter(i)
-        times = boundaries[i] + widths[i] * fine.c
+        begin, end = parts[part]
+        times = boundaries[i] + widths[i] * (begin + (end - begin) * fine.c)
         asked = tuple(equations.index_at(time) for time in times.tolist())
-        nearby = {name: float(signals[name][i, 0]) for name in unknowns.algebraics}
+        nearby = {name: float(signals[part][name][i, 0]) for name in unknowns.algebraics}
         slopes = (states[:, i, -1] - states[:, i, 0]) / widths[i]
         nearby |= {f"d {name}": float(slopes[names.index(name)]) for name in unknowns.implicit}
         try:
             result = step_element(
-                equations, fine, float(widths[i]), asked, {name: values.copy() for name, values in signals.items()},
+                equations, fine, float(widths[i] * (end - begin)), asked,
+                {name: values.copy() for name, values in signals[part].items()},
                 {name: np.full((len(widths), fine.stages), np.nan) for name in names}, i, unknowns,
                 dict(zip(names, start.tolist(), strict=True)), nearby,
             )  # fmt: skip
@@ -90,4 +104,4 @@ def stepped_flows(
         whole.append(stepped(i, whole[-1][-1]))
     equations.point.leave_nodes()
     carried = np.array(whole)
-    return Flows(local, carried if np.isfinite(carried).all() else None, 0.0), fine.state_nodes
+    return Flows(fractions, local, carried if np.isfinite(carried).all() else None, 0.0)

@@ -69,9 +69,9 @@ def _check_counts(block: Any, record: PhaseRecord) -> None:
         and any(row.equality for row in component.values())
     )
     counts = (
-        f"{states} states and {algebraics} algebraics need {needed} equations per collocation point; stated are {odes} "
-        f"in {'odes and steps' if record.discrete_states else 'odes'}, {residuals} in residuals and {pairs} "
-        "complementarity pairs"
+        f"{counted(states, 'state')} and {counted(algebraics, 'algebraic')} need {counted(needed, 'equation')} per "
+        f"collocation point; stated are {odes} in {'odes and steps' if record.discrete_states else 'odes'}, "
+        f"{residuals} in residuals and {counted(pairs, 'complementarity pair')}"
     )
     if odes + residuals > needed:
         raise TranscriptionError(
@@ -83,6 +83,11 @@ def _check_counts(block: Any, record: PhaseRecord) -> None:
             f"phase '{block.name}': too few equations. {counts}. Add an equation, or declare what is free to choose "
             "as Control."
         )
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things, in words: "1 state", "2 states"."""
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _complementarities(block: Any) -> list[Any]:

@@ -26,7 +26,8 @@ def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any
         raise DeclarationError(f"{what}: it is no state, algebraic or control of this phase.")
     wanted = _function(block, record, name, reference, what)
     weigh = weight if callable(weight) else lambda t: weight
-    return block.integral(lambda b, t: weigh(b.time_at(t)) * (component[t] - wanted(b.time_at(t))) ** 2)
+    # Read through the phase that the rule is given, so that it holds between the points of the mesh as well.
+    return block.integral(lambda b, t: weigh(b.time_at(t)) * (b.component(name)[t] - wanted(b.time_at(t))) ** 2)
 
 
 def _function(block: Any, record: PhaseRecord, name: str, reference: Any, what: str) -> Callable[[Any], Any]:

@@ -16,7 +16,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.set import RangeSet
 from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
-from pyomo.core.expr.numvalue import native_numeric_types
+from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 
 from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.transcription import continuity_rows, initial_number, initial_stage_values, initial_state_values
@@ -26,6 +26,7 @@ from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes
 from .record import PhaseRecord, place
 from .signal_vars import SignalExpression, SignalVar, signal_reference
+from .stated_numbers import add_row_of_end
 
 
 def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Declaration) -> None:
@@ -67,7 +68,10 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: s
     variable = block.component(name)
     ends = ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final"))
     for given, time, where in () if record.restating is not None else ends:  # both ends stand as they are
-        _impose_boundary_value(variable[time], given, f"{what} (declared at {state.declared_at})", where)
+        if isinstance(given, NumericValue):
+            add_row_of_end(block, name, variable[time], given, where)
+        else:
+            _impose_boundary_value(variable[time], given, f"{what} (declared at {state.declared_at})", where)
     rows = dict(continuity_rows(variable, grid))
     if rows:
         continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
@@ -93,7 +97,8 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: st
         return
     if not isinstance(given, Real) or not math.isfinite(given):
         raise DeclarationError(
-            f"{what}: its {where} value is {given!r}; expected a finite number, a tuple (lower, upper), or None."
+            f"{what}: its {where} value is {given!r}; expected a finite number, a Param or an expression, a tuple "
+            "(lower, upper), or None."
         )
     value = float(given)
     outside = (variable.lb is not None and value < variable.lb) or (variable.ub is not None and value > variable.ub)

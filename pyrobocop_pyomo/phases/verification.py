@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -32,9 +33,11 @@ from .companions import (
 )
 from .declarations import UNBOUNDED, Algebraic, Control, Duration, Parameter, State
 from .delays import past_of
+from .given_ends import KINDS, end_violations, values_given
 from .point_model import PointModel
 from .record import PhaseRecord, PreviousStates, Statement, labelled_rows
 from .reintegration import Reintegration, reintegrate
+from .stated_numbers import moving_end, rows_of_ends
 from .undefined_instants import named_where_undefined
 from .verdicts import verdict_in_words
 
@@ -305,6 +308,7 @@ class _TrajectoryCheck:
 
     def remark_what_is_not_stated(self, block: Any) -> None:
         known = self.record.generated_rows | {statement.name for statement in self.record.statements}
+        known |= rows_of_ends(self.record.declarations)
         own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
         if own:
             self.remarks.append(f"not checked, since they were not stated through the phase: {', '.join(own)}.")
@@ -327,7 +331,9 @@ class _TrajectoryCheck:
                     found = self._at_instant(i, k, time, stated)
                 equations, natural, product, of_steps = map(max, (equations, natural, product, of_steps), found)
         self.point.element = None
-        return max(of_steps, self._defect(stated)), max(equations, self._at_boundaries()), natural, product
+        at_ends, of_pairs = self._at_given_ends()
+        equations = max(equations, self._at_boundaries(), at_ends)
+        return max(of_steps, self._defect(stated)), equations, max(natural, of_pairs), product
 
     def _at_instant(
         self, i: int, k: int, time: float, stated: Mapping[str, Array]
@@ -364,6 +370,22 @@ class _TrajectoryCheck:
                     worst = max(worst, relation_violation(row))
         return worst
 
+    def _at_given_ends(self) -> tuple[float, float]:
+        """Violation of equations and of sides of pairs by the values that are given at ends without a stage."""
+        worst = dict.fromkeys((*KINDS, "bounds"), 0.0)
+        ends = (self.record.grid.times[0], 0), (self.record.grid.times[-1], -1)
+        for time, position in ends:
+            given = values_given(self.block, self.record, time)
+            states, parameters = self.trajectory.states, self.trajectory.parameters
+            values = {name: states[name][position] if name in states else parameters[name] for name in given}
+            if self.indices.times[position] in self.indices.points or not values:
+                continue
+            grids = (self.indices, self.grid)
+            # A rule that cannot be evaluated there says nothing of it: no remark.
+            for found in end_violations(self.block, self.record, time, values, self.statements, grids, []):
+                worst[found.kind] = max(worst[found.kind], found.amount)
+        return max(worst["residual"], worst["constraint"], worst["bounds"]), worst["complementarity"]
+
     def _at_stages(self, states: Array) -> Array:
         """The columns of the nodes that are stages: all but an element start, or an end, that is none."""
         scheme = self.grid.scheme
@@ -396,7 +418,10 @@ class _TrajectoryCheck:
             elif name in self.trajectory.states:
                 samples = list(zip(self.indices.times, self.trajectory.states[name], strict=True))
                 assert isinstance(declaration, State)
-                for given, reached in ((declaration.initial, samples[0][1]), (declaration.final, samples[-1][1])):
+                for end, reached in (("initial", samples[0][1]), ("final", samples[-1][1])):
+                    given = getattr(declaration, end)
+                    if isinstance(given, NumericValue):
+                        given = moving_end(self.block, name, declaration, end)
                     lower, upper = given if isinstance(given, tuple) else (given, given)
                     worst = max(worst, bound_violation(reached, lower, upper))
                 for slope in self.slopes[name].ravel():

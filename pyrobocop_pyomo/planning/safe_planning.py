@@ -234,7 +234,9 @@ class SafePlanning:
             block.deactivate()
         try:
             settings = replace(self._settings, options=options, exploration=0.0, progress=Progress(False))
-            found = solve_model(self._model, settings).quality is Quality.OPTIMAL
+            result = solve_model(self._model, settings)
+            # For a start it is enough that the run came to its end.
+            found = result.quality is not Quality.INFEASIBLE and result.stop_reason is StopReason.FINISHED
         except PyRobocopError as error:
             logger.info("'%s': no motion without obstacles: %s", self._model.name, error)
         finally:

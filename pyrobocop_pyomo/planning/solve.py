@@ -147,7 +147,8 @@ def solve(
     time_limit : float, optional
         Seconds, for everything together; the run of Ipopt that goes on then ends with its iteration.
     feasibility_tolerance : float
-        Largest violation of a constraint or bound in an acceptable point.
+        Largest violation of a constraint or bound in an acceptable point; relative to the largest term that the
+        constraint adds up there, or to the variable, where that is above 1.
     complementarity_tolerance : float
         Largest product ``a b`` in an acceptable point.
     progress : bool, optional

@@ -16,13 +16,14 @@ from pyomo.core.base.var import VarData
 from pyomo.core.staleflag import StaleFlagManager
 
 from pyrobocop_pyomo.errors import FunctionError, StructureChanged
+from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
 from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
-from .model_checks import active_expressions, refuse_discrete, single_objective
-from .model_terms import collect_terms, refuse_unknown_components
+from .model_checks import active_expressions, check_variables, refuse_unseen_components, single_objective
+from .model_terms import collect_terms
 from .named_nodes import with_named_nodes
 from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
 from .nonlinear_program import FloatArray, NonlinearProgram
@@ -67,7 +68,8 @@ class CompiledModel:
     Raises
     ------
     ModelError
-        For several active objectives, no continuous variable, or discrete ones; for an external function that the
+        For components that no solver sees before they are transformed, such as pairs, disjunctions and derivatives;
+        for several active objectives, no continuous variable, or discrete ones; for an external function that the
         source of derivatives cannot call.
     EvaluationError
         When a number in an expression does not exist, as a division by a Param that is zero.
@@ -90,9 +92,11 @@ class CompiledModel:
         self._prepare()
 
     def _prepare(self) -> None:
+        refuse_unseen_components(self.model)
         self.objective = single_objective(self.model)
         self.sign = -1.0 if self.objective is not None and self.objective.is_minimizing() is False else 1.0
-        self.__dict__.pop("row_of", None)
+        for known in ("row_of", "groups"):
+            self.__dict__.pop(known, None)
         if self._build is None:
             with PauseGC():  # many small objects, all of which live on
                 self._compile_terms()
@@ -112,7 +116,6 @@ class CompiledModel:
         self.seconds_building = time.perf_counter() - started
 
     def _compile_file(self, build: ProgramBuilder) -> None:
-        refuse_unknown_components(self.model)
         started = time.perf_counter()
         by_calls = not reads_names(build)
         named = with_named_nodes(self.model, self.objective, by_calls=by_calls)
@@ -128,10 +131,10 @@ class CompiledModel:
                 self._calls_python = True
         if written is None:
             self.nlp, self.variables, self.constraints = composition_of_files(model, self.model, objective, build)
-            refuse_discrete(self.model, self.variables)
+            check_variables(self.model, self.variables)
             self.seconds_writing, self.seconds_building = 0.0, time.perf_counter() - started
         else:
-            refuse_discrete(self.model, written.variables)
+            check_variables(self.model, written.variables)
             self.seconds_writing = time.perf_counter() - started
             started = time.perf_counter()
             self.nlp, self.variables, self.constraints = written.program(build, has_objective=objective is not None)
@@ -143,6 +146,11 @@ class CompiledModel:
     def row_of(self) -> ComponentMap:
         """From constraint to its row."""
         return ComponentMap((constraint, row) for row, constraint in enumerate(self.constraints))
+
+    @cached_property
+    def groups(self) -> tuple[ComponentGroups, ComponentGroups]:
+        """What its variables, and its constraints, are values of."""
+        return ComponentGroups(self.variables), ComponentGroups(self.constraints)
 
     def update(self) -> None:
         """Bring the program up to date with the model: fixed values, Params and bounds.

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in
 from .composed_program import ComposedProgram, Level, Points
 from .function_calls import ConstantCall, FunctionCall, FunctionCalls, calls_in
 from .model_numbers import check_constant
-from .model_terms import ModelTerms, refuse_unknown_components
+from .model_terms import ModelTerms
 from .nl_files import FileProgram, ProgramBuilder, model_file
 from .nonlinear_program import NonlinearProgram
 from .vectorised_program import VectorisedProgram
@@ -90,12 +90,9 @@ def composition_of_files(
 
     Raises
     ------
-    ModelError
-        When the model has components that a solver would not see.
     InfeasibleConstraintException
         When a row without free variables contradicts itself.
     """
-    refuse_unknown_components(owner)
     calls = FunctionCalls()
     other, row_of = _rewritten(model, objective, calls)
     main = model_file(other, owner).program(build, objective is not None)

@@ -5,18 +5,66 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from pyomo.core.base.block import BlockData
+from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.external import AMPLExternalFunction, ExternalFunction, PythonCallbackFunction
 from pyomo.core.base.objective import Objective, ObjectiveData
-from pyomo.core.base.var import VarData
+from pyomo.core.base.param import Param
+from pyomo.core.base.set import RangeSet, Set
+from pyomo.core.base.suffix import Suffix
+from pyomo.core.base.var import Var, VarData
 from pyomo.core.expr.numeric_expr import ExternalFunctionExpression
 from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.visitor import identify_mutable_parameters
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from pyomo.network import Port
+from pyomo.repn.util import categorize_valid_components
 
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.diagnosis.unfinished import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
 from pyrobocop_pyomo.modeling.shared_nodes import nodes_of, shared_value, variables_in
+
+# An ExternalFunction or a Port does nothing by itself; a derivative along a set that was discretised is a Var.
+_SEEN = {
+    *(Block, Objective, Constraint, Var, Param, Expression, Set, RangeSet, Suffix, ExternalFunction, Port),
+    *(ContinuousSet, DerivativeVar, Integral),
+}
+
+
+def refuse_unseen_components(model: BlockData) -> None:
+    """Check that a model has nothing active that a solver would not see.
+
+    Raises
+    ------
+    ModelError
+        Naming what it has, and what makes rows of it.
+    """
+    _, unseen = categorize_valid_components(model, active=True, valid=_SEEN)
+    for finding in unfinished_findings(model):
+        raise ModelError(f"'{model.name}': {finding.message} {finding.remedy}")
+    pairs = [component.name for ctype in PAIR_TYPES for component in unseen.get(ctype, ())]
+    if pairs:
+        raise ModelError(
+            f"'{model.name}': {_some(pairs)} {'holds' if len(pairs) == 1 else 'hold'} pairs, and Ipopt sees "
+            "constraints only. Solve it by rcp.solve(m) or SolverFactory('pyrobocop.mpcc'), or make constraints of the "
+            "pairs first: TransformationFactory('pyrobocop.relax_complementarity').apply_to(m)."
+        )
+    if unseen:
+        shown = ", ".join(
+            f"'{component.name}' ({ctype.__name__})" for ctype, components in unseen.items() for component in components
+        )
+        raise ModelError(
+            f"'{model.name}' has active components that are no constraints, and that a solver would not see: {shown}. "
+            "Transform them, or deactivate them."
+        )
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def single_objective(model: BlockData) -> ObjectiveData | None:
@@ -37,13 +85,13 @@ def single_objective(model: BlockData) -> ObjectiveData | None:
     return objectives[0] if objectives else None
 
 
-def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
+def check_variables(model: BlockData, variables: list[VarData]) -> None:
     """Check the free variables of a model.
 
     Raises
     ------
     ModelError
-        When there are none, or discrete ones among them.
+        When there are none, discrete ones among them, or some of another model beside those of one.
     """
     if not variables:
         raise ModelError(
@@ -52,11 +100,16 @@ def refuse_discrete(model: BlockData, variables: list[VarData]) -> None:
         )
     discrete = [variable.name for variable in variables if not variable.is_continuous()]
     if discrete:
-        shown = ", ".join(f"'{name}'" for name in discrete[:5]) + (", ..." if len(discrete) > 5 else "")
         raise ModelError(
-            f"'{model.name}' has {len(discrete)} discrete variables ({shown}); Ipopt solves continuous problems "
-            "only. Fix them, or relax them with TransformationFactory('core.relax_integer_vars')."
+            f"'{model.name}' has {len(discrete)} discrete variables ({_some(discrete)}); Ipopt solves continuous "
+            "problems only. Fix them, relax them with TransformationFactory('core.relax_integer_vars'), or use a "
+            "mixed-integer solver; an integer control of a phase is Control(integer=(0, 1)), and rcp.solve rounds it."
         )
+    foreign = foreign_variable(model, variables)
+    # Rows that are all about one other model are a view of it, which is made on purpose.
+    if foreign is not None and foreign_variable(foreign, variables) is not None:
+        row = next(row for row in _active_rows(model) if any(found is foreign for found in variables_in(row.expr)))
+        raise ModelError(f"'{row.name}' {foreign_read(foreign, model)} {ONE_MODEL}")
 
 
 def refuse_external_functions(model: BlockData, everywhere: bool = False) -> None:

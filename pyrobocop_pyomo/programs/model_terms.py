@@ -10,18 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
-from pyomo.core.base.block import Block, BlockData
+from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import Constraint, ConstraintData
-from pyomo.core.base.expression import Expression
-from pyomo.core.base.external import ExternalFunction, PythonCallbackFunction
-from pyomo.core.base.objective import Objective, ObjectiveData
-from pyomo.core.base.param import Param
-from pyomo.core.base.set import RangeSet, Set
-from pyomo.core.base.suffix import Suffix
-from pyomo.core.base.var import Var, VarData
+from pyomo.core.base.external import PythonCallbackFunction
+from pyomo.core.base.objective import ObjectiveData
+from pyomo.core.base.var import VarData
 from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTermExpression
-from pyomo.network import Port
-from pyomo.repn.util import categorize_valid_components
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
@@ -30,11 +24,8 @@ from pyrobocop_pyomo.modeling.functions import is_function_call
 from .alike_rows import FEWEST_ALIKE, split_alike
 from .expression_codes import FACTORS, REMEDY, SCALED_SUM, NodeKinds
 from .function_calls import FunctionCall, FunctionCalls
-from .model_checks import external_function_refused, refuse_discrete, single_objective
+from .model_checks import check_variables, external_function_refused, single_objective
 from .term_groups import Columns, NonlinearTerm, TermGroups
-
-# An ExternalFunction or a Port does nothing by itself.
-_SEEN = {Block, Objective, Constraint, Var, Param, Expression, Set, RangeSet, Suffix, ExternalFunction, Port}
 
 # A sum of up to so many nonlinear terms is one term, whose parts share what they have in common; a longer one, as
 # an integral, is taken apart, so that its parts can be evaluated as repetitions of each other.
@@ -315,7 +306,6 @@ def collect_terms(model: BlockData) -> ModelTerms:
         When the model has several objectives, no free variables or discrete ones, or an expression that vectorised
         functions cannot evaluate.
     """
-    refuse_unknown_components(model)
     objective = single_objective(model)
     columns, calls = Columns(), FunctionCalls()
     found = ModelTerms(
@@ -342,7 +332,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
         found.cost.group()
         columns.of(calls.given)  # also what only arguments hold may change, and is read again
         found.arguments += [_arguments_of(level, columns, calls) for level in calls.levels]
-    refuse_discrete(model, found.variables)
+    check_variables(model, found.variables)
     return found
 
 
@@ -377,24 +367,3 @@ def _arguments_of(level: list[FunctionCall], columns: Columns, calls: FunctionCa
             row += 1
     terms.group()
     return terms, row
-
-
-def refuse_unknown_components(model: BlockData) -> None:
-    """Check that a model has nothing active that a solver would not see.
-
-    Raises
-    ------
-    ModelError
-        Naming what it has.
-    """
-    _, unknown = categorize_valid_components(model, active=True, valid=_SEEN)
-    if unknown:
-        shown = ", ".join(
-            f"'{component.name}' ({ctype.__name__})"
-            for ctype, components in unknown.items()
-            for component in components
-        )
-        raise ModelError(
-            f"'{model.name}' has active components that are no constraints, and that a solver would not see: {shown}. "
-            "Transform them (rcp.solve does so with pairs), or deactivate them."
-        )

@@ -1,9 +1,9 @@
 """Nodes that rows share, under names in another model, so that each of them is compiled once.
 
 A ``.nl`` file holds expressions as trees. What a rule computes once and uses many times is written out as often as it
-occurs, unless it is a *defined variable*, which Pyomo's writer makes of a named expression. CasADi reads these rightly.
-ASL's derivatives come out wrong where defined variables are nested (for one random model in twenty). For ASL a node is
-the output of the identity, called like any other function in Python (`compositions`), which has derivatives of its own.
+occurs, unless it is a *defined variable*, which Pyomo's writer makes of a named expression. CasADi keeps these. Not
+every ASL differentiates them rightly, and the one that build-asl installs writes them out. For ASL a node is the output
+of the identity, called like any other function in Python (`compositions`), which has derivatives of its own.
 """
 
 from __future__ import annotations

@@ -29,9 +29,9 @@ from .nonlinear_program import NonlinearProgram
 
 ProgramBuilder = Callable[[Path, list[str]], NonlinearProgram]
 
-# How a model is written wherever this package writes one. Named expressions are written out: where nested ones are
-# shared, ASL's derivatives come out wrong (Ipopt's derivative test finds it too; `named_nodes`). Presolving and scaling
-# in the writer would alter the multipliers of a warm start.
+# How a model is written wherever this package writes one. Named expressions are written out: not every ASL
+# differentiates them rightly (docs/explanation/evaluation.md). Presolving and scaling in the writer would alter the
+# multipliers of a warm start.
 WRITER_OPTIONS = {"linear_presolve": False, "scale_model": False, "export_defined_variables": False}
 
 # Suffixes stand between the header and the first expression. CasADi refuses them, and nothing here needs them:

@@ -112,6 +112,11 @@ class PrimalDualPoint:
     lower_multipliers: FloatArray | None = None
     upper_multipliers: FloatArray | None = None
 
+    def with_objective_divided(self, by: float) -> PrimalDualPoint:
+        """The same point of the program whose objective is divided by a number: so are its multipliers."""
+        rows, lower, upper = self.g_multipliers, self.lower_multipliers, self.upper_multipliers
+        return PrimalDualPoint(self.x, *(None if known is None else known / by for known in (rows, lower, upper)))
+
     def complete(self, nlp: NonlinearProgram) -> tuple[FloatArray, FloatArray, FloatArray]:
         """All multipliers: rows, lower and upper bounds; by default 0 (or ``nlp.g_multipliers_start``), 1 and 1."""
         rows = self.g_multipliers
@@ -183,30 +188,3 @@ class ShiftedRows(WrappedProgram):
         # Not an in-place sum per entry of `rows`: a row that is named twice is still moved once.
         values[self.rows] = values[self.rows] + (self.base - self.delta)
         return values
-
-
-def lagrangian_residual(nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
-    """Size of the Lagrangian's gradient at the variables that are not fixed, relative to the mean multiplier.
-
-    Parameters
-    ----------
-    nlp : NonlinearProgram
-    point : PrimalDualPoint
-
-    Raises
-    ------
-    EvaluationError
-        When a derivative does not exist at the point, or the multipliers are not finite.
-    """
-    multipliers, lower, upper = point.complete(nlp)
-    gradient, jacobian = nlp.gradient(point.x), nlp.jacobian(point.x)
-    rows, columns = nlp.jacobian_structure
-    free = nlp.x_lower < nlp.x_upper
-    with np.errstate(all="ignore"):  # what overflows is noticed in the result
-        residual = gradient - lower + upper
-        np.add.at(residual, columns, jacobian * multipliers[rows])
-        # Multipliers of nearly degenerate rows are large, and rounding with them: measure against their mean.
-        total = np.abs(multipliers).sum() + np.abs(lower[free]).sum() + np.abs(upper[free]).sum()
-        scale = max(1.0, float(total) / max(nlp.n + nlp.m, 1) / 100.0)
-        sizes = finite(np.abs(residual[free]) / scale, nlp.derivatives, "gradient of the Lagrangian")
-    return float(sizes.max(initial=0.0))

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from pyomo.common.gc_manager import PauseGC
-from pyomo.core.expr.numeric_expr import SumExpression
+from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.errors import ModelError
@@ -119,6 +119,41 @@ class RowValues:
             raise ModelError(f"'{named}' is a call.")
         self._names.append((named, content))
         return content
+
+
+class RowTerms:
+    """The terms that expressions add up, and how large they are: how well a sum can be met depends on them.
+
+    Parameters
+    ----------
+    expressions : sequence of expressions, variables or numbers
+    """
+
+    def __init__(self, expressions: Sequence[Any]) -> None:
+        self._names: list[tuple[Any, Any]] = []
+        terms = [list(topmost_nodes((expression,), self._is_term)) for expression in expressions]
+        self._count = len(terms)
+        self._rows = np.repeat(np.arange(self._count), list(map(len, terms)))
+        self._values = RowValues([term for several in terms for term in several])
+
+    @property
+    def is_current(self) -> bool:
+        """Whether named expressions still stand for what they stood for."""
+        return all(named._args_[0] is content for named, content in self._names) and self._values.is_current
+
+    def largest(self) -> Array:
+        """Magnitude of the largest term of each expression now, numbers apart, and those without a value."""
+        sizes = np.zeros(self._count)
+        np.fmax.at(sizes, self._rows, np.abs(self._values.values()))
+        return sizes
+
+    def _is_term(self, node: Any) -> bool:
+        if not node.is_expression_type():
+            return True
+        if node.is_named_expression_type():
+            self._names.append((node, node._args_[0]))
+            return False
+        return not isinstance(node, (SumExpression, NegationExpression))
 
 
 class SumValue:

@@ -38,8 +38,12 @@ class Scales:
         )
 
     def unscaled(self, point: PrimalDualPoint, nlp: NonlinearProgram) -> PrimalDualPoint:
-        """A point of the scaled program as one of the program `nlp`; what is on a bound stays there."""
-        x = self.x * point.x
+        """A point of the scaled program as one of the program `nlp`, within its bounds.
+
+        What is on a bound stays there, and what Ipopt lets pass it, by parts of a size, is put there: a bound at zero
+        has no size in the units of the user.
+        """
+        x = np.clip(self.x * point.x, nlp.x_lower, nlp.x_upper)
         for bound in (nlp.x_lower, nlp.x_upper):
             held = np.isfinite(bound) & (np.abs(x - bound) <= 4 * np.finfo(float).eps * np.abs(x))
             x = np.where(held, bound, x)

@@ -11,8 +11,9 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
+from pyrobocop_pyomo.ipopt.suffixes import ProblemScaling, scaling_factors
 from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
+from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.numerics.characteristic_scales import (
     GroupedEntries,
     objective_scale,
@@ -24,11 +25,9 @@ from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.stationarity import beside
 
-# Derivatives at a guess may be zero by chance: they are taken a tenth of each scale beside it as well.
-_STEP = 0.1
 _ROUNDS = 5
-_GOLDEN = 0.6180339887498949
 # Relative to an objective: below, its change by all variables is rounding.
 _CONSTANT = 1e-4
 # Of the change of an objective by all variables. Ipopt's first barrier parameter is 0.1: beside an objective of size
@@ -38,6 +37,8 @@ _SHARE = 0.2
 # The barrier is a sum over all bounds, and grows with their number on ever finer meshes, where the objective does not.
 # From so many on, the objective is made larger in proportion: iterations do not depend on the mesh then.
 _MANY_BOUNDS = 500
+# Where runs start at other points their scales differ a little. Scales that stay keep the way to the answer.
+_ALIKE = 10.0
 # Beside the largest size, and beside what the rows say: what is smaller may be, and is, rounding.
 _ROUNDING, _ROUNDING_BESIDE = 1e-10, 1e-6
 
@@ -89,6 +90,11 @@ class AutomaticScaling:
     record: ScalingRecord
     parts: Sequence[tuple[Sequence[Any], FloatArray]]
 
+    def is_like(self, other: AutomaticScaling) -> bool:
+        """Whether no scale differs from the other one's by more than a factor of 10."""
+        pairs = [(getattr(self.scales, name), getattr(other.scales, name)) for name in ("x", "g", "objective")]
+        return all(np.abs(np.log(np.divide(ours, theirs))).max(initial=0.0) <= np.log(_ALIKE) for ours, theirs in pairs)
+
     def above_one(self) -> Iterator[tuple[Any, float]]:
         """Each variable and each constraint whose scale is above 1, with its scale."""
         for components, sizes in self.parts:
@@ -96,38 +102,40 @@ class AutomaticScaling:
                 yield components[place], float(sizes[place])
 
 
-def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
+def automatic_scaling(
+    compiled: CompiledModel, stated: ProblemScaling | None = None, *, like: AutomaticScaling | None = None
+) -> AutomaticScaling:
     """Scales at the values that are on the model.
 
     Parameters
     ----------
     compiled : CompiledModel
+    stated : ProblemScaling, optional
+        Factors that the user has stated, NaN where there are none; by default those of the model's suffixes.
+    like : AutomaticScaling, optional
+        Of the same program: returned where no scale is another one by more than a factor of 10.
 
     Returns
     -------
     AutomaticScaling
     """
     nlp, x = compiled.nlp, compiled.current_point()
-    variables, constraints = ComponentGroups(compiled.variables), ComponentGroups(compiled.constraints)
-    stated, known = scaling_factors(compiled, missing=np.nan), _known_scales(variables, nlp)
+    variables, constraints = compiled.groups
+    known = _known_scales(variables, _widths(variables, nlp))
+    stated = scaling_factors(compiled, missing=np.nan) if stated is None else stated
     x_stated = np.full(nlp.n, np.nan) if stated.x is None else _inverse(stated.x)
     _set(known, variables.numbers, x_stated)
-    scales = _completed(nlp, x, variables, constraints, known)
-    doubtful = _doubtful(known) & np.isnan(_by_group(known, variables.numbers, x_stated))
-    if doubtful.any():
-        told = _completed(nlp, x, variables, constraints, np.where(doubtful, np.nan, known))
-        rounding = doubtful & (known < _ROUNDING_BESIDE * told)
-        if rounding.any():
-            scales = _completed(nlp, x, variables, constraints, np.where(rounding, np.nan, known))
+    free = np.isnan(_by_group(known, variables.numbers, x_stated))
+    scales = _without_rounding(nlp, x, variables, constraints, known, free)
     jacobian = _jacobian(nlp, x)
     scales = np.where(np.isnan(scales), 1.0, scales)
-    beside = _beside(nlp, x, scales[variables.numbers])
-    entries = _entries(nlp, [jacobian, _jacobian(nlp, beside)], variables, constraints)
+    x_beside = beside(nlp, x, scales[variables.numbers])
+    entries = _entries(nlp, [jacobian, _jacobian(nlp, x_beside)], variables, constraints)
     x_scales = scales[variables.numbers]
     bounds = np.abs(np.array([nlp.g_lower, nlp.g_upper]))
     rows = row_scales(scales, entries, np.where(np.isfinite(bounds), bounds, 0.0).max(axis=0))
     g_scales = rows[constraints.numbers]
-    changed = objective_scale(np.array([_gradient(nlp, x), _gradient(nlp, beside)]), x_scales)
+    changed = objective_scale(np.array([_gradient(nlp, x), _gradient(nlp, x_beside)]), x_scales)
     objective = max(_SHARE * changed, _CONSTANT * _size_of_objective(nlp, x))
     objective *= min(1.0, _MANY_BOUNDS / max(_terms_of_barrier(nlp), 1))
     x_scales = np.where(np.isnan(x_stated), x_scales, x_stated)
@@ -137,7 +145,66 @@ def automatic_scaling(compiled: CompiledModel) -> AutomaticScaling:
         objective = 1.0 / abs(stated.objective)
     parts = [(compiled.variables, x_scales), (compiled.constraints, g_scales)]
     record = ScalingRecord(_by_name(variables, x_scales), _by_name(constraints, g_scales), objective)
-    return AutomaticScaling(Scales(x_scales, g_scales, objective), record, parts)
+    found = AutomaticScaling(Scales(x_scales, g_scales, objective), record, parts)
+    return like if like is not None and found.is_like(like) else found
+
+
+def variable_sizes(compiled: CompiledModel) -> FloatArray:
+    """Sizes of the variables by the values that are on the model, whatever their bounds and suffixes say.
+
+    Where all values of a group are zero the rows tell, and where they do not, the bounds.
+
+    Parameters
+    ----------
+    compiled : CompiledModel
+
+    Returns
+    -------
+    float array, shape (n,)
+    """
+    nlp, x = compiled.nlp, compiled.current_point()
+    variables, constraints = compiled.groups
+    widths = _widths(variables, nlp)
+    known = _known_scales(variables, np.zeros(widths.shape))
+    scales = _without_rounding(nlp, x, variables, constraints, known, np.ones(known.shape, dtype=bool))
+    widths = np.where((widths > 0.0) & np.isfinite(widths), widths, 1.0)
+    return np.where(np.isnan(scales), widths, scales)[variables.numbers]
+
+
+def objective_slope(compiled: CompiledModel) -> float:
+    """What the objective of a model with pairs is divided by: its largest derivative, where that is below 1.
+
+    Larger ones Ipopt divides by itself. Smaller ones are zero to its tolerances, and to those of linear programs.
+
+    Parameters
+    ----------
+    compiled : CompiledModel
+    """
+    nlp, x = compiled.nlp, compiled.current_point()
+    gradients = np.array([_gradient(nlp, x), _gradient(nlp, beside(nlp, x, variable_sizes(compiled)))])
+    slope = float(np.abs(gradients[np.isfinite(gradients)]).max(initial=0.0))
+    slope = max(slope, _CONSTANT * _size_of_objective(nlp, x))
+    return slope if 0.0 < slope < 1.0 else 1.0
+
+
+def _without_rounding(
+    nlp: NonlinearProgram,
+    x: FloatArray,
+    variables: ComponentGroups,
+    constraints: ComponentGroups,
+    known: FloatArray,
+    doubted: BoolArray,
+) -> FloatArray:
+    """As `_completed`; where a size that may be doubted is only what rounding left of zero, the rows tell."""
+    scales = _completed(nlp, x, variables, constraints, known)
+    doubtful = _doubtful(known) & doubted
+    if not doubtful.any():
+        return scales
+    told = _completed(nlp, x, variables, constraints, np.where(doubtful, np.nan, known))
+    rounding = doubtful & (known < _ROUNDING_BESIDE * told)
+    if not rounding.any():
+        return scales
+    return _completed(nlp, x, variables, constraints, np.where(rounding, np.nan, known))
 
 
 def _completed(
@@ -150,7 +217,7 @@ def _completed(
         if not np.isnan(scales).any():
             break
         # Products of what is zero at the guess tell more where what is known already has moved.
-        moved = _jacobian(nlp, _beside(nlp, x, np.nan_to_num(scales)[variables.numbers]))
+        moved = _jacobian(nlp, beside(nlp, x, np.nan_to_num(scales)[variables.numbers]))
         found = variable_scales(scales, _entries(nlp, [jacobian, moved], variables, constraints))
         if np.array_equal(np.isnan(found), np.isnan(scales)):
             break
@@ -158,7 +225,7 @@ def _completed(
     return scales
 
 
-def _doubtful(known: FloatArray) -> Any:
+def _doubtful(known: FloatArray) -> BoolArray:
     """Where a size may be what rounding left of zero, as the sine of pi."""
     there = known[~np.isnan(known)]
     return known < _ROUNDING * there.max(initial=0.0) if there.size else np.zeros(known.shape, dtype=bool)
@@ -198,23 +265,21 @@ def _by_name(groups: ComponentGroups, scales: FloatArray) -> dict[str, float]:
     return {groups.names[group]: scale for group, scale in zip(groups.numbers, scales.tolist(), strict=True)}
 
 
-def _known_scales(groups: ComponentGroups, nlp: NonlinearProgram) -> FloatArray:
-    """By the values of all parts, the fixed ones too, and by the largest distance of the bounds of what may move."""
-    widths = np.zeros(len(groups.members))
-    np.maximum.at(widths, groups.numbers, nlp.x_upper - nlp.x_lower)
+def _known_scales(groups: ComponentGroups, widths: FloatArray) -> FloatArray:
+    """By the values of all parts, the fixed ones too, and by the distances of bounds."""
     values = [_largest_value(members) for members in groups.members]
     return np.array([size_of_group(value, width) for value, width in zip(values, widths.tolist(), strict=True)])
 
 
+def _widths(groups: ComponentGroups, nlp: NonlinearProgram) -> FloatArray:
+    """The largest distance of the bounds of what may move, by groups."""
+    widths = np.zeros(len(groups.members))
+    np.maximum.at(widths, groups.numbers, nlp.x_upper - nlp.x_lower)
+    return widths
+
+
 def _largest_value(members: list[Any]) -> float:
     return max((abs(data.value) for data in members if data.value is not None), default=0.0)
-
-
-def _beside(nlp: NonlinearProgram, x: FloatArray, scales: FloatArray) -> FloatArray:
-    """A point about a tenth of each scale away, within the bounds; every variable goes its own way."""
-    steps = _STEP * scales * (0.5 + np.arange(1, nlp.n + 1) * _GOLDEN % 1.0)
-    up = x + steps
-    return np.clip(np.where(up <= nlp.x_upper, up, x - steps), nlp.x_lower, nlp.x_upper)
 
 
 def _jacobian(nlp: NonlinearProgram, x: FloatArray) -> FloatArray:

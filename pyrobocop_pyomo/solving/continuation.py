@@ -12,9 +12,10 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues
 
 from .ipopt_options import IpoptOptions, inexact, warm_continuation
 from .iterate_log import IterateLog
-from .iterates import Iterate
+from .iterates import Iterate, StopReason
 from .session import Session
 from .settings import Settings
+from .violations import growing_variables
 
 # So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
 SHORTENED_STEPS = 4
@@ -137,6 +138,8 @@ class Continuation:
                 wanted += [delta, (delta * start.delta) ** 0.5]
                 self._values.write(start.values)
                 shortened += 1
+            elif self.best.diverged:
+                return  # there is no point to go on from
             else:
                 # A failed run leaves multipliers that are worth nothing, and often a point that is.
                 start = None
@@ -153,6 +156,9 @@ class Continuation:
         )
 
     def _take(self, iterate: Iterate, *, start: Iterate | None = None, on_the_way: bool = False) -> Iterate:
+        if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
+            # More iterations would only take it further: Ipopt itself calls that diverging much later.
+            iterate = replace(iterate, stop_reason=StopReason.DIVERGED)
         # What did not converge may be the last point that there is, and is checked in full.
         on_the_way = self._session.approximate or (
             on_the_way and iterate.converged and math.isfinite(iterate.constraint_violation)
@@ -166,9 +172,15 @@ class Continuation:
         self.last = iterate = replace(iterate, values=self._values.read())
         if on_the_way:
             self._on_the_way[id(iterate)] = iterate
-        if not hasattr(self, "best") or not self.best.is_better_than(iterate, self._settings.tolerances, self._sign):
+        if not hasattr(self, "best") or self._is_better(iterate):
             self.best = iterate
         return iterate
+
+    def _is_better(self, iterate: Iterate) -> bool:
+        """Whether it is no worse than the best; what grows without end leads nowhere, even if it is feasible."""
+        if iterate.diverged != self.best.diverged:
+            return self.best.diverged
+        return not self.best.is_better_than(iterate, self._settings.tolerances, self._sign)
 
 
 def _is_shorter(start: Iterate, delta: float) -> bool:

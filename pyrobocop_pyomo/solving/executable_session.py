@@ -8,8 +8,10 @@ doi:10.1007/s10107-004-0559-y).
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TextIO
 
 import numpy as np
@@ -22,18 +24,27 @@ from pyomo.core.base.suffix import Suffix
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.discretisation import RowMultipliers
-from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.errors import EvaluationError, SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import NO_IPOPT
 from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable, ipopt_executable_version
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.ipopt.linear_solvers import FALL_BACK, FELL_BACK, IN_DOUBT, with_linear_solver
+from pyrobocop_pyomo.ipopt.linear_solvers import (
+    FALL_BACK,
+    FELL_BACK,
+    IN_DOUBT,
+    SAID_OF_OWN_SOLVER,
+    refused_options,
+    with_linear_solver,
+)
+from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_checks import refuse_function_calls
 from pyrobocop_pyomo.programs.nl_files import WRITER_OPTIONS, checked_writing
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling
+from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .relaxed_model import RelaxedModel
@@ -53,6 +64,7 @@ _SCALED = {
     "dual_inf_tol": 1e10,
     "constr_viol_tol": 1e10,
     "compl_inf_tol": 1e10,
+    "honor_original_bounds": "yes",  # as `Scales.unscaled`
 }
 
 _STATUS = {
@@ -73,6 +85,7 @@ _STATUS_OF_MESSAGE = {
     "Maximum Number of Iterations": IpoptStatus.ITERATION_LIMIT,
     "Maximum wallclock time": IpoptStatus.TIME_LIMIT,
     "Maximum CPU time": IpoptStatus.TIME_LIMIT,
+    "Library loading failure": IpoptStatus.INVALID_OPTION,
 }
 
 
@@ -96,10 +109,12 @@ class ExecutableSession:
         model = self._model = relaxed.model
         refuse_function_calls(model)
         self._relaxed, self._output = relaxed, list(output)
-        compiled = self.compiled() if scaling else None
-        # What the user says by a suffix of scaling is part of it.
-        self.scaling: AutomaticScaling | None = None if compiled is None else automatic_scaling(compiled)
-        names = {*_SUFFIXES} if self.scaling is not None else {*_SUFFIXES} - {"scaling_factor"}
+        # What the run is divided by, and judged by.
+        self._compiled: CompiledModel | None = None
+        self._compiled = self.compiled()
+        self._stated = scaling_factors(self._compiled, missing=np.nan) if scaling and self._compiled else None
+        self.scaling: AutomaticScaling | None = None
+        names = {*_SUFFIXES} if self._stated is not None else {*_SUFFIXES} - {"scaling_factor"}
         # Where the user has suffixes of the same names, theirs would be filled instead of ours.
         self._deactivated = [
             suffix for suffix in model.component_objects(Suffix, active=True) if suffix.local_name in names
@@ -111,11 +126,23 @@ class ExecutableSession:
         for name, direction in _SUFFIXES.items():
             if name in names:
                 self._own.add_component(name, Suffix(direction=direction, datatype=Suffix.FLOAT))
-        if compiled is not None and self.scaling is not None:
-            factors = self._own.component("scaling_factor")
-            factors.update((component, 1.0 / scale) for component, scale in self.scaling.above_one())
-            if compiled.objective is not None:
-                factors[compiled.objective] = 1.0 / self.scaling.scales.objective
+
+    @functools.cached_property
+    def _of_objective(self) -> dict[str, float]:
+        """Ipopt's option for an objective that is too small, of a model with pairs."""
+        slope = objective_slope(self._compiled) if self._relaxed.pairs and self._compiled is not None else 1.0
+        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
+
+    def _take_sizes(self) -> None:
+        """See `Session.scaling`: of the point on the model."""
+        compiled, factors = self._compiled, self._own.component("scaling_factor")
+        if compiled is None or factors is None:
+            return
+        self.scaling = automatic_scaling(compiled, self._stated, like=self.scaling)
+        factors.clear()
+        factors.update((component, 1.0 / scale) for component, scale in self.scaling.above_one())
+        if compiled.objective is not None:
+            factors[compiled.objective] = 1.0 / self.scaling.scales.objective
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -156,16 +183,21 @@ class ExecutableSession:
             suffix.update(entries)
 
     def _solve(self, label: str, delta: float | None, options: Mapping[str, Any], deadline: Deadline) -> Iterate:
-        options = {**_SCALED, **options} if self.scaling is not None else options
+        options = {**self._of_objective, **options}
+        if "nlp_scaling_method" not in options:
+            self._take_sizes()
+            options = {**_SCALED, **options} if self.scaling is not None else options
         facts = {"delta": delta, "mu": options.get("mu_target"), "options": options}
         started = time.perf_counter()
         resolved, own = with_linear_solver(options)
+        for stream in self._output if own else ():
+            stream.write(SAID_OF_OWN_SOLVER)
         status, iterations = self._run_process(resolved, deadline)
         if own and status in IN_DOUBT:
             # From where that run ended, if it left a point at all; the multipliers are those of its start.
             status, iterations = self._run_process({**options, **FALL_BACK}, deadline)
             facts["options"] = {**options, "linear_solver": FELL_BACK}
-        return Iterate.of_run(
+        iterate = Iterate.of_run(
             label,
             status,
             iterations=iterations,
@@ -175,6 +207,17 @@ class ExecutableSession:
             row_multipliers=self._row_multipliers(),
             **facts,
         )
+        # With pairs that is a matter of the polish: the program of the file is another one for each delta.
+        judged = self._compiled is not None and not self._relaxed.pairs
+        return replace(iterate, stationarity=self._stationarity(iterate)) if judged else iterate
+
+    def _stationarity(self, iterate: Iterate) -> float:
+        assert self._compiled is not None
+        try:
+            point = self.primal_dual(iterate, self._compiled)
+            return stationarity(self._compiled.nlp, point, variable_sizes(self._compiled))
+        except EvaluationError:
+            return float("inf")
 
     def _run_process(self, options: Mapping[str, Any], deadline: Deadline) -> tuple[IpoptStatus, int]:
         """One process: its status and iterations; its point is put on the model."""
@@ -192,9 +235,12 @@ class ExecutableSession:
         except KeyboardInterrupt:
             # The process is gone with its iterate; what the last run left is on the model still.
             return IpoptStatus.INTERRUPTED, 0
+        status = _status_of(results)
+        if status is IpoptStatus.INVALID_OPTION:
+            raise refused_options(options)
         if results.solution_loader.get_number_of_solutions():
             results.solution_loader.load_solution()
-        return _status_of(results), int(results.extra_info.iteration_count or 0)
+        return status, int(results.extra_info.iteration_count or 0)
 
     def _row_multipliers(self) -> Callable[[], RowMultipliers]:
         rows, lower, upper = (
@@ -219,6 +265,8 @@ class ExecutableSession:
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
+        if self._compiled is not None and not anew and not self._relaxed.pairs:
+            return self._compiled  # with pairs the rows are those of another delta by now
         try:
             return CompiledModel(self._model)
         except SolverNotFoundError:
@@ -232,7 +280,7 @@ class ExecutableSession:
         """See `Session.coarsened`; a file has the whole model."""
         return
 
-    def with_elastic_rows(self, penalty: float) -> None:
+    def with_elastic_rows(self, price: float) -> None:
         """See `Session.with_elastic_rows`; a file has the rows as they are."""
         return
 

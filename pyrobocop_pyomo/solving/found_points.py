@@ -15,6 +15,8 @@ logger = logging.getLogger(__name__)
 CROSS_CHECKED_PAIRS = 100
 # Objectives that differ by less, relative to their size, are those of one solution.
 SAME_OBJECTIVE = 1e-4
+# What is left of rows, relative to the largest variable, where variables are on their way to infinity.
+ROUNDING = 1e-9
 
 
 class FoundPoints:
@@ -29,6 +31,8 @@ class FoundPoints:
     Attributes
     ----------
     best : Iterate or None
+    unbounded : Iterate or None
+        A point that shows that there is no optimum: variables grow without end, and the objective falls.
     cut : StopReason or None
         What ended the solve from outside: the clock, or Ctrl-C.
     led_by_coarse_mesh : bool
@@ -38,6 +42,7 @@ class FoundPoints:
     def __init__(self, settings: Settings, sign: float) -> None:
         self._settings, self._sign = settings, sign
         self._all: list[Iterate] = []
+        self._diverged: list[Iterate] = []
         self.best: Iterate | None = None
         self.cut: StopReason | None = None
         self.led_by_coarse_mesh = False
@@ -50,9 +55,36 @@ class FoundPoints:
     def keep(self, iterate: Iterate) -> None:
         """Remember a point, and whether it is the best."""
         self._all.append(iterate)
-        if self.best is None or self.is_better(iterate, self.best):
+        self.note_diverged(iterate)
+        # By so little the products that are left flatter an objective.
+        flattered = iterate.delta is not None and self.leads_no_further(iterate)
+        if self.best is None or (self.is_better(iterate, self.best) and not flattered):
             logger.info("strategy '%s' has the best point so far", iterate.strategy)
             self.best = iterate
+
+    def note_diverged(self, iterate: Iterate) -> None:
+        """Remember a point of a run whose variables grow without end; another one is forgotten."""
+        if iterate.diverged and iterate.values is not None:
+            self._diverged.append(iterate)
+
+    @property
+    def unbounded(self) -> Iterate | None:
+        """The lowest of the points whose rows and pairs hold, if it is far below the best point; None for none."""
+        lowest = min(filter(self._holds, self._diverged), key=self._cost, default=None)
+        if lowest is None or self.best is None:
+            return lowest
+        best = self._cost(self.best)
+        below = self._cost(lowest) < best - max(1.0, abs(best))
+        return lowest if below or self.best.diverged or not self.best.excess(self._settings.tolerances) <= 1.0 else None
+
+    def _cost(self, iterate: Iterate) -> float:
+        return self._sign * iterate.objective
+
+    def _holds(self, diverged: Iterate) -> bool:
+        """Whether rows and pairs hold as well as rounding lets them, beside values of this size."""
+        size = max((abs(number) for number in diverged.values if number is not None), default=0.0)
+        violation = max(diverged.constraint_violation, diverged.largest_natural_residual)
+        return violation <= max(self._settings.tolerances.feasibility, ROUNDING * size)
 
     def is_better(self, first: Iterate, second: Iterate) -> bool:
         """Whether the first of two points is the better one."""
@@ -94,6 +126,8 @@ class FoundPoints:
         """Whether a strategy is to be run, after what the others have found in a model with so many pairs."""
         if self.best is None:
             return True
+        if self.unbounded is not None and not self.best.diverged:
+            return False
         settings = self._settings
         if settings.deadline.has_passed:
             if not self.is_certified(self.best):

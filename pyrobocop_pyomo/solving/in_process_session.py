@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TextIO
@@ -29,11 +30,11 @@ from pyrobocop_pyomo.programs.nonlinear_program import (
     NonlinearProgram,
     PrimalDualPoint,
     ShiftedRows,
-    lagrangian_residual,
 )
-from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
-from .automatic_scaling import AutomaticScaling, automatic_scaling
+from .automatic_scaling import AutomaticScaling, automatic_scaling, objective_slope, variable_sizes
 from .coarse_mesh import coarsen
 from .following_barrier import DeltaFollowsBarrier
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
@@ -74,8 +75,9 @@ class InProcessSession:
         self._nlp = self._shifted(self._compiled.nlp)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
-        self.scaling: AutomaticScaling | None = automatic_scaling(self._compiled) if scaling else None
-        self._scales = None if self.scaling is None else self.scaling.scales
+        self._is_scaled = scaling
+        self.scaling: AutomaticScaling | None = None
+        self._scales: Scales | None = None
 
     def _shifted(self, nlp: NonlinearProgram) -> NonlinearProgram:
         if not self._relaxed.shifted_rows:
@@ -97,14 +99,36 @@ class InProcessSession:
         coarse.approximate = True
         return coarse
 
-    def with_elastic_rows(self, penalty: float) -> InProcessSession:
+    def with_elastic_rows(self, price: float) -> InProcessSession:
         """See `Session.with_elastic_rows`."""
-        elastic = copy.copy(self)
-        prices = None if self._scales is None else 1.0 / self._scales.g
-        rows = elastic._seen_as = elastic._nlp = ElasticRows(self._nlp, penalty, prices)
-        if self._scales is not None:
-            elastic._scales = replace(self._scales, x=rows.completed(self._scales.x, self._scales.g), objective=1.0)
+        self._take_sizes()
+        elastic, scales = copy.copy(self), self._scales
+        size = self._slope() if scales is None else scales.objective
+        prices = None if scales is None else 1.0 / scales.g
+        rows = elastic._seen_as = elastic._nlp = ElasticRows(self._nlp, price * size, prices)
+        if scales is not None:
+            elastic._scales = replace(scales, x=rows.completed(scales.x, scales.g), objective=1.0)
         return elastic
+
+    @functools.cached_property
+    def _of_objective(self) -> dict[str, float]:
+        """Ipopt's option for an objective that is too small, of a model with pairs."""
+        slope = objective_slope(self._compiled) if self._relaxed.pairs else 1.0
+        return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
+
+    def _take_sizes(self) -> None:
+        """Let the sizes be those of the point on the model: what a run is divided by belongs to where it starts."""
+        if self._is_scaled and self._seen_as is None:
+            self.scaling = automatic_scaling(self._compiled, like=self.scaling)
+            self._scales = self.scaling.scales
+
+    def _slope(self) -> float:
+        """The largest derivative of the objective, or 1 if that is larger."""
+        try:
+            slope = float(abs(self._nlp.gradient(self._compiled.current_point())).max(initial=0.0))
+        except EvaluationError:
+            slope = 0.0
+        return max(1.0, slope)
 
     def run(
         self, delta: float | None, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None = None
@@ -145,7 +169,10 @@ class InProcessSession:
             point = PrimalDualPoint(seen_as.restrict(point.x))
         if start is not None:
             point = replace(start.multipliers, x=point.x)
+        options = {**self._of_objective, **options}
         how: dict[str, Any] = {"deadline": deadline, "on_iteration": on_iteration, "output": self._output}
+        if "nlp_scaling_method" not in options:
+            self._take_sizes()
         if self._scales is not None and "nlp_scaling_method" not in options:
             outcome = run_scaled(self._nlp, self._scales, {**SCALED, **options}, point, **how)
         else:
@@ -177,9 +204,9 @@ class InProcessSession:
         except EvaluationError:
             violated = float("inf")
         try:
-            stationarity = self._stationarity(nlp, point)
+            left = self._stationarity(nlp, point)
         except EvaluationError:
-            stationarity = float("inf")
+            left = float("inf")
         loader = InProcessSolutionLoader(self._compiled, outcome)
         return Iterate.of_run(
             label,
@@ -189,7 +216,7 @@ class InProcessSession:
             iterations=outcome.iterations,
             seconds=outcome.seconds,
             options=_recorded(options, outcome),
-            stationarity=stationarity,
+            stationarity=left,
             constraint_violation=violated,
             multipliers=point,
             undefined_at=undefined_at,
@@ -198,10 +225,8 @@ class InProcessSession:
         )
 
     def _stationarity(self, nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
-        if self.scaling is None:
-            return lagrangian_residual(nlp, point)
-        scales = self.scaling.scales
-        return lagrangian_residual(ScaledProgram(nlp, scales), scales.scaled(point))
+        sizes, seen_as = variable_sizes(self._compiled), self._seen_as
+        return stationarity(nlp, point, seen_as.restrict(sizes) if isinstance(seen_as, AggregatedProgram) else sizes)
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""

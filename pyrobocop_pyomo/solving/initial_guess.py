@@ -91,7 +91,8 @@ class InitialGuess:
         if at_start:
             self.remarks.append(
                 f"The initial guess could not be evaluated: {at_start}. Give another one, or keep the expression away "
-                "from there by bounds."
+                "from there by bounds; what is fixed, such as a start, needs another value, or a scheme without a "
+                "point there, such as 'radau'."
             )
         elif self._undefined_on_the_way:
             self.remarks.append(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,15 +25,18 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.modeling.row_violations import relation_violation
 from pyrobocop_pyomo.modeling.variable_bounds import VariableBounds
-from pyrobocop_pyomo.programs.row_values import RowValues, SumValue
+from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue
 
 from .iterates import Iterate, Tolerances
 from .progress import Progress
-from .violations import Violation, worst_row_of_each_component
+from .side_sizes import SideSizes
+from .violations import Violation, violations_of_pairs, worst_row_of_each_component
 
 logger = logging.getLogger(__name__)
 
-# From so many pairs on, their sides are.
+# Less is none in the eyes of any tolerance that can be met in sums of numbers of size 1.
+NO_VIOLATION = 1e-12
+# From so many pairs on, their sides are evaluated as arrays.
 MANY_PAIRS = 20
 
 
@@ -53,7 +56,6 @@ class ModelCheck:
     """
 
     def __init__(self, model: Any) -> None:
-        self._scales: dict[int, float] = {}
         with PauseGC():  # many small objects, all of which live on
             self._constraints = list(model.component_data_objects(Constraint, active=True))
             self.read_bounds()
@@ -75,15 +77,7 @@ class ModelCheck:
         self._lower = np.array([-np.inf if bounds[1] is None else bounds[1] for _, bounds in self._rows], dtype=float)
         self._upper = np.array([np.inf if bounds[2] is None else bounds[2] for _, bounds in self._rows], dtype=float)
         self._bodies: RowValues | None = None
-
-    def take_scales(self, scales: Iterable[tuple[Any, float]]) -> None:
-        """Set the scales of constraints and variables; those that are not named have none."""
-        self._scales = {id(data): scale for data, scale in scales}
-
-    @property
-    def is_scaled(self) -> bool:
-        """Whether anything has a scale."""
-        return bool(self._scales)
+        self._terms: RowTerms | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
@@ -97,28 +91,29 @@ class ModelCheck:
 
     def violated(self, tolerances: Tolerances) -> list[Violation]:
         """Constraints and bounds that do not hold within the tolerance of feasibility, the worst of each component."""
-        rows = np.flatnonzero(self._row_violations() > tolerances.feasibility) if self._rows else ()
-        bounded = np.flatnonzero(self._bounded.violations() > tolerances.feasibility)
+        of_rows, of_variables = self._row_violations(), self._bounded.violations()
+        rows = np.flatnonzero(self._relative(of_rows) > tolerances.feasibility)
+        bounded = np.flatnonzero(of_variables / self._bounded.sizes() > tolerances.feasibility)
         violated = [(row, *bounds) for row, bounds in map(self._rows.__getitem__, rows)]
         violated += [(data, data.value, *data.bounds) for data in map(self._bounded.variables.__getitem__, bounded)]
         return list(worst_row_of_each_component(violated))
 
     def violations(self) -> tuple[float, float]:
-        """Largest violation, and the largest where each is divided by its scale, if that is above 1."""
-        worst = relative = 0.0
-        scale_of, is_scaled = self._scales.get, self.is_scaled
-        if self._rows:
-            violations = self._row_violations()
-            worst = float(violations.max())
-            scales = [scale_of(id(row), 1.0) for row, _ in self._rows] if is_scaled else [1.0]
-            relative = float((violations / np.maximum(1.0, scales)).max())
-        for relation in self._relations:
-            violation = relation_violation(relation, unknown=float("inf"))
-            worst, relative = max(worst, violation), max(relative, violation)
-        of_variables = self._bounded.violations()
-        scales = [scale_of(id(variable), 1.0) for variable in self._bounded.variables] if is_scaled else [1.0]
-        worst = max(worst, float(of_variables.max(initial=0.0)))
-        relative = max(relative, float((of_variables / np.maximum(1.0, scales)).max(initial=0.0)))
+        """Largest violation, and the largest where each is divided by the size of what it is a violation of.
+
+        A row is of the size of the largest term that it adds up, and a bound of that of its variable, at the point that
+        is on the model; what is smaller than 1 counts as 1.
+        """
+        of_rows, of_variables = self._row_violations(), self._bounded.violations()
+        of_relations = [relation_violation(relation, unknown=float("inf")) for relation in self._relations]
+        found = [
+            (of_rows, self._relative(of_rows)),
+            (of_variables, of_variables / self._bounded.sizes()),
+            (np.array(of_relations), np.array(of_relations)),
+        ]
+        worst, relative = (
+            max(float(each.max(initial=0.0)) for each in several) for several in zip(*found, strict=True)
+        )
         return worst, relative
 
     def _row_violations(self) -> NDArray[np.float64]:
@@ -128,6 +123,15 @@ class ModelCheck:
         with np.errstate(invalid="ignore"):
             violations = np.maximum(np.maximum(self._lower - bodies, bodies - self._upper), 0.0)
         return np.where(np.isnan(bodies), np.inf, violations)
+
+    def _relative(self, violations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Violations of the rows, divided by the sizes of these where they are above 1."""
+        if not violations.max(initial=0.0) > NO_VIOLATION:
+            return violations  # whatever the sizes
+        if self._terms is None or not self._terms.is_current:
+            self._terms = RowTerms([body for _, (body, _, _) in self._rows])
+        sizes = self._terms.largest()
+        return np.where(np.isfinite(sizes), violations / np.maximum(1.0, sizes), violations)
 
 
 class IterateLog:
@@ -141,7 +145,7 @@ class IterateLog:
     Attributes
     ----------
     pairs : sequence of CanonicalPair
-        To be checked.
+        To be checked; set when the start is on the model.
     steps : list of Iterate
         Without values and multipliers.
     seconds : float
@@ -150,12 +154,27 @@ class IterateLog:
 
     def __init__(self, check: ModelCheck, progress: Progress) -> None:
         self._check, self._progress = check, progress
-        self.pairs: Sequence[CanonicalPair] = ()
+        self._pairs: Sequence[CanonicalPair] = ()
+        self._sizes = SideSizes((), np.empty((0, 2)))
         self._side_values: tuple[Sequence[CanonicalPair], RowValues] | None = None
         self.steps: list[Iterate] = []
         self.seconds = 0.0
 
-    def add(self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False) -> Iterate:
+    @property
+    def pairs(self) -> Sequence[CanonicalPair]:
+        """The pairs that are checked."""
+        return self._pairs
+
+    @pairs.setter
+    def pairs(self, pairs: Sequence[CanonicalPair]) -> None:
+        known = len(self._pairs) == len(pairs)  # again, by another backend or relaxation
+        self._pairs = pairs
+        if not known:
+            self._sizes = SideSizes(pairs, self._sides())
+
+    def add(
+        self, iterate: Iterate, *, at: Iterate | None = None, on_the_way: bool = False, exact: bool = False
+    ) -> Iterate:
         """Check the point on the model, and log the run that ended there.
 
         Parameters
@@ -167,12 +186,14 @@ class IterateLog:
         on_the_way : bool
             Leave the violation as the session found it by the compiled functions: the user's own expressions are
             evaluated where it counts.
+        exact : bool
+            Whether one side of each pair was held at zero, whatever rounding leaves of it.
         """
         if at is None:
-            iterate = self.checked(iterate, on_the_way=on_the_way)
+            iterate = self.checked(iterate, on_the_way=on_the_way, exact=exact)
         else:
             names: tuple[str, ...] = ("objective", "constraint_violation", "relative_violation")
-            names += ("largest_product", "largest_natural_residual")
+            names += ("largest_product", "largest_natural_residual", "relative_product", "relative_natural_residual")
             iterate = replace(iterate, **{name: getattr(at, name) for name in names})
         iterate = replace(iterate, number=len(self.steps))
         self.steps.append(iterate.record())
@@ -181,20 +202,29 @@ class IterateLog:
         logger.info("%s", line)
         return iterate
 
-    def checked(self, iterate: Iterate, *, on_the_way: bool = False) -> Iterate:
+    def checked(self, iterate: Iterate, *, on_the_way: bool = False, exact: bool = False) -> Iterate:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
         sides = self._sides()
         violation, relative = (iterate.constraint_violation,) * 2 if on_the_way else self._check.violations()
+        if np.isnan(sides).any():  # an expression without a value is infinitely far from what is required of it
+            sides = np.full_like(sides, -np.inf)
         least_side = float(-sides.min(initial=0.0))
         checked = replace(
             iterate,
             objective=self._check.objective(),
             constraint_violation=max(violation, least_side),
-            relative_violation=max(relative, least_side) if self._check.is_scaled else None,
-            largest_product=float(np.abs(sides.prod(axis=1)).max(initial=0.0)),
-            largest_natural_residual=float(np.abs(sides.min(axis=1)).max(initial=0.0)),
+            relative_violation=max(relative, least_side),
+            largest_product=_largest_product(sides),
+            largest_natural_residual=_largest_natural_residual(sides),
         )
+        if not exact:
+            relative_sides = sides / self._sizes.at(sides)
+            checked = replace(
+                checked,
+                relative_product=_largest_product(relative_sides),
+                relative_natural_residual=_largest_natural_residual(relative_sides),
+            )
         self.seconds += time.perf_counter() - started
         return checked
 
@@ -209,9 +239,21 @@ class IterateLog:
             sides = known[1].values().reshape(-1, 2)
             if not np.isnan(sides).any():
                 return sides
-        # One by one, which also says where there is no value.
-        return np.array([side_values(pair) for pair in pairs]).reshape(-1, 2)
+        return np.array([side_values(pair, unknown=np.nan) for pair in pairs]).reshape(-1, 2)
+
+    def unmet(self, tolerances: Tolerances) -> list[Violation]:
+        """Pairs that are not met at the model's current values, the sides relative to their sizes."""
+        sizes = self._sizes.at(self._sides())
+        return list(violations_of_pairs(self.residuals(), tolerances, sizes.prod(axis=1).tolist()))
 
     def residuals(self) -> list[PairResidual]:
         """The pairs at the model's current values."""
         return [PairResidual(pair.name, *sides) for pair, sides in zip(self.pairs, self._sides().tolist(), strict=True)]
+
+
+def _largest_product(sides: NDArray[np.float64]) -> float:
+    return float(np.abs(sides.prod(axis=1)).max(initial=0.0))
+
+
+def _largest_natural_residual(sides: NDArray[np.float64]) -> float:
+    return float(np.abs(sides.min(axis=1)).max(initial=0.0))

@@ -20,7 +20,7 @@ class Quality(enum.Enum):
     """How good the returned point is, by residuals that were recomputed; the value is a sentence."""
 
     OPTIMAL = f"Feasible and stationary{_OF_PAIRS}, within the tolerances."
-    FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be stationary."
+    FEASIBLE = f"Feasible{_OF_PAIRS}, but the point is not shown to be optimal."
     INFEASIBLE = "Constraints or complementarity are violated beyond the tolerances."
 
     def sentence(self, *, pairs: bool) -> str:
@@ -73,13 +73,14 @@ class Tolerances:
     Attributes
     ----------
     feasibility : float
-        Largest violation of a constraint, a bound or a side; relative to its scale, where that is above 1.
+        Largest violation of a constraint, a bound or a side; relative to the largest term that it adds up at the point,
+        where that is above 1.
     product : float
-        Largest product ``a b`` of a pair.
+        Largest product ``a b`` of a pair; of sides whose sizes are below 1, relative to these.
     natural : float
-        Largest ``|min(a, b)|`` of a pair that counts as exactly complementary.
+        Largest ``|min(a, b)|`` of a pair that counts as exactly complementary; each side relative to its size likewise.
     stationarity : float
-        Largest relative gradient of the Lagrangian.
+        Largest residual of first-order conditions, relative to what has to balance in them.
     """
 
     feasibility: float = 1e-6
@@ -96,6 +97,8 @@ class Standing:
     ----------
     excess : float
         How far residuals exceed their tolerances; 1 where none does.
+    bounded : bool
+        Whether it is no point of a run whose variables grow without end.
     shortfall : float
         By how much a motion misses its clearance; 0 where it is proven safe or there is nothing to keep clear of.
     cost : float
@@ -107,6 +110,7 @@ class Standing:
     """
 
     excess: float
+    bounded: bool = True
     shortfall: float = 0.0
     cost: float = 0.0
     exact: bool = True
@@ -119,22 +123,22 @@ class Standing:
         return self.excess <= 1.0
 
     def is_better_than(self, other: Standing) -> bool:
-        """Feasible first, then safe, then exactly complementary, then the objective, then what is shown and proven.
+        """Feasible first, then bounded, safe, exactly complementary, then the objective, then what is shown and proven.
 
-        Differences of the objective that are within a solver's tolerance do not decide. A pair that is met only
-        loosely flatters the objective; an exact point may cost up to 1 % more than a loose one, unless only the loose
-        one is shown to be stationary.
+        Differences of the objective that are within a solver's tolerance do not decide, nor do those by which a point
+        that is not shown to be stationary may fall below one that is. A pair that is met only loosely flatters the
+        objective, and nobody knows by how much: an exact point is better whatever it costs.
         """
         if not (self.feasible and other.feasible):
             return self.excess < other.excess
+        if self.bounded != other.bounded:
+            return self.bounded
         if self.shortfall != other.shortfall:
             return self.shortfall < other.shortfall
-        gain = (other.cost - self.cost) / max(1.0, abs(self.cost), abs(other.cost))
         if self.exact != other.exact:
-            if self.exact:
-                return gain > (-1e-2 if self.optimal or not other.optimal else 1e-6)
-            return gain > (1e-2 if other.optimal or not self.optimal else -1e-6)
-        if abs(gain) > 1e-6:
+            return self.exact
+        gain = (other.cost - self.cost) / max(1.0, abs(self.cost), abs(other.cost))
+        if abs(gain) > (1e-6 if self.optimal == other.optimal else 1e-4):
             return gain > 0.0
         return (self.certified, self.optimal) > (other.certified, other.optimal)
 
@@ -169,8 +173,11 @@ class Iterate(Presented):
     constraint_violation, largest_product, largest_natural_residual : float
         Recomputed from the user's model, whatever Ipopt says.
     relative_violation : float or None
-        The largest violation where that of a row or a bound whose scale is above 1 is divided by its scale: what is
-        compared with the tolerance; None where nothing was scaled.
+        The largest violation where that of a row or a bound whose largest term at the point is above 1 is divided by
+        it: what is compared with the tolerance; None before that is checked.
+    relative_product, relative_natural_residual : float or None
+        The same where each side is divided by its size, if that is below 1; None where one side of each pair was held
+        at zero, as in a polish.
     options : mapping
         Ipopt's options of the run, resolved.
     path : sequence of (mu, delta)
@@ -182,7 +189,8 @@ class Iterate(Presented):
     stop_reason : StopReason
         Why the run ended.
     stationarity : float or None
-        Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand.
+        What the point and its multipliers leave of the first-order conditions, relative to what has to balance in
+        them; None where multipliers are not at hand.
     certificate : Certificate
         Whether another branch through the point descends.
     values : list of float, optional
@@ -210,6 +218,8 @@ class Iterate(Presented):
     largest_product: float = float("inf")
     largest_natural_residual: float = float("inf")
     relative_violation: float | None = None
+    relative_product: float | None = None
+    relative_natural_residual: float | None = None
     options: Mapping[str, Any] = field(default_factory=dict, repr=False)
     path: Sequence[tuple[float, float]] = field(default=(), repr=False)
     strategy: str = ""
@@ -236,15 +246,25 @@ class Iterate(Presented):
         """Whether Ipopt reached its tolerances, or as near to them as its numbers allow."""
         return self.stop_reason is StopReason.FINISHED
 
+    @property
+    def diverged(self) -> bool:
+        """Whether its variables were on their way to infinity: no point to go on from."""
+        return self.stop_reason is StopReason.DIVERGED
+
     def excess(self, tolerances: Tolerances) -> float:
         """How far the residuals exceed the tolerances; 1 if they do not."""
-        violation = self.constraint_violation if self.relative_violation is None else self.relative_violation
-        found = max(violation / tolerances.feasibility, self.largest_product / tolerances.product, 1.0)
+        # Numbers that have grown without end violate a row by no more than the size of its terms: relative violations
+        # say what is met, and not what is nearer to it.
+        relative = self.constraint_violation if self.relative_violation is None else self.relative_violation
+        violation = relative if relative <= tolerances.feasibility else self.constraint_violation
+        product = self.largest_product if self.relative_product is None else self.relative_product
+        found = max(violation / tolerances.feasibility, product / tolerances.product, 1.0)
         return found if found == found else float("inf")
 
     def is_exact(self, tolerances: Tolerances) -> bool:
         """Whether every pair is complementary by its natural residual."""
-        return self.largest_natural_residual <= tolerances.natural
+        relative = self.relative_natural_residual
+        return (self.largest_natural_residual if relative is None else relative) <= tolerances.natural
 
     def quality(self, tolerances: Tolerances) -> Quality:
         """How good the point is."""
@@ -270,6 +290,7 @@ class Iterate(Presented):
         """
         return Standing(
             excess=self.excess(tolerances),
+            bounded=not self.diverged,
             cost=sign * self.objective,
             exact=self.is_exact(tolerances),
             optimal=self.quality(tolerances) is Quality.OPTIMAL,

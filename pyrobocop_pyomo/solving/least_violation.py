@@ -118,17 +118,16 @@ def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolat
     free = {id(v): v for row in rows for v in variables_in(row.body, include_fixed=False)}.values()
     with values_restored(free):
         put_values([*free], [within_bounds(number_or_nan(variable), variable) for variable in free])
-        is_linear = all(row.body.polynomial_degree() in (0, 1) for row in rows)
-        found = _descended(rows, is_linear, bool(pairs), deadline)
+        found = _descended(rows, bool(pairs), deadline)
     return None if found is None or (pairs and not found.obstructions) else found
 
 
-def _descended(
-    rows: Sequence[StatedRow], is_linear: bool, has_pairs: bool, deadline: Deadline
-) -> LeastViolation | None:
+def _descended(rows: Sequence[StatedRow], has_pairs: bool, deadline: Deadline) -> LeastViolation | None:
     """Go down from the values on the model."""
-    radius = math.inf if is_linear else 1.0
     at = ViolatedRows(rows)
+    # Pyomo finds a degree by evaluating what is fixed in a row, which may have no value.
+    is_linear = at.is_finite and all(row.body.polynomial_degree() in (0, 1) for row in rows)
+    radius = math.inf if is_linear else 1.0
     for _ in range(MOST_ROUNDS):
         if deadline.has_passed or not at.is_finite:
             return None

@@ -15,6 +15,8 @@ from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.mpcc.wrapped_programs import WithBounds, WithoutRows
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+from pyrobocop_pyomo.programs.scales import Scales
 
 
 def numeric_pairs(
@@ -22,6 +24,8 @@ def numeric_pairs(
     pairs: Sequence[LiftedPair],
     left_out: Iterable[Any],
     crossed: Sequence[tuple[int, int]] = (),
+    *,
+    objective: float = 1.0,
 ) -> tuple[ComplementarityProgram, np.ndarray]:
     """Say which variables of a nonlinear program are complementary.
 
@@ -34,6 +38,8 @@ def numeric_pairs(
         The rows that relax the pairs: the program is without them.
     crossed : sequence of (int, int)
         Numbers of pairs: the a of the first and the b of the second are complementary as well.
+    objective : float
+        What the objective is divided by.
 
     Returns
     -------
@@ -44,6 +50,8 @@ def numeric_pairs(
     """
     rows = _rows(compiled, left_out)
     nlp: NonlinearProgram = WithoutRows(compiled.nlp, rows) if rows.size else compiled.nlp
+    if objective != 1.0:
+        nlp = ScaledProgram(nlp, Scales(np.ones(nlp.n), np.ones(nlp.m), objective))
     positions = {id(variable): position for position, variable in enumerate(compiled.variables)}
     a = _sides([*(pair.a for pair in pairs), *(pairs[first].a for first, _ in crossed)], positions)
     b = _sides([*(pair.b for pair in pairs), *(pairs[second].b for _, second in crossed)], positions)

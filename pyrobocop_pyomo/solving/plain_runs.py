@@ -1,4 +1,4 @@
-"""Strategies for models without pairs: another start, elastic rows, fewer elements first."""
+"""Strategies for models without pairs: another start, elastic rows, fewer elements first; and on from saddles."""
 
 from __future__ import annotations
 
@@ -7,8 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
+import numpy as np
 
+from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
+from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
+
+from .curvature import direction_of_descent
 from .found_points import FoundPoints
 from .ipopt_options import NEARLY_THERE, TIGHTER_TOLERANCES
 from .iterate_log import IterateLog
@@ -19,13 +25,16 @@ from .second_tries import ITERATIONS_OF_ONE
 from .settings import Settings
 from .solve_result import SolveResult
 from .starts import coarser_copy, put_start, take_values_of_copy
-from .strategies import ADAPTIVE, SIMULATED, SOLVE, StartingPoint, Strategy
+from .strategies import ADAPTIVE, BEYOND_SADDLE, SIMULATED, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
 
-# What a unit of violation costs with elastic rows, in slopes of the objective.
+# What a unit of violation costs with elastic rows, in slopes of the objective: above what multipliers may be expected
+# to be.
 PENALTY = 1e3
+# A run that goes on from a saddle starts so far from it, in sizes of the variables; so many saddles are left.
+STEP_FROM_SADDLE, MOST_SADDLES = 0.1, 5
 
 
 class PlainRuns:
@@ -55,7 +64,7 @@ class PlainRuns:
         self._runs, self._solve_copy = runs, solve_copy
 
     def run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
-        """Run a strategy; None where it has no start of its own, or no program.
+        """Run a strategy, and go on from where it ends at a saddle; None where it has no start, or no program.
 
         Parameters
         ----------
@@ -64,6 +73,54 @@ class PlainRuns:
         keep : callable
             Is given a point on the way that another run starts from.
         """
+        iterate = self._run(place, strategy, keep)
+        return None if iterate is None else self._beyond_saddles(place, iterate, keep, MOST_SADDLES)
+
+    def _beyond_saddles(
+        self, place: Workplace, iterate: Iterate, keep: Callable[[Iterate], None], left: int
+    ) -> Iterate:
+        """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
+        starts = self._starts_beyond(place, iterate)
+        if not starts:
+            return iterate
+        saddle, known = replace(iterate, certificate=Certificate.DESCENT), self._found.best
+        if left == 0 or (known is not None and not self._found.is_better(saddle, known)):
+            return saddle
+        keep(saddle)
+        for start in starts:
+            place.values.write(start)
+            try:
+                lower = self._runs.run(place, BEYOND_SADDLE, BEYOND_SADDLE.name)
+            except EvaluationError:
+                continue
+            lower = self._beyond_saddles(place, lower, keep, left - 1)
+            if lower.stop_reason.is_final or self._found.is_better(lower, saddle):
+                return lower
+        return saddle
+
+    def _starts_beyond(self, place: Workplace, iterate: Iterate) -> list[Values]:
+        """Starts on both sides of the point on the model, if it is stationary and no minimum; otherwise none."""
+        compiled = place.session.compiled() if self._found.is_certified(iterate) else None
+        if compiled is None:
+            return []
+        nlp, point, scaling = compiled.nlp, place.session.primal_dual(iterate, compiled), place.session.scaling
+        try:
+            if scaling is None:
+                direction = direction_of_descent(nlp, point)
+            else:
+                direction = direction_of_descent(ScaledProgram(nlp, scaling.scales), scaling.scales.scaled(point))
+        except EvaluationError:
+            return []
+        if direction is None:
+            return []
+        step = STEP_FROM_SADDLE * direction * (1.0 if scaling is None else scaling.scales.x)
+        starts = []
+        for x in (point.x + step, point.x - step):
+            compiled.load_point(np.clip(x, nlp.x_lower, nlp.x_upper))
+            starts.append(place.values.read())
+        return starts
+
+    def _run(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         if strategy is not SOLVE:
             place.values.write(place.start)
             if not self._put_start(place, strategy):
@@ -104,7 +161,7 @@ class PlainRuns:
 
     def _run_elastic(self, place: Workplace, strategy: Strategy, keep: Callable[[Iterate], None]) -> Iterate | None:
         """Let rows be violated at a price; from where that ends, go on with the rows as they are."""
-        session = place.session.with_elastic_rows(_penalty(place))
+        session = place.session.with_elastic_rows(PENALTY)
         if session is None:
             return None
         elastic = self._runs.continuation(place, strategy, session).run(None, label=strategy.name)
@@ -137,17 +194,3 @@ class PlainRuns:
             return False
         take_values_of_copy(self._model, copy)
         return True
-
-
-def _penalty(place: Workplace) -> float:
-    """Of a unit of violation, or of a row's scale: above what multipliers may be expected to be."""
-    if place.session.scaling is not None:
-        return PENALTY * place.session.scaling.scales.objective
-    compiled = place.session.compiled()
-    if compiled is None:
-        return PENALTY
-    try:
-        slope = float(abs(compiled.nlp.gradient(compiled.current_point())).max(initial=0.0))
-    except EvaluationError:
-        slope = 0.0
-    return PENALTY * max(1.0, slope)

@@ -6,6 +6,7 @@ import functools
 import logging
 import time
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,10 @@ from pyrobocop_pyomo.mpcc.mixed_integer import prepare
 from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
+from .automatic_scaling import objective_slope, variable_sizes
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterate_log import IterateLog
 from .iterates import Iterate, Quality, StopReason
@@ -47,6 +50,8 @@ EXPLORED_SECONDS = 1.0
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
 EXPLORED_WORK_SHARE = 1.0
+# Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
+SAME_COST = 1e-6
 # For a linear program where Ipopt did not solve the branch: what the program says of such a point is rarely of use.
 LINEAR_SECONDS_WITHOUT_SOLUTION = 0.25
 
@@ -126,6 +131,8 @@ class Polish:
 
     Attributes
     ----------
+    diverged : list of Iterate
+        Points of branches on which variables grow without end.
     interrupted : bool
         Whether Ctrl-C ended the search.
     """
@@ -145,8 +152,13 @@ class Polish:
         self._settings, self._compiled, self._log = settings, compiled, log
         self._values, self._exploration = values, exploration
         self._crossed = relaxed.crossed
-        self._program, self._kept_rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        # What is absolute in linear programs, and where a branch ends, then means the same for every objective.
+        self._slope = objective_slope(compiled)
+        self._program, self._kept_rows = numeric_pairs(
+            compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed, objective=self._slope
+        )
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
+        self.diverged: list[Iterate] = []
         self._solved: dict[int, tuple[Iterate, IpoptOutcome]] = {}
         self._search = ActiveSetSearch(self._program, self._solve, self._limits, self._add, settings.deadline)
 
@@ -175,7 +187,8 @@ class Polish:
         """
         try:
             rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
-            start = BranchPoint.at(self._program, replace(point, g_multipliers=rows))
+            point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
+            start = BranchPoint.at(self._program, point)
             nearest = nearest_branch(self._program, start.x).key()
             certified = iterate.is_certified(self._settings.tolerances, polished=True)
             if certified and nearest in self._exploration.unsolved:
@@ -222,11 +235,14 @@ class Polish:
     def _better(self, before: Iterate, after: Iterate) -> Iterate:
         """A polish that failed must not cost the point that it started from.
 
-        Products of a relaxed point flatter its objective, so that does not decide; and where another branch descends
-        from the polished point, it does from the point before, too.
+        Products of a relaxed point flatter its objective, so that does not decide: where its solved branch costs more,
+        it is no solution itself. And where another branch descends from the polished point, it does from the point
+        before, too.
         """
         ranks = [iterate.quality(self._settings.tolerances).rank for iterate in (before, after)]
-        return before if ranks[0] > ranks[1] and after.certificate is not Certificate.DESCENT else after
+        flattered = abs(after.objective - before.objective) > SAME_COST * max(1.0, abs(before.objective))
+        refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
+        return before if ranks[0] > ranks[1] and not refuted else after
 
     def _examined(self, iterate: Iterate, found: BranchPoint, start: BranchPoint) -> Iterate:
         """The iterate at the best point that is found from here, with its certificate and multipliers."""
@@ -280,32 +296,47 @@ class Polish:
         if multipliers is None:
             seconds, deadline = self._limits_at(found).lpec_seconds, self._settings.deadline
             multipliers = classify(MultiplierProblem(self._program, point), time_limit=seconds, deadline=deadline)
-        return None if multipliers is None else without_crossed(multipliers, self._crossed)
+        if multipliers is None:
+            return None
+        numbers = {name: getattr(multipliers, name) * self._slope for name in ("nu", "xi", "rows")}
+        return without_crossed(replace(multipliers, **numbers), self._crossed)
 
     def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
         if found.branch is None or found.violation > self._limits.feasibility:
             return None
-        return strong_multipliers(self._program, point, found.branch, found.point, self._biactive)
+        sizes = self._sizes(found)
+        return strong_multipliers(self._program, point, found.branch, found.point, sizes, self._biactive)
+
+    def _sizes(self, found: BranchPoint) -> FloatArray:
+        """Sizes of the variables at a point."""
+        x = self._compiled.current_point()
+        self._compiled.load_point(found.x)
+        try:
+            return variable_sizes(self._compiled)
+        finally:
+            self._compiled.load_point(x)
 
     def _at(self, found: BranchPoint, strategy: str) -> Iterate:
         """The iterate of the run that solved a branch, its point on the model."""
         iterate, outcome = self._solved[id(found)]
         assert found.branch is not None
         self._compiled.load_point(found.x)
+        point = outcome.point.with_objective_divided(1.0 / self._slope)
         every = np.zeros(self._compiled.nlp.m)
-        every[self._kept_rows] = outcome.g_multipliers
-        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every))
+        every[self._kept_rows] = point.g_multipliers
+        bounds = {name: getattr(point, name) for name in ("lower_multipliers", "upper_multipliers")}
+        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every, **bounds))
         return replace(
             iterate,
             strategy=strategy,
             values=self._values.read(),
-            stationarity=lagrangian_residual(restricted(self._program, found.branch), found.point),
+            stationarity=stationarity(restricted(self._program, found.branch), found.point, self._sizes(found)),
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
 
     def _solve(self, nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
-        purposes = [POLISH, {"max_iter": iterations}]
+        purposes: list[dict[str, Any]] = [POLISH, {"max_iter": iterations}]
         if int((nlp.x_lower < nlp.x_upper).sum()) < int((nlp.g_lower == nlp.g_upper).sum()):
             purposes.append(OVERDETERMINED)
         self._options = self._settings.options.resolve(*purposes)
@@ -323,8 +354,11 @@ class Polish:
                 iterations=outcome.iterations,
                 seconds=outcome.seconds + self._linear_seconds(),
                 options=self._options,
-            )
+            ),
+            exact=True,
         )
+        if iterate.diverged:
+            self.diverged.append(replace(iterate, values=self._values.read()))
         self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
 
     def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:

@@ -87,14 +87,14 @@ class PolishedRuns:
     def project(self, place: Workplace) -> Iterate | None:
         """Look for a feasible branch near the best point; None where nothing can be polished."""
         best, (polish, _) = self._found.best, self._polish(place)
-        if best is None or polish is None:
+        if best is None or best.diverged or polish is None:
             return None
         self._values.write(best.values)
         place.relaxed.start_lifted()
         try:
             return polish.project(best)
         finally:
-            self._note_interruption(polish)
+            self._note_end(polish)
 
     def explore(self, place: Workplace) -> Iterate | None:
         """A better optimum beyond the best point; None where that is not certified, or nothing better was found."""
@@ -108,7 +108,7 @@ class PolishedRuns:
             self._values.write(best.values)
             place.relaxed.start_lifted()
             explored = polish.explore(best)
-            self._note_interruption(polish)
+            self._note_end(polish)
             return None if explored is best else explored
         except KeyboardInterrupt:
             self._found.cut = StopReason.INTERRUPTED
@@ -120,6 +120,8 @@ class PolishedRuns:
         """What a polish makes of the best relaxed point, in terms of the user's variables."""
         place.values.write(relaxed.values)
         iterate = replace(relaxed, strategy=strategy.name, values=self._values.read())
+        if relaxed.diverged:
+            return iterate
         if continuation.last.stop_reason.is_final:
             self._found.cut = continuation.last.stop_reason
             return iterate
@@ -129,7 +131,7 @@ class PolishedRuns:
         try:
             return polish.improve(iterate, place.session.primal_dual(relaxed, compiled))
         finally:
-            self._note_interruption(polish)
+            self._note_end(polish)
 
     def _polish(self, place: Workplace) -> tuple[Polish | None, Any]:
         """What polishes and certifies, with its compiled model; None where it is not wanted or cannot be done here."""
@@ -145,7 +147,9 @@ class PolishedRuns:
         settings = replace(self._settings, options=place.options(self._settings))
         return Polish(settings, place.relaxed, compiled, self._log, self._values, self._exploration), compiled
 
-    def _note_interruption(self, polish: Polish) -> None:
+    def _note_end(self, polish: Polish) -> None:
+        for diverged in polish.diverged:
+            self._found.note_diverged(diverged)
         if polish.interrupted:
             self._found.cut = StopReason.INTERRUPTED
 

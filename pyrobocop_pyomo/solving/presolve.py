@@ -11,6 +11,7 @@ from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import LiftedPair, SidePart, SideVariable
+from pyrobocop_pyomo.diagnosis.values import SIDES_HOLD
 from pyrobocop_pyomo.errors import ComplementarityError
 
 
@@ -49,7 +50,8 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
     Raises
     ------
     ComplementarityError
-        Where both sides are positive, or one of them cannot reach zero from below: the pair cannot be met.
+        Where a side has a fixed value and both are positive, or one of them cannot reach zero from below: the pair
+        cannot be met.
     """
     intervals = ExpressionBoundsVisitor()
     found = []
@@ -60,10 +62,11 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[Decis
             if most < -tolerance:
                 raise ComplementarityError(
                     f"'{pair.pair.name}': its {which} side is at most {most:g} by bounds and fixed variables, but must "
-                    "be >= 0. Check the bounds and what is fixed. Both sides of a pair are >= 0 at all times: what "
-                    "acts only where a gap is closed is complements(gap >= 0, force >= 0)."
+                    f"be >= 0. Check the bounds and what is fixed. {SIDES_HOLD}"
                 )
         if least_a > tolerance and least_b > tolerance:
+            if not (_is_fixed(pair.a) or _is_fixed(pair.b)):
+                continue  # bounds alone: a problem without a solution, which the solve says
             raise ComplementarityError(
                 f"'{pair.pair.name}': both sides are positive by bounds and fixed variables (at least {least_a:g} and "
                 f"{least_b:g}), but one has to be zero. Check the bounds and what is fixed."
@@ -96,6 +99,10 @@ def fixed_at_zero(decisions: Sequence[Decision]) -> Iterator[None]:
     finally:
         for variable, name, bound in reversed(before):
             setattr(variable, name, bound)
+
+
+def _is_fixed(side: SideVariable) -> bool:
+    return bool(side.variable.fixed)
 
 
 def _range(

@@ -9,7 +9,7 @@ from typing import Any
 
 from pyomo.common.errors import InfeasibleConstraintException
 
-from pyrobocop_pyomo.complementarity import PairResidual, active_sources, pairs_of
+from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.diagnosis.difficult_forms import form_findings
 from pyrobocop_pyomo.diagnosis.statements import objective_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -27,18 +27,18 @@ from .iterates import Iterate, Quality, StopReason
 from .polish import Exploration
 from .relaxed_model import forget_removed
 from .result_findings import ModelReference
-from .run_remarks import remarks_on_runs
+from .run_remarks import doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
 from .strategies import DEFAULT_SEQUENCE, SOLVE, TIGHT, Strategy
 from .strategy_runs import StrategyRuns
 from .violations import (
+    GROWING,
     Violation,
     growing_variables,
     motion_without_choice,
     stages_that_miss_impacts,
-    violations_of_pairs,
     worst_of_each_component,
 )
 from .workplaces import Workplaces
@@ -72,7 +72,7 @@ class _Procedure:
         self._values = VariableValues.of_free(model)
         self._guess = InitialGuess(model, self._values)
         self._found = FoundPoints(settings, self._check.sign)
-        self._places = Workplaces(model, settings, self._check, self._guess)
+        self._places = Workplaces(model, settings, self._guess)
         self._runs = StrategyRuns(
             model,
             settings,
@@ -104,9 +104,18 @@ class _Procedure:
                 f"{self._settings.relaxation!r}, which bounds no row by it, and the projection starts from a point "
                 "that another strategy left. Use schedule=Geometric(...) or Fixed(...), or other strategies."
             )
+        if best.stop_reason is StopReason.ITERATION_LIMIT and any(
+            step.stop_reason is StopReason.DIVERGED for step in self._log.steps
+        ):
+            best = replace(best, stop_reason=StopReason.DIVERGED)  # it was on the same way
         # Where there is no time left, that is the reason, and not a value somewhere on the way.
         if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and self._found.cut is None:
             self._guess.explain()
+        unbounded = self._found.unbounded
+        if unbounded is not None:
+            self._values.write(unbounded.values)
+            self._guess.remarks += [_what_grows(self._values, unbounded, best)]
+            best = replace(best, stop_reason=StopReason.DIVERGED)
         self._values.write(best.values)
         self._guess.remarks += self._explanations(best)
         best.load_suffixes()
@@ -143,7 +152,7 @@ class _Procedure:
                 return
         if self._found.best is None:
             self._try(SOLVE)  # what was chosen has no start of its own here
-        if chosen is not None or not self._settings.second_tries or self._found.best is None:
+        if chosen is not None or self._found.best is None:
             return
         tries = SecondTries(self._settings, self._found.best, scaled=self._places.scaling is not None)
         for strategy in tries:
@@ -194,13 +203,14 @@ class _Procedure:
         residuals, quality = self._log.residuals(), best.quality(self._settings.tolerances)
         return SolveResult(
             name=self._model.name,
-            stop_reason=cut or best.stop_reason,
+            stop_reason=cut or self._why_it_ended(best, quality),
             quality=quality,
             best=best.record(),
             multipliers=multipliers,
             residuals=residuals,
-            violations=self._violations(residuals) if quality is Quality.INFEASIBLE else (),
+            violations=self._violations() if quality is Quality.INFEASIBLE else (),
             remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps, best.certificate)),
+            doubts=() if residuals else doubts_on_point(best),
             steps=self._log.steps,
             standing=best.standing(self._settings.tolerances, self._check.sign),
             decided_pairs=places.decided_pairs,
@@ -213,10 +223,17 @@ class _Procedure:
             seconds=time.perf_counter() - self._started,
         )
 
+    def _why_it_ended(self, best: Iterate, quality: Quality) -> StopReason:
+        """That of the best point; where it is a solution of relaxed pairs alone, what became of those that go on."""
+        ends = [step.stop_reason for step in self._log.steps]
+        if quality is Quality.INFEASIBLE and best.converged and StopReason.INFEASIBLE in ends:
+            return StopReason.INFEASIBLE
+        return best.stop_reason
+
     def _explanations(self, best: Iterate) -> list[str]:
         """What may be the cause of a failure, beside what is not met."""
         said = []
-        if best.stop_reason is StopReason.DIVERGED and (growing := growing_variables(self._model)):
+        if best.diverged and self._found.unbounded is None and (growing := growing_variables(self._values, GROWING)):
             said.append(f"What grows: {growing}.")
         infeasible = best.quality(self._settings.tolerances) is Quality.INFEASIBLE
         if infeasible and not best.stop_reason.is_final and (elsewhere := self._where_the_first_gave_up(best)):
@@ -245,10 +262,21 @@ class _Procedure:
         named = "; ".join(str(violation) for violation in found[:SHOWN_AT_FIRST])
         return f"Where the first run, '{first.label}', gave up: {named}." if found else ""
 
-    def _violations(self, residuals: list[PairResidual]) -> tuple[Violation, ...]:
+    def _violations(self) -> tuple[Violation, ...]:
         tolerances = self._settings.tolerances
-        of_pairs = violations_of_pairs(residuals, tolerances)
-        return worst_of_each_component([*self._check.violated(tolerances), *of_pairs])
+        return worst_of_each_component([*self._check.violated(tolerances), *self._log.unmet(tolerances)])
+
+
+def _what_grows(values: VariableValues, unbounded: Iterate, best: Iterate) -> str:
+    """Which variables do, at a point that is on the model, and what is left on it."""
+    grows = f"What grows: {growing_variables(values, GROWING)}."
+    if best.diverged:
+        return grows
+    return (
+        f"{grows} With other sides of pairs at zero the objective has no end; Ipopt stopped at "
+        f"{unbounded.objective:.3g}. "
+        f"The point on the model is the best of those that do not diverge, with {best.objective:.6g}."
+    )
 
 
 def _contradiction(model: Any, error: Exception) -> ContradictionError:

@@ -94,7 +94,7 @@ class RelaxedModel:
             sides = (lifted.a, lifted.b)
             if not any(side.variable.parent_block() is self.block for side in sides):
                 continue
-            for side, number in zip(sides, side_values(lifted.pair), strict=True):
+            for side, number in zip(sides, side_values(lifted.pair, unknown=0.0), strict=True):
                 if side.variable.parent_block() is self.block:
                     side.variable.set_value(max(number, 0.0), skip_validation=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 
@@ -32,3 +33,20 @@ def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Itera
             f"The linear solver of this package failed in {len(failed)} of the runs ('{failed[0]}'), and MUMPS solved "
             "them again; options={'linear_solver': 'mumps'} takes it at once."
         )
+
+
+def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:
+    """Why the best point of a model without pairs may not be what was meant.
+
+    Parameters
+    ----------
+    best : Iterate
+    """
+    if best.certificate is not Certificate.DESCENT:
+        return ()
+    message = (
+        "The point is stationary, but no minimum: along a direction that the constraints leave free the objective "
+        "falls, and no better point was reached along it."
+    )
+    remedy = "Give an initial guess that is not symmetric, or compare several starts: rcp.studies.multistart(model)."
+    return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)

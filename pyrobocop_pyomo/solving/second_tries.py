@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.mpcc.active_set import Certificate
 
-from .iterates import Iterate
+from .iterates import Iterate, StopReason
 from .settings import Settings
 from .strategies import (
     ADAPTIVE,
@@ -35,7 +36,7 @@ _HOPELESS = (
     IpoptStatus.OUT_OF_MEMORY,
     IpoptStatus.INTERNAL_ERROR,
 )
-_FOLLOWING = {IpoptStatus.INFEASIBLE: TRIES_IF_INFEASIBLE, IpoptStatus.DIVERGING: TRIES_IF_DIVERGING}
+_FOLLOWING = {StopReason.INFEASIBLE: TRIES_IF_INFEASIBLE, StopReason.DIVERGED: TRIES_IF_DIVERGING}
 
 
 class SecondTries:
@@ -72,12 +73,18 @@ class SecondTries:
 
     def _chosen(self) -> tuple[Strategy, ...]:
         user, status = self._settings.options.user, self._first.status
+        if self._first.certificate is Certificate.DESCENT:
+            return ()  # the same starts lead to the same saddle, and what follows one was tried
+        if not self._settings.second_tries:
+            # Other starts are the caller's; the point itself, solved with smaller tolerances, is no other start.
+            return (TIGHTER,) if self._first.converged else ()
         if status in _HOPELESS or (status is IpoptStatus.ITERATION_LIMIT and "max_iter" in user):
             return ()
         if status is IpoptStatus.TOO_FEW_FREEDOMS:
             return (ELASTIC_ROWS,)
-        following = SECOND_TRIES if status is None else _FOLLOWING.get(status, SECOND_TRIES)
-        stuck = status is not IpoptStatus.DIVERGING and self._first.excess(self._settings.tolerances) <= 1.0
+        reason = self._first.stop_reason
+        following = _FOLLOWING.get(reason, SECOND_TRIES)
+        stuck = reason is not StopReason.DIVERGED and self._first.excess(self._settings.tolerances) <= 1.0
         if self._first.converged or stuck:
             # Ipopt's tolerances are relative to its scaling; the residuals are not. A run that came to a feasible
             # point and no further often ends there within a few iterations of new multipliers.

@@ -30,7 +30,8 @@ class Session(Protocol):
     approximate : bool
         Whether it solves a problem that only resembles the model: its points violate the model's constraints.
     scaling : AutomaticScaling or None
-        What the program is divided by for Ipopt; nothing of it is left in what comes back.
+        What the program of the last run was divided by for Ipopt: sizes at the point where it started. Nothing of it is
+        left in what comes back.
     """
 
     solver: str
@@ -63,8 +64,14 @@ class Session(Protocol):
         """A session of the same model on about so many elements; None where there is no such program."""
         ...
 
-    def with_elastic_rows(self, penalty: float) -> Session | None:
-        """A session of the same model whose rows may be violated at a price; None where there is no such program."""
+    def with_elastic_rows(self, price: float) -> Session | None:
+        """A session of the same model whose rows may be violated; None where there is no such program.
+
+        Parameters
+        ----------
+        price : float
+            Of a violation of the size of its row, in sizes of the objective; without sizes, of a unit in its slopes.
+        """
         ...
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:

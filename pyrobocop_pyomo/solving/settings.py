@@ -30,7 +30,7 @@ class Settings:
     options : IpoptOptions
     tolerances : Tolerances
     second_tries : bool
-        Whether further strategies follow where the run of a model without pairs fails.
+        Whether strategies with other starts follow where the run of a model without pairs fails.
     polish : bool
     exploration : float or None
         How long to look for better optima beyond the nearest, as a multiple of the time that the solve took so far; by

@@ -172,7 +172,7 @@ class SolveResult(Presented):
 
     @property
     def stationarity(self) -> float | None:
-        """Size of the Lagrangian's gradient relative to its multipliers; None where multipliers are not at hand."""
+        """What is left of the first-order conditions, relative to what has to balance; None without multipliers."""
         return self.best.stationarity
 
     @property

@@ -9,6 +9,8 @@ from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
 
+from .ipopt_options import NEARLY_THERE
+
 
 class StartingPoint(enum.Enum):
     """Where a strategy for models without pairs starts; the value is in words."""
@@ -86,6 +88,9 @@ ADAPTIVE = Strategy("adaptive", None, for_pairs=False, options={"mu_strategy": "
 STRAIGHT_LINES = Strategy("straight lines", None, for_pairs=False, start=StartingPoint.STRAIGHT_LINES)
 INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingPoint.INSIDE_BOUNDS)
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
+
+# From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
+BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})
 
 STRATEGIES = {strategy.name: strategy for strategy in (*DEFAULT_SEQUENCE, SOLVE, TIGHTER, *SECOND_TRIES)}
 

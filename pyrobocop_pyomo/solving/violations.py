@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import repeat
 from operator import itemgetter
 from typing import Any
-
-from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.diagnosis.places import place_in_words
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.phases import Control, Parameter, phases_of
 
 from .iterates import Tolerances
 
 _NAMED = 3
+# A variable that is so many times as large as where it started, as its bounds and as 1 goes to no solution; where that
+# is known, those are named that are on the way there.
+GROWN, GROWING = 1e8, 1e5
 
 
 @dataclass(frozen=True)
@@ -68,11 +71,22 @@ def worst_row_of_each_component(rows: Iterable[tuple[Any, Any, Any, Any]]) -> It
         yield Violation(data.name, place_in_words(data), what, amount, others=len(several) - 1)
 
 
-def violations_of_pairs(residuals: Iterable[PairResidual], tolerances: Tolerances) -> Iterator[Violation]:
-    """Pairs whose sides are both positive, or negative."""
-    for pair in residuals:
-        if max(pair.product / tolerances.product, -pair.natural / tolerances.feasibility) > 1.0:
-            amount = abs(pair.natural)
+def violations_of_pairs(
+    residuals: Iterable[PairResidual], tolerances: Tolerances, sizes: Iterable[float] = repeat(1.0)
+) -> Iterator[Violation]:
+    """Pairs whose sides are both positive, or negative.
+
+    Parameters
+    ----------
+    residuals : iterable of PairResidual
+    tolerances : Tolerances
+    sizes : iterable of float
+        Of the product of each.
+    """
+    for pair, size in zip(residuals, sizes, strict=False):
+        # What has no value is not met either.
+        if not (pair.product <= tolerances.product * size and -pair.natural <= tolerances.feasibility):
+            amount = float("inf") if pair.product != pair.product else abs(pair.natural)
             yield Violation(pair.name, f"pair '{pair.name}'", f"sides {pair.a:.3g} and {pair.b:.3g}", amount)
 
 
@@ -97,15 +111,25 @@ def _wanted(number: float, lower: float | None, upper: float | None) -> str:
     return f"not >= {lower:.6g}" if lower is not None and number < lower else f"not <= {upper:.6g}"
 
 
-def growing_variables(model: Any, least: float = 1e10) -> str:
-    """The components with the largest variables, in words; empty where none is as large as this."""
-    largest: dict[str, float] = {}
-    for data in model.component_data_objects(Var, active=True):
-        if data.value is not None and not data.fixed and abs(data.value) >= least:
+def growing_variables(values: VariableValues, least: float = GROWN) -> str:
+    """The components that have grown most beyond start and bounds, in words; empty where none by this factor.
+
+    Parameters
+    ----------
+    values : VariableValues
+        Taken at the start.
+    least : float
+    """
+    largest: dict[str, tuple[float, float]] = {}
+    for data, start in zip(values.variables, values.taken, strict=True):
+        size, known = abs(data.value or 0.0), max(1.0, abs(start or 0.0))
+        if size >= least * known:  # to read bounds takes longer
+            growth = size / max([known, *(abs(bound) for bound in data.bounds if bound is not None)])
             name = data.parent_component().name
-            largest[name] = max(largest.get(name, 0.0), abs(data.value))
-    named = sorted(largest, key=lambda name: -largest[name])[:_NAMED]
-    return ", ".join(f"'{name}' ({largest[name]:.1e})" for name in named)
+            if growth >= max(least, largest.get(name, (0.0, 0.0))[0]):
+                largest[name] = growth, size
+    named = sorted(largest, key=lambda name: -largest[name][0])[:_NAMED]
+    return ", ".join(f"'{name}' ({largest[name][1]:.1e})" for name in named)
 
 
 def motion_without_choice(model: Any) -> str:

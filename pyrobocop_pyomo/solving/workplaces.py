@@ -20,7 +20,6 @@ from .executable_session import ExecutableSession
 from .in_process_session import InProcessSession
 from .initial_guess import InitialGuess
 from .ipopt_options import DEFAULT_WITH_PAIRS, IpoptOptions
-from .iterate_log import ModelCheck
 from .iterates import step_header
 from .progress import Progress
 from .relaxed_model import RelaxedModel, relaxed_model
@@ -68,8 +67,6 @@ class Workplaces:
     ----------
     model : Block
     settings : Settings
-    check : ModelCheck
-        Is told the scales of the program.
     guess : InitialGuess
 
     Attributes
@@ -80,24 +77,28 @@ class Workplaces:
         How many pairs the presolve has settled.
     solver, derivatives : str
         Of the last session.
-    scaling : ScalingRecord or None
-        Of the last session.
     """
 
-    def __init__(self, model: Any, settings: Settings, check: ModelCheck, guess: InitialGuess) -> None:
-        self._model, self._settings, self._check, self._guess = model, settings, check, guess
+    def __init__(self, model: Any, settings: Settings, guess: InitialGuess) -> None:
+        self._model, self._settings, self._guess = model, settings, guess
         self._backends = [settings.backend, *settings.fallbacks]
         self._stack = contextlib.ExitStack()
         self.place: Workplace | None = None
         self.decided_pairs = 0
         self.solver = self.derivatives = ""
-        self.scaling: ScalingRecord | None = None
+        self._session: Session | None = None
 
     def __enter__(self) -> Workplaces:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._stack.close()
+
+    @property
+    def scaling(self) -> ScalingRecord | None:
+        """What the last run was divided by."""
+        scaling = None if self._session is None else self._session.scaling
+        return None if scaling is None else scaling.record
 
     @property
     def backend(self) -> Backend:
@@ -146,10 +147,8 @@ class Workplaces:
         delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
         with relaxed_model(self._model, relaxation, self._settings.grouping, delta) as relaxed:
             self.decided_pairs = len(relaxed.decisions)
-            session = self._open_session(relaxed)
+            session = self._session = self._open_session(relaxed)
             self.solver, self.derivatives = session.solver, session.derivatives
-            self.scaling = None if session.scaling is None else session.scaling.record
-            self._check.take_scales(() if session.scaling is None else session.scaling.above_one())
             values = VariableValues.of_free(self._model)
             try:
                 yield Workplace(relaxation, relaxed, session, values, values.read())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -20,13 +21,14 @@ from pyrobocop_pyomo.solving.iterates import Iterate, Standing
 
 _FORMAT = 1
 _KIND = "outcomes of a sweep"
+_CHECKSUM = "crc32"
 
 
 class OutcomeFile:
     """A file of outcomes.
 
-    A line is written by one call of the operating system: a program that is killed leaves whole lines, and at most one
-    broken one at the end, which is cut off. Nothing in it is unpickled.
+    A program that is killed leaves whole lines, and at most one broken one at the end, which is cut off when the sweep
+    goes on. Each line has a checksum: what was damaged is told, not believed. Nothing in it is unpickled.
 
     Parameters
     ----------
@@ -60,10 +62,10 @@ class OutcomeFile:
         content = self._path.read_bytes()
         whole = content.rfind(b"\n") + 1
         try:
-            lines = [json.loads(line) for line in content[:whole].splitlines()]
+            lines = [_facts_of(line) for line in content[:whole].splitlines()]
             found = lines[0] if lines else {}
-            records = {line["key"]: line for line in lines[1:]}
-        except (ValueError, KeyError, TypeError) as error:
+            records: dict[str, Mapping[str, Any]] = {line["key"]: line for line in lines[1:]}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise CheckpointError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
         if not lines and not content.startswith(b'{"kind": "outcomes of a sweep"'[: len(content)]):
             raise CheckpointError(f"{self._path}: is no file of outcomes. Name another file.")
@@ -85,13 +87,35 @@ class OutcomeFile:
         self._append({"key": key, **record})
 
     def _append(self, facts: Mapping[str, Any]) -> None:
-        line = (json.dumps(facts) + "\n").encode()
+        text = json.dumps(facts)
+        line = (json.dumps({**facts, _CHECKSUM: zlib.crc32(text.encode())}) + "\n").encode()
         descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        before = os.fstat(descriptor).st_size
         try:
-            os.write(descriptor, line)
+            written = 0
+            while written < len(line):  # a disk that fills up takes a part
+                written += os.write(descriptor, line[written:])
             os.fsync(descriptor)
+        except BaseException:
+            os.ftruncate(descriptor, before)  # the next line begins where this one did
+            raise
         finally:
             os.close(descriptor)
+
+
+def _facts_of(line: bytes) -> dict[str, Any]:
+    """What a line holds; files of version 0.1 have no checksums.
+
+    Raises
+    ------
+    ValueError
+        When it is not what was written.
+    """
+    facts: dict[str, Any] = json.loads(line)
+    checksum = facts.pop(_CHECKSUM, None)
+    if checksum is not None and checksum != zlib.crc32(json.dumps(facts).encode()):
+        raise ValueError("a line is not what its checksum says")
+    return facts
 
 
 _SHORT = ("label", "delta", "mu", "iterations", "seconds", "objective", "constraint_violation", "largest_product",

@@ -15,11 +15,12 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.componentuid import ComponentUID
 from pyomo.core.base.var import Var
 
+from pyrobocop_pyomo.discretisation.estimates import ZERO_OBJECTIVE
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array, Mesh, remesh
-from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
+from pyrobocop_pyomo.phases import PhaseBlockData, phases_of, remesh_phases
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.solving import Quality, SolveResult
 from pyrobocop_pyomo.solving.iterates import StopReason
@@ -36,6 +37,10 @@ class RefinementEnd(enum.Enum):
     """Why refinement ended; the value is a sentence."""
 
     REACHED = "Every element's error is within the tolerance."
+    UNKNOWN = (
+        "What is known of the errors is within the tolerances, but not all of them are known. Compare with a finer "
+        "mesh; objective_tolerance=float('inf') leaves the objective out."
+    )
     MESH_LIMIT = "The limit of meshes was reached. Raise most_meshes, or start from a finer mesh."
     ELEMENT_LIMIT = "The next mesh would exceed the limit of elements. Raise most_elements or the tolerance."
     TIME_LIMIT = "The time limit was reached. Raise time_limit, or start from a finer mesh."
@@ -59,10 +64,10 @@ class RefinementStep(Outcome):
     Attributes
     ----------
     elements : int
-        Of all refined phases together.
+        Of all phases together.
     element_error : float
-        Largest error of a state at the end of an element, relative to ``max(1, size)`` of the state; NaN where the
-        solve failed.
+        Largest error of a state at the end of an element, or excess over bounds and path constraints of states between
+        the points, relative to ``max(1, size)``; NaN where the solve failed.
     objective_error : float
         Estimated error of the objective, as a part of its size; NaN where it is not known.
     """
@@ -153,16 +158,20 @@ class RefinedResult(StudyResult[RefinementStep]):
             return
         best, number = self.best, self._place % len(self.outcomes) + 1
         raise SolveFailed(
-            f"'{self.name}': {self.end.value} Mesh {number} has {best.elements} elements and the error "
-            f"{best.element_error:.1e}; asked was {self.tolerance:g}. The objective's error is estimated at "
-            f"{best.objective_error:.1e} of its size; asked was {self.objective_tolerance:g}. "
+            f"'{self.name}': {' '.join((self.end.value, *self._unknown))} Mesh {number} has {best.elements} elements "
+            f"and the error {best.element_error:.1e}; asked was {self.tolerance:g}. The objective's error is estimated "
+            f"at {best.objective_error:.1e} of its size; asked was {self.objective_tolerance:g}. "
             f"{self.result.quality.value}",
             self,
         )
 
     def __str__(self) -> str:
         asked = f"Asked was {self.tolerance:g}, and {self.objective_tolerance:g} of the objective."
-        return f"{self.name}: {self.end.value} {asked}\n{self.table()}"
+        return "\n".join([f"{self.name}: {self.end.value} {asked}", *self._unknown, self.table()])
+
+    @property
+    def _unknown(self) -> tuple[str, ...]:
+        return self.result.discretisation.remarks if self.end is RefinementEnd.UNKNOWN else ()
 
 
 def solve_refined(
@@ -186,8 +195,9 @@ def solve_refined(
 
     The error of an element is how far it ends from where the equations lead from its own start, under the controls
     found: `Verification.element_error`, here relative to the size of each state where that is above one. What each
-    element adds to the error of the objective is estimated from multipliers (`SolveResult.discretisation`). Elements
-    with large shares of either are split. Each mesh after the first starts from the answer on the one before; where
+    element adds to the error of the objective is estimated from multipliers (`SolveResult.discretisation`), and bounds
+    and path constraints of states are looked at between the points as well. Elements with large shares of any of these
+    are split, in all phases. Each mesh after the first starts from the answer on the one before; where
     that fails, from the model's own initial guess. The best mesh is kept, whatever the later ones give.
 
     Parameters
@@ -197,17 +207,18 @@ def solve_refined(
         with None, for which a `PhaseBlock` makes its default mesh. With ``phases``, it is called with a mapping of
         their names to meshes.
     tolerance : float
-        Largest error of a state at the end of an element: in the model's own units, or as a part of the state's
-        largest value where that is above one.
+        Largest error of a state at the end of an element, and excess over bounds and path constraints of states: in the
+        model's own units, or as a part of the state's largest value where that is above one.
     objective_tolerance : float
-        Largest estimated error of the objective, as a part of its size; ``float("inf")`` not to refine on it. Where the
-        solver gives no multipliers, it is not known and not refined on.
+        Largest estimated error of the objective, as a part of its size; ``float("inf")`` not to refine on it. Where it
+        is not known, as with pairs, refinement ends with `RefinementEnd.UNKNOWN`.
     elements : int or dict of str to int, optional
         Elements of a uniform first mesh.
     mesh : Mesh, sequence of float, or dict of str to such, optional
         The first mesh; in normalised time with a free duration.
     phases : sequence of str, optional
-        Names of the phases to refine, where the model has several.
+        Names of the phases whose meshes ``build`` takes, where the model has several. Others get theirs in place, by
+        `remesh_phases`.
     join : bool
         Join neighbours with very small errors again; boundaries of the first mesh always stay.
     most_parts : int
@@ -281,7 +292,7 @@ def solve_refined(
         elif not step.feasible and (halved or not steps[best[0]].feasible or len(steps) >= most_meshes):
             end = RefinementEnd.FAILED
         elif steps[best[0]].excess(tolerance, objective_tolerance) <= 1.0:
-            end = RefinementEnd.REACHED
+            end = RefinementEnd.REACHED if best[2].knows(objective_tolerance) else RefinementEnd.UNKNOWN
         elif step.excess(tolerance, objective_tolerance) <= 1.0:
             end = RefinementEnd.WORSE_OPTIMUM
         elif len(steps) >= most_meshes:
@@ -343,26 +354,28 @@ def _replaces(step: RefinementStep, before: RefinementStep, tolerance: float, ob
     """Whether the answer on a finer mesh is no worse than the best one until then.
 
     Its objective may be worse where the coarse one flattered itself, by as much as the errors of both explain; by more,
-    it is that of another local optimum.
+    it is that of another local optimum. A motion that is not that of the equations, or that passes its limits, flatters
+    the objective too.
     """
     if step.result is None or before.result is None:
         return before.result is None
     ranks = [result.quality.rank for result in (step.result, before.result)]
     if ranks[0] != ranks[1] or not step.feasible:
         return ranks[0] > ranks[1]
-    known = [of.objective_error * abs(of.objective) for of in (step, before)]
+    falls = step.excess(tolerance, objective_tolerance) <= before.excess(tolerance, objective_tolerance)
+    known = [(of.objective_error + of.element_error) * abs(of.objective) for of in (step, before)]
     worse = step.result.standing.cost - before.result.standing.cost
     if abs(worse) > _TRUST * sum(known):  # false where the errors are not known
         return bool(worse < 0.0)
-    falls = step.excess(tolerance, objective_tolerance) <= before.excess(tolerance, objective_tolerance)
     return falls or not step.objective_error >= before.objective_error
 
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """A solved model, the trajectories of its refined phases, and the errors of their elements.
+    """A solved model, the trajectories of its phases, and the errors of their elements.
 
-    Those in `relative` are relative to the sizes of states, those in `of_objective` to the size of the objective.
+    Those in `relative` are relative to the sizes of states and hold what limits are passed by, those in `of_objective`
+    are relative to the size of the objective.
     """
 
     model: Any
@@ -371,6 +384,12 @@ class _Answer:
     relative: Mapping[str, Array]
     of_objective: Mapping[str, Array]
     result: SolveResult
+
+    def knows(self, objective_tolerance: float) -> bool:
+        """Whether all errors that have a tolerance are known, in all phases."""
+        of_phases = self.result.discretisation.phases
+        every = all(name in of_phases and of_phases[name].excesses is not None for name in self.trajectories)
+        return every and (objective_tolerance == math.inf or set(self.of_objective) == set(self.trajectories))
 
     def shares(self, name: str, tolerance: float, objective_tolerance: float) -> Array:
         """Of one phase: each element's errors as multiples of what it may have."""
@@ -420,10 +439,14 @@ def _solve_on(
             errors[name] = found.end_errors(found.local, trajectory)
             relative[name] = found.end_errors(found.local, trajectory, sizes)
         estimate = result.discretisation
-        if estimate.objective_error is not None and result.objective != 0.0:
-            objective_error = estimate.objective_error / abs(result.objective)
+        for name, of_phase in estimate.phases.items():
+            if of_phase.excesses is not None:
+                relative[name] = np.maximum(relative[name], of_phase.excesses)
+        if estimate.relative_objective_error is not None:
+            objective_error = estimate.relative_objective_error
+            size = max(abs(result.objective), ZERO_OBJECTIVE)
             of_objective = {
-                name: of_phase.objective / abs(result.objective)
+                name: of_phase.objective / size
                 for name, of_phase in estimate.phases.items()
                 if of_phase.objective is not None
             }
@@ -471,7 +494,12 @@ class PhaseBuilder:
     build : callable
         Takes a mesh, or a mapping of phase names to meshes where the phases are named; returns a model.
     phases : sequence of str, optional
-        Names of the phases; the only one of the model by default.
+        Names of the phases whose meshes the function takes; the only one of the model by default.
+
+    Attributes
+    ----------
+    names : list of str
+        Of all phases of the model; those whose meshes the function does not take are given theirs in place.
     """
 
     def __init__(self, build: Callable[[Any], Any], phases: Sequence[str] | None) -> None:
@@ -486,18 +514,17 @@ class PhaseBuilder:
         if elements is not None and mesh is not None:
             raise ModelError("elements and mesh are given; one of them says what the first mesh is.")
         model = self._call(None if self._named is None else dict.fromkeys(self._named))
-        if self._named is None:
-            found = [phase.name for phase in phases_of(model)]
-            if len(found) != 1:
-                raise ModelError(
-                    f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "
-                    "phases=[...], and build will be called with a mapping of their names to meshes."
-                )
-            self.names = found
+        found = [phase.name for phase in phases_of(model)]
+        if self._named is None and len(found) != 1:
+            raise ModelError(
+                f"build(mesh) returned a model with {len(found)} phases: {', '.join(found) or 'none'}. Pass "
+                "phases=[...], and build will be called with a mapping of their names to meshes."
+            )
+        self.names.extend(name for name in found if name not in self.names)
         meshes = {name: self.phase(model, name).grid.mesh for name in self.names}
         for given, make in ((elements, _uniform), (mesh, _given)):
             if given is not None:
-                wanted = given if isinstance(given, Mapping) else dict.fromkeys(self.names, given)
+                wanted = given if isinstance(given, Mapping) else dict.fromkeys(self._named or self.names, given)
                 unknown = [name for name in wanted if name not in meshes]
                 if unknown:
                     raise ModelError(f"a first mesh for '{unknown[0]}'; refined are {', '.join(self.names)}.")
@@ -506,8 +533,10 @@ class PhaseBuilder:
 
     def model(self, meshes: dict[str, Mesh]) -> Any:
         """The user's model on given meshes."""
-        model = self._call(meshes[self.names[0]] if self._named is None else dict(meshes))
-        for name, mesh in meshes.items():
+        taken = meshes if self._named is None else {name: meshes[name] for name in self._named}
+        model = self._call(meshes[self.names[0]] if self._named is None else dict(taken))
+        remesh_phases({self.phase(model, name): mesh for name, mesh in meshes.items() if name not in taken})
+        for name, mesh in taken.items():
             made = self.phase(model, name).grid.mesh
             if made != mesh:
                 raise ModelError(

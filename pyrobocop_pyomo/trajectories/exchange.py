@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import stat
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from pyomo.contrib.mpc import TimeSeriesData
@@ -103,12 +106,25 @@ _FORMAT = 1
 
 
 def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[str, Mapping[str, Array]]) -> Path:
-    """Write groups of named arrays; the suffix ``.npz`` is added where it is missing.
+    """Write groups of named arrays, at once or not at all: whoever reads meanwhile finds the file before or this one.
+
+    Parameters
+    ----------
+    path : str or Path
+        The suffix ``.npz`` is added where it is missing.
+    facts : mapping
+        What fits into JSON.
+    groups : mapping of str to (mapping of str to array)
 
     Returns
     -------
     Path
         The file written.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written, as on a full disk; the file before is as it was.
     """
     path = Path(path)
     path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
@@ -116,8 +132,27 @@ def write_archive(path: str | Path, facts: Mapping[str, Any], groups: Mapping[st
     header = {"format": _FORMAT, "facts": dict(facts), "names": {group: list(named) for group, named in groups.items()}}
     arrays = {f"{group}_{i}": values for group, named in groups.items() for i, values in enumerate(named.values())}
     members: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
-    np.savez_compressed(path, **members)
+    # In the same folder: a rename there is atomic. Threads and processes may write to the same path.
+    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=".npz", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            np.savez_compressed(file, **members)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(_mode_of(path))
+        Path(temporary).replace(path)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
     return path
+
+
+def _mode_of(path: Path) -> int:
+    """Rights of the file that is replaced, or those that a new file gets."""
+    with contextlib.suppress(OSError):
+        return stat.S_IMODE(path.stat().st_mode)
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
 
 
 def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, Array]]]:
@@ -126,7 +161,7 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, 
     Raises
     ------
     TrajectoryError
-        When the file is not there or holds something else.
+        When the file is not there, is damaged or holds something else.
     """
     try:
         # Opened here, because NumPy does not close the file of a damaged archive.
@@ -139,7 +174,8 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, dict[str, 
                     for group, names in header["names"].items()
                 }
                 return header["facts"], groups
-    # An array file is no context manager (in Python 3.10 an AttributeError), a list no dict. An empty file: EOFError.
-    except (AttributeError, OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
-        raise TrajectoryError(f"{path}: no trajectory can be read from it ({error}).") from error
+    except Exception as error:  # damaged bytes: zlib.error, struct.error, BadZipFile, NotImplementedError, EOFError ...
+        raise TrajectoryError(
+            f"{path}: no trajectory can be read from it ({type(error).__name__}: {error})."
+        ) from error
     raise TrajectoryError(f"{path}: written in format {written_in}; this version reads format {_FORMAT}.")

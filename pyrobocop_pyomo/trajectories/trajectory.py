@@ -350,26 +350,42 @@ class Trajectory(Presented):
         Raises
         ------
         TrajectoryError
-            When the file is not there or holds no trajectory.
+            When the file is not there, is damaged or holds no trajectory.
         """
         facts, groups = read_archive(path)
+        try:
+            return cls._from_archive(facts, groups)
+        except KeyError as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+        except (TypeError, ValueError, AttributeError, IndexError) as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error}).") from error
+
+    @classmethod
+    def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
         # Archives of version 0.1 say "held" and "linear".
         facts.setdefault("piecewise_constant", facts.get("held", ()))
         groups.setdefault("piecewise_linear", groups.pop("linear", {}))
-        try:
-            grid = groups.pop("grid")
-            scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
-            return cls(
-                name=facts["name"],
-                grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
-                parameters=facts["parameters"],
-                piecewise_constant=frozenset(facts["piecewise_constant"]),
-                families={names.name: names for names in map(_names_read, facts.get("families", ()))},
-                outcome=facts.get("outcome"),
-                **groups,
-            )
-        except (KeyError, TypeError) as error:
-            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+        grid = groups.pop("grid")
+        scheme = Scheme(facts["scheme"], A=grid["A"], b=grid["b"], c=grid["c"])
+        read = cls(
+            name=facts["name"],
+            grid=Grid(scheme, Mesh(tuple(grid["boundaries"].tolist()))),
+            parameters={str(name): float(number) for name, number in facts["parameters"].items()},
+            piecewise_constant=frozenset(facts["piecewise_constant"]),
+            families={names.name: names for names in map(_names_read, facts.get("families", ()))},
+            outcome=facts.get("outcome"),
+            **groups,
+        )
+        states, points = len(read.grid.times), len(read.grid.points)
+        expected = {"states": (states,), "signals": (points,), "rates": (points,), "pairs": (2, points)}
+        for group, shape in expected.items():
+            for name, values in getattr(read, group).items():
+                if values.shape != shape or values.dtype.kind not in "fiu":
+                    raise TrajectoryError(f"'{name}' has shape {values.shape}, and its grid asks for {shape}")
+        for name, knots in read.piecewise_linear.items():
+            if knots.ndim != 2 or knots.shape[0] != 2 or knots.dtype.kind != "f":
+                raise TrajectoryError(f"'{name}' has knots of shape {knots.shape} in place of (2, knots)")
+        return read
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.names, *self.parameters, *self.families})

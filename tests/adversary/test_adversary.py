@@ -13,16 +13,6 @@ from .spoilers import SPOILERS
 from .trial import Verdict, executable_found, tried
 
 ROUNDS = 6
-# Spoilers whose faults are known; strict, so that whoever mends one takes it off this list.
-KNOWN = {
-    "scaled_sides",
-    "start_beyond_a_path_constraint",
-    "start_inside_the_floor",
-    "phases_not_joined",
-    "not_discretised",
-    "index_taken_for_time",
-}
-
 pytestmark = [pytest.mark.ipopt, pytest.mark.executable]
 
 
@@ -32,15 +22,7 @@ def _executable() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "spoiler",
-    [
-        pytest.param(name, marks=pytest.mark.xfail(strict=True, reason="a fault that is known"))
-        if name in KNOWN
-        else name
-        for name in SPOILERS
-    ],
-)
+@pytest.mark.parametrize("spoiler", SPOILERS)
 def test_a_spoilt_problem_has_no_wrong_answer_with_a_clean_report(spoiler: str) -> None:
     first = list(SPOILERS).index(spoiler)
     trials = [tried(first + turn * len(SPOILERS)) for turn in range(ROUNDS)]

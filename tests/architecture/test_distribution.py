@@ -42,7 +42,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
 @pytest.mark.slow
 def test_wheel_holds_the_package_and_its_type_marker(wheel: ZipFile) -> None:
     folder = ROOT / "pyrobocop_pyomo"
-    sources = {path.relative_to(ROOT).as_posix() for path in (*folder.rglob("*.py"), *folder.rglob("*.[ch]"))}
+    sources = {
+        path.relative_to(ROOT).as_posix()
+        for path in (*folder.rglob("*.py"), *folder.rglob("*.[ch]"), *folder.rglob("*.cpp"))
+    }
     packed = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert packed == sources | {"pyrobocop_pyomo/py.typed"}
 

@@ -194,6 +194,13 @@ def test_evaluations_and_their_preparation_are_measured() -> None:
     assert [alike[:2], different[:2]] == [["40", "alike"], ["40", "different"]]
 
 
+@pytest.mark.asl
+def test_derivatives_of_nested_expressions_are_counted_and_timed() -> None:
+    counted, timed = run_quick("nested_expressions").split("\n\n")
+    assert [line.split()[-2:] for line in counted.splitlines()[2:]] == [["10", "0"], ["10", "0"]]
+    assert len(timed.splitlines()) == 2 + 2
+
+
 def test_random_parkings_end_safe_where_the_points_alone_collide() -> None:
     rows = {line.split()[1]: line.split()[2:] for line in run_quick("obstacle_success").splitlines()[2:]}
     scenes, feasible, safe, too_close, overlap = map(int, rows["nodes"][:5])
@@ -314,3 +321,13 @@ def test_ratios_compare_one_program(tmp_path: Path) -> None:
         assert f"| {way} |" in page
     assert "other objective" not in table
     assert "did not converge" not in table
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills and full disks are those of a forked process")
+def test_no_fault_loses_a_file() -> None:
+    assert "nothing was lost" in run_quick("file_faults")
+
+
+def test_checks_before_a_solve_are_a_small_part_of_it() -> None:
+    rows = run_quick("check_costs").splitlines()[2:]
+    assert [row.split()[0].rstrip(",") for row in rows] == ["take-off", "cart-pole", "simulation"]

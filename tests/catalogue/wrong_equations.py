@@ -19,14 +19,14 @@ def state_without_equation(m: Any) -> Mistake:
     b.y = rcp.State(initial=0)
 
 
-@refused_by_check("phase 'p': too few equations. 2 states and 1 algebraics need 3")
+@refused_by_check("phase 'p': too few equations. 2 states and 1 algebraic need 3")
 def missing_equation(m: Any) -> Mistake:
     b = pushed(m)
     yield
     b.z = rcp.Algebraic()
 
 
-@refused_by_check("phase 'p': too many equations. 2 states and 1 algebraics need 3 .* 2 in residuals")
+@refused_by_check("phase 'p': too many equations. 2 states and 1 algebraic need 3 .* 2 in residuals")
 def too_many_equations(m: Any) -> Mistake:
     b = pushed(m)
     b.z = rcp.Algebraic()

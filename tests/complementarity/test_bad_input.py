@@ -28,7 +28,6 @@ def right_model() -> Any:
     m.x, m.y = pyo.Var(m.I, bounds=(0, None), initialize=1), pyo.Var(m.I, bounds=(0, None), initialize=1)
     m.free, m.box = pyo.Var(initialize=1), pyo.Var(bounds=(0, 1), initialize=0.5)
     m.above = pyo.Var(bounds=(2, None), initialize=3)
-    m.high = pyo.Var(bounds=(1, None), initialize=3)
     m.small = pyo.Var(bounds=(0, 1), initialize=0)
     m.count, m.switch = pyo.Var(domain=pyo.NonNegativeIntegers, initialize=1), pyo.Var(domain=pyo.Binary, initialize=1)
     m.p, m.hole = pyo.Param(initialize=1, mutable=True), pyo.Param(initialize=NAN, mutable=True, domain=pyo.Any)
@@ -77,10 +76,6 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "two equalities": (lambda m: (m.free == 0, m.x[1] == 0), "equality.*four finite bounds.*Make it a Constraint"),
     "bound that is a variable": (lambda m: (between(0, m.free, m.x[1]), m.box), "holds a variable.*Write two pairs"),
     "crossed range": (lambda m: (between(2, m.free, m.p), m.x[1] - 1), "bounds 2 and 1, which contradict"),
-    "both sides positive": (
-        lambda m: (m.above >= 0, m.high >= 0),
-        "by 2 and '.*high' by 1; one of them has to be met with equality. Correct the bounds",
-    ),
     "side out of reach": (lambda m: (m.box >= 2, m.x[1] >= 0), "contradicts the bounds of 'box', 0 and 1. Correct"),
     "NaN bound": (lambda m: (m.free >= NAN, m.x[1] >= 0), "lower bound nan, which no value can meet. Give a finite"),
     "NaN bound of a range": (lambda m: (between(0, m.free, m.hole), m.x[1]), "upper bound nan"),

@@ -259,15 +259,119 @@ def test_a_pickle_keeps_the_estimate() -> None:
     assert again.discretisation.objective_error == result.discretisation.objective_error
 
 
-def test_what_cannot_be_estimated_is_said_with_its_reason() -> None:
-    m = pyo.ConcreteModel("tracking data")
-    m.p = b = rcp.PhaseBlock(duration=1.0, elements=3)
-    b.x, b.u = rcp.State(initial=0), rcp.Control()
+def following(reference: Any, elements: int = 6, **vector: Any) -> Any:
+    """A state that follows a reference; for vectors each component."""
+    m = pyo.ConcreteModel("following")
+    m.p = b = rcp.PhaseBlock(duration=3.0, elements=elements)
+    b.x, b.u = rcp.State(initial=0, **vector), rcp.Control(**vector)
     b.ode(lambda b, t: {b.x: b.u[t]})
-    m.cost = pyo.Objective(expr=b.tracking("x", ([0.0, 0.4, 1.0], [0.0, 1.0, 0.0])))
+    m.cost = pyo.Objective(expr=b.tracking("x", reference) + b.tracking(b.u, 0.0, weight=0.05))
+    return m
+
+
+TIMES = np.linspace(0, 3, 31)
+
+
+@pytest.mark.parametrize(
+    ("reference", "vector"),
+    [
+        (lambda t: pyo.sin(4 * t), {}),
+        (1.0, {}),
+        ((TIMES, np.sin(4 * TIMES)), {}),
+        ((TIMES, np.array([np.sin(4 * TIMES), TIMES])), {"index": 2}),
+    ],
+)
+def test_what_follows_a_reference_has_an_estimate(reference: Any, vector: dict[str, Any]) -> None:
+    exact = rcp.solve(following(reference, 60, **vector)).objective
+    assert 0.1 < ratio(following(reference, **vector), exact) < 10.0
+
+
+def test_what_follows_a_plan_has_an_estimate() -> None:
+    plan = following(lambda t: pyo.sin(4 * t))
+    rcp.solve(plan)
+    reference = plan.p.trajectory()
+    exact = rcp.solve(following(reference, 60)).objective
+    assert 0.1 < ratio(following(reference), exact) < 10.0
+
+
+def limited_speed(mesh: Any, way: float = 10.0) -> Any:
+    """From rest to rest in the shortest time, below a speed of two: seven seconds for a way of ten."""
+    m = pyo.ConcreteModel("limited speed")
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 20), initial_guess=5), mesh=mesh)
+    b.x, b.v = rcp.State(initial=0, final=way), rcp.State(initial=0, final=0, bounds=(None, 2))
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.duration)
+    return m
+
+
+def test_a_bound_that_is_passed_flatters_the_objective_by_its_multiplier() -> None:
+    """The mesh of two switches, one of them beside where it has to be: the polynomials err, and in no net sum."""
+    mesh = [0, 0.1, 0.2, 0.2395, 0.3, 0.4, 0.5, 0.6, 0.7, 0.7143, 0.8, 0.9, 1]
+    result = rcp.solve(limited_speed(mesh))
+    (phase,) = result.discretisation.phases.values()
+    assert result.objective < 7.0 - 1e-3
+    assert 0.1 < phase.passed / (7.0 - result.objective) < 10.0
+    assert phase.passed <= result.discretisation.objective_error
+
+
+def test_a_path_constraint_of_states_counts_as_the_bound_that_it_is() -> None:
+    def as_row(elements: int) -> Any:
+        m = constrained(elements)
+        m.p.x.setub(None)
+        m.p.constraint(lambda b, t: b.x[t] <= 1 / 9)
+        return m
+
+    errors = [rcp.solve(build(5)).discretisation for build in (constrained, as_row)]
+    bound, row = ([phase.passed for phase in found.phases.values()] for found in errors)
+    assert bound == pytest.approx(row, rel=1e-3)
+    assert bound[0] > 1e-3
+
+
+def test_what_is_passed_is_each_multiplier_times_the_mean_excess_beside_its_point() -> None:
+    m = constrained(5)
+    m.p.x.setub(None)
+
+    @m.p.constraint
+    def ceiling(b: Any, t: float) -> Any:
+        return b.x[t] <= 1 / 9
+
+    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
+    (phase,) = rcp.solve(m).discretisation.phases.values()
+    points, plan = list(m.p.points), m.p.trajectory()
+    gauss = (np.polynomial.legendre.leggauss(8)[0] + 1) / 2
+    samples = np.concatenate([(i + gauss) / 5 for i in range(5)])
+    excess = np.maximum(plan(samples)["x"] - 1 / 9, 0.0)
+    stages = [time for time in points if time > 0]
+    gaps = np.searchsorted(stages, samples)
+    means = [excess[gaps == k].mean() if (gaps == k).any() else 0.0 for k in range(len(stages) + 1)]
+    expected = sum(-m.dual.get(m.p.ceiling[t], 0.0) * max(means[k], means[k + 1]) for k, t in enumerate(stages))
+    assert phase.passed == pytest.approx(expected, rel=1e-6)
+
+
+def nose_cone(elements: int) -> Any:
+    """Newton's body of least resistance, as long as its base is wide: flat in front, then steep at once."""
+    m = pyo.ConcreteModel("nose cone")
+    m.p = b = rcp.PhaseBlock(duration=1.0, elements=elements)
+    b.y = rcp.State(initial=1, final=0, initial_guess=lambda t: 1 - t)
+    b.u = rcp.Control(bounds=(0, None), initial_guess=1)
+    b.ode(lambda b, t: {b.y: -b.u[t]})
+    m.drag = pyo.Objective(expr=b.integral(lambda b, t: 2 * t / (1 + b.u[t] ** 2)))
+    return m
+
+
+@pytest.mark.parametrize("elements", [10, 20, 40])
+def test_a_valley_that_the_control_left_too_late_is_seen_from_the_other_one(elements: int) -> None:
+    assert 0.1 < ratio(nose_cone(elements), 0.374815987628) < 10.0  # its exact solution, Bryson & Ho, sec. 3.3
+
+
+def test_what_cannot_be_estimated_is_said_with_its_reason() -> None:
+    m = following(1.0)
+    b = m.p
+    m.cost.expr += b.integral(lambda _, t: b.x[t] ** 2)  # reads the phase beside its first argument
     found = rcp.solve(m).discretisation
     assert found.objective_error is None
-    assert any("tracking" in remark or "formula" in remark for remark in found.remarks)
+    assert any("formula" in remark or "Expression" in remark for remark in found.remarks)
     assert "objective not known" in found.sentence()
     assert found.motion_error is not None
 

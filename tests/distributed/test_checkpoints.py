@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -154,3 +156,90 @@ def test_a_fingerprint_is_the_same_in_another_process() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stdout.strip() == fingerprint(SPECS)
+
+
+MODULE = """
+import math
+import numpy as np
+from dataclasses import dataclass
+import pyomo.environ as pyo
+
+MASS, LIMITS, TABLE = 2.0, {"x": (0.0, 1.0)}, np.arange(3.0)
+OTHER = 1.0
+
+@dataclass(frozen=True)
+class Task:
+    length: float
+    scale = 3.0
+
+    @property
+    def force(self):
+        return 9.81 * MASS
+
+def row(m, i):
+    return m.x[i] * TABLE[i] <= LIMITS["x"][1]
+
+def build(task, gain=1.0):
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(range(3))
+    m.rows = pyo.Constraint(range(3), rule=row)
+    m.more = pyo.Constraint(range(3), rule=lambda m, i: m.x[i] >= -0.5 * math.pi)
+    return m
+"""
+
+
+def of_module(text: str = MODULE) -> str:
+    module = ModuleType("builders")
+    sys.modules["builders"] = module  # dataclasses look their module up
+    try:
+        exec(compile(text, "builders.py", "exec"), vars(module))
+        return fingerprint([TinySpec("a", module.build, (module.Task(1.0),))])
+    finally:
+        del sys.modules["builders"]
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("9.81 * MASS", "9.81 * MASS * 2"),
+        ("MASS, LIMITS, TABLE = 2.0", "MASS, LIMITS, TABLE = 2.5"),
+        ("(0.0, 1.0)", "(0.0, 1.5)"),
+        ("np.arange(3.0)", "np.arange(3.0) + 1"),
+        ("-0.5 * math.pi", "-0.25 * math.pi"),
+        ("math.pi", "math.e"),
+        ("gain=1.0", "gain=2.0"),
+        ("scale = 3.0", "scale = 4.0"),
+        ("<= LIMITS", ">= LIMITS"),
+    ],
+)
+def test_a_fingerprint_tells_what_a_builder_reads_and_does(before: str, after: str) -> None:
+    assert before in MODULE
+    assert of_module(MODULE.replace(before, after, 1)) != of_module()
+
+
+@pytest.mark.parametrize(("before", "after"), [("OTHER = 1.0", "OTHER = 2.0"), ("def row", "# a remark\n\n\ndef row")])
+def test_what_a_builder_does_not_read_does_not_change_its_fingerprint(before: str, after: str) -> None:
+    assert of_module(MODULE.replace(before, after, 1)) == of_module()
+
+
+@pytest.mark.heavy
+def test_fingerprints_of_an_example_are_the_same_whatever_the_hashes_of_texts_are() -> None:
+    code = (
+        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]\n"
+        "from pushing_team import pushing_team\n"
+        "from pyrobocop_pyomo.distributed.checkpoint import fingerprint\n"
+        "from pyrobocop_pyomo.teams import Hub\n"
+        "print(fingerprint([*pushing_team().problem_specs(), Hub()]))"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(found) == 1

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import networkx as nx
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from pushing_team import pushing_team
 from quadratic_agents import middle, quadratic, random_problems
 
 import pyrobocop_pyomo as rcp
@@ -54,6 +57,66 @@ def hopeless() -> pyo.ConcreteModel:
 def test_a_team_that_makes_no_sense_is_refused(arguments: dict, message: str) -> None:
     with pytest.raises(TeamError, match=message):
         rcp.Team(**{"shared": SHARED, **arguments})
+
+
+@pytest.mark.parametrize("name", ["load", "name", "clone", "objective", "keep_apart", ""])
+def test_a_name_that_models_have_for_something_else_is_refused(name: str) -> None:
+    with pytest.raises(TeamError, match=f"no agent can be called '{name}'" if name else "needs a name"):
+        rcp.Agent(name, middle, 3)
+
+
+@pytest.mark.parametrize("method", [Hub, Sova])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"rounds": 0}, "rounds = 0; expected at least 1"), ({"until": "perfect"}, "'strict', 'practical', 'rounds'")],
+)
+def test_rounds_without_an_end_are_refused(method, arguments: dict, message: str) -> None:
+    with pytest.raises(TeamError, match=f"{method.__name__}: .*{message}"):
+        method(**arguments)
+
+
+@pytest.mark.parametrize("method", ["hub", "sova"])
+def test_a_force_that_is_not_shared_is_refused(method: str) -> None:
+    """The hub would move by forces that nobody exerts."""
+    team = pushing_team(2, 4)
+    without = replace(team, shared=[shared for shared in team.shared if not shared.of_one_robot])
+    with pytest.raises(TeamError, match=r"'push\[a\]\.fx', .*: a control in the models of the hub and of 'a' that"):
+        without.solve(method)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A score that says two words."""
+
+    strict: bool
+    practical: bool
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A physics that gives every plan the same score."""
+
+    score: Judged
+    robot_components: tuple = ("v",)
+    hub_components: tuple = ()
+
+    def __call__(self, plans: object) -> Judged:
+        return self.score
+
+
+@pytest.mark.parametrize("until", ["strict", "practical", "rounds"])
+@pytest.mark.parametrize(("strict", "practical"), [(True, True), (True, False), (False, True), (False, False)])
+def test_what_ends_the_rounds_is_a_success(until: str, strict: bool, practical: bool) -> None:
+    team = rcp.Team(robots=robots(), shared=SHARED, physics=Judge(Judged(strict, practical)))
+    result = team.solve(Sova(rounds=2, until=until))
+    ended_early = len(result.rounds) == 1
+    assert ended_early is (strict if until == "strict" else (strict or practical) and until == "practical")
+    assert result.success is (strict or practical)
+    if result.success:
+        result.raise_for_failure()
+    else:
+        with pytest.raises(TeamFailed):
+            result.raise_for_failure()
 
 
 @pytest.mark.parametrize("penalty", [0.0, -1.0, [1.0, 0.0], [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], "high"])

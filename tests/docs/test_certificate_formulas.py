@@ -15,7 +15,6 @@ from mpcc.problems import at_origin, ralph1, scholtes4, sides, trap
 from scipy.optimize import linprog
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.branch import Branch, branch_with, restricted
@@ -244,7 +243,8 @@ def test_the_guard_is_that_of_the_page(objectives, residuals):
     answer = np.array([r_new, r_new, f_new])
     kept = ActiveSetSearch(program, lambda nlp, *_: outcome_at(nlp, answer)).polish(start) is not start
     alpha = 1e-7 if r_new >= r else (1e-3 if r <= 1e-6 else 1e-2)
-    assert kept == (f_new <= f + alpha * max(1.0, abs(f)))
+    # Of branches that do not pass, one that is more exact is taken all the same.
+    assert kept == (f_new <= f + alpha * max(1.0, abs(f)) or r_new < r)
 
 
 @pytest.mark.casadi
@@ -258,8 +258,9 @@ def test_bounds_decide_pairs(least_a, least_b):
     m.pair = rcp.Complementarity(expr=rcp.complements(m.x + 1 >= 0, m.y + 1 >= 0))
     m.cost = pyo.Objective(expr=(m.x - 3) ** 2 + (m.y - 2) ** 2)
     if least_a > 0 and least_b > 0:
-        with pytest.raises(ComplementarityError, match="'pair'"):
-            rcp.solve(m)
+        result = rcp.solve(m)
+        assert result.quality is rcp.Quality.INFEASIBLE
+        assert "pair 'pair': sides 1 and 1" in str(result)
         return
     result = rcp.solve(m)
     assert result.decided_pairs == (least_a > 0 or least_b > 0)

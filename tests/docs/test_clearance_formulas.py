@@ -18,8 +18,8 @@ from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.clearance_proof import ProofSettings, _Proof
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 from pyrobocop_pyomo.motion.required_clearance import RequiredClearance
-from pyrobocop_pyomo.motion.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples, bernstein_matrix, restrict
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 seeds = st.integers(0, 10**6)
 

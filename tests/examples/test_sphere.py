@@ -85,7 +85,7 @@ def test_the_team_shares_what_its_models_have(sphere: ModuleType) -> None:
     """One model for all, made from the builders of the agents, has the guess of the example's own, and scores it."""
     task = sphere.task(2)
     team = sphere.team(task)
-    merged = team.central(eliminate=False)
+    merged = team.central()
     plans = team.plans_of(merged)
     assert set(plans) == {"sphere", "a", "b", "c"}
     np.testing.assert_allclose(plans["a"]["me.z"], list(sphere.quadrotor(task, "a").me.z.extract_values().values()))

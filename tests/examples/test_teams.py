@@ -94,7 +94,7 @@ def test_the_score_reads_what_the_models_hold(rod: ModuleType) -> None:
 
 
 def test_a_team_has_an_agent_for_the_rod_and_one_for_each_robot(rod: ModuleType) -> None:
-    """Its central model says what the example's own one says: all variables, those of the wrenches left out."""
+    """Its central model holds the plans of all, and is scored like the example's own one."""
     task = rod.task(4, steps=7)
     team = rod.team(task)
     assert team.names == list("abcd")

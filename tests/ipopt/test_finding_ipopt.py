@@ -16,6 +16,7 @@ from pyomo.contrib.pynumero.asl import AmplInterface
 import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import BuildFailed, SolverNotFoundError
 from pyrobocop_pyomo.ipopt import backends, build_asl, doctor, in_process, ipopt_executable, ipopt_library
+from pyrobocop_pyomo.ipopt.asl_derivatives import DerivativeCheck
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.linear_solver import find_linear_solver
 from pyrobocop_pyomo.programs import asl_program, compiled_model
@@ -212,6 +213,7 @@ def test_the_doctor_reports_every_backend_and_remedy(machine, capsys):
 @pytest.mark.executable
 @pytest.mark.asl
 @pytest.mark.casadi
+@pytest.mark.heavy
 def test_the_doctor_solves_on_every_backend(capsys):
     assert command_line.main(["doctor"]) == 0
     text = capsys.readouterr().out
@@ -271,6 +273,8 @@ def test_a_failing_step_is_reported_with_its_output():
 def test_what_is_built_is_not_built_again(machine, monkeypatch):
     machine.add(machine.prefix / "bin" / "ipopt")
     monkeypatch.setattr(build_asl, "_loads", lambda library: True)
+    for check in ("check_executable", "check_library"):
+        monkeypatch.setattr(build_asl, check, lambda path: DerivativeCheck(()))
     said = []
     build_asl.build_asl(machine.prefix, report=said.append)
     assert len(said) == 1

@@ -157,3 +157,32 @@ def test_without_the_solver_nothing_changes_and_asking_for_it_is_refused(monkeyp
         with_linear_solver({"linear_solver": "ldl"})
     with pytest.raises(SolverOptionError, match="Leave one of both out"):
         with_linear_solver({"linear_solver": "ldl", "hsllib": "libhsl.so"})
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"linear_solver": "ma27"}, "libhsl.so"),
+        ({"linear_solver": "ma57", "hsllib": "/nowhere/libours.so"}, "/nowhere/libours.so"),
+        ({"linear_solver": "pardiso"}, "libpardiso.so"),
+    ],
+)
+@pytest.mark.parametrize("backend", ["casadi", pytest.param("executable", marks=pytest.mark.executable)])
+def test_a_linear_solver_whose_library_is_missing_is_named_with_the_library(options, named, backend):
+    with pytest.raises(SolverOptionError, match=f"'{options['linear_solver']}' is in the library '{named}'.*'mumps'"):
+        rcp.solve(hock_schittkowski_71()[0], options=options, backend=backend)
+
+
+@needs_the_solver
+@pytest.mark.casadi
+def test_the_log_begins_with_what_its_names_and_numbers_stand_for():
+    log = io.StringIO()
+    result = rcp.solve(hock_schittkowski_71()[0], options={"linear_solver": "ldl"}, tee=[log])
+    head = log.getvalue().partition("This is Ipopt")[0]
+    assert f"the objective divided by {result.scaling.objective:.3g}" in head
+    assert "'ma27' below stands for the one of this package ('ldl')" in head
+    plain = io.StringIO()
+    rcp.solve(hock_schittkowski_71()[0], options={"linear_solver": "mumps"}, scaling=False, tee=[plain])
+    assert "stands for" not in plain.getvalue()
+    assert "divided" not in plain.getvalue()

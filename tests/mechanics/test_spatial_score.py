@@ -6,6 +6,7 @@ import copy
 import math
 import pickle
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -131,6 +132,33 @@ def test_every_fault_is_found(name: str) -> None:
     assert not score.strict
     assert score.practical is practical
     assert any(found in miss for miss in score.misses(STRICT)), str(score)
+
+
+def test_limits_and_rest_are_part_of_the_score() -> None:
+    """Of robots, of the object, and bounds of the agents' variables."""
+    weak = replace(QUAD, force_limits=((-8.5, 8.5), (-10, 10), (0, 20)))
+    slow = replace(QUAD, speed_limit=0.3)
+    # Cut off half-way, the ball is where it is wanted, and at its fastest.
+    half = {
+        a: {n: v[: (len(v) + 1) // 2 if len(v) > STEPS else STEPS // 2] for n, v in p.items()}
+        for a, p in lifting().items()
+    }
+    height = half["ball"]["body.qz"][-1]
+    bounds = {"ball": {"body.qz": (None, 0.3)}}
+    for changed, plans, found in (
+        ({"robot": weak}, lifting(), ["driving force beyond its limit (-): 0.5 N"]),
+        ({"robot": slow}, lifting(), ["speed of a robot beyond its limit (-): 0.09"]),
+        ({"bounds": bounds}, lifting(), ["variable outside its bounds (plan): 0.05"]),
+        (
+            {"goal": (0.0, 0.0, height, *START)},
+            half,
+            ["speed at the end (simulated): 0.39", "speed of a robot at the end (-): 0.39"],
+        ),
+    ):
+        score = replace(SCORE, **changed)(plans)
+        assert not score.practical
+        misses = score.misses(STRICT)
+        assert [m.startswith(f) for m, f in zip(misses, found, strict=True)] == [True] * len(found), misses
 
 
 def test_of_copies_only_their_mean_is_the_object() -> None:

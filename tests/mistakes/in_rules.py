@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-from .entries import cart, driven, effort, newton, refused
+from .entries import cart, driven, effort, fails, newton, refused
 
 
 @refused("'p.u'", "used as one number", "b.integral(lambda b, t: b.u[t] ** 2)")
@@ -230,3 +231,75 @@ def an_initial_value_that_is_set_later(m: Any, followed: bool) -> None:
         b.x[0.0].fix(0.2)
     else:
         b.x.initial = 0.2
+
+
+@refused("ode 'o'", "uses t as a number", "index that runs from 0 to 1", "b.time_at(t)")
+def an_index_taken_for_the_time(m: Any, followed: bool) -> None:
+    b = cart(m, duration=rcp.Duration(bounds=(1, 3), initial_guess=2))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + pyo.sin(b.time_at(t) if followed else t)}, name="o")
+
+
+@refused("ode 'o'", "reads 'p.v' of another model, 'leader'", "Put both into one model")
+def a_phase_of_another_model(m: Any, followed: bool) -> None:
+    b, leader = cart(m), pyo.ConcreteModel(name="leader")
+    if followed:
+        m.leader = pyo.Block()
+    other = cart(m.leader if followed else leader)
+    b.ode(lambda b, t: {b.x: other.v[t], b.v: b.u[t]}, name="o")
+
+
+_POSITIVE = "rcp.mechanics.Maximum(lambda b, t: b.x[t], 0)"
+
+
+def _choice(b: Any, chosen: Any, followed: bool) -> None:
+    if followed:
+        b.positive = rcp.mechanics.Maximum(lambda b, t: b.x[t], 0)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - (b.positive[t] if followed else chosen(b.x[t]))}, name="o")
+
+
+@refused("ode 'o'", "'if'", "Step for an 'if x > 0'", _POSITIVE)
+def a_branch_on_a_state(m: Any, followed: bool) -> None:
+    _choice(cart(m), lambda x: x if x > 0 else 0, followed)
+
+
+@refused("ode 'o'", "np.maximum", _POSITIVE)
+def the_larger_one_of_numpy(m: Any, followed: bool) -> None:
+    _choice(cart(m), lambda x: np.maximum(x, 0), followed)
+
+
+@refused("ode 'o'", "is true", _POSITIVE)
+def a_variable_taken_for_true_or_false(m: Any, followed: bool) -> None:
+    _choice(cart(m), lambda x: x if x else 0, followed)
+
+
+@refused("ode 'o'", "rounds a variable", "AbsoluteValue")
+def a_remainder(m: Any, followed: bool) -> None:
+    _choice(cart(m), lambda x: x % 1, followed)
+
+
+@refused("ode 'o'", "math.cos", "pyo.sin")
+def a_function_of_the_math_module(m: Any, followed: bool) -> None:
+    b = cart(m)
+    sine = pyo.sin if followed else math.sin
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + sine(b.x[t])}, name="o")
+
+
+@refused("ode 'o'", "np.arctan2", "rcp.array")
+def a_function_of_numpy_with_two_arguments(m: Any, followed: bool) -> None:
+    b = cart(m)
+    read = (lambda x: rcp.array([x])[0]) if followed else (lambda x: x)
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + np.arctan2(read(b.x[t]), 1.0)}, name="o")
+
+
+@fails("division by p.x[0.0] = 0, which is fixed", "needs another value, or a scheme without a point there")
+def a_division_by_a_start_of_zero(m: Any, followed: bool) -> None:
+    b = cart(m, final=None, **({} if followed else {"scheme": "hermite_simpson"}))
+    m.effort = pyo.Objective(expr=b.integral(effort) + (b.x.at_end - 1) ** 2)
+    b.ode(lambda b, t: {b.x: 1 + b.v[t], b.v: b.u[t] + 0.01 / b.x[t]}, name="o")
+
+
+@fails("division by p.x[0.0] = 0, which is fixed")
+def a_division_by_the_start_itself(m: Any, followed: bool) -> None:
+    b = cart(m)
+    m.effort = pyo.Objective(expr=b.integral(effort))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + 1 / (b.x[0] + (1 if followed else 0))}, name="o")

@@ -112,6 +112,6 @@ def test_a_solver_that_shares_the_multiplier_between_row_and_side_changes_nothin
     branch = Branch(np.array([True]), np.array([True]))
     for part in (0.0, 0.5, 1.5):
         solver = PrimalDualPoint(np.zeros(2), np.array([-part]), np.zeros(2), np.zeros(2))
-        found = strong_multipliers(program, point, branch, solver)
+        found = strong_multipliers(program, point, branch, solver, sizes=np.ones(2))
         assert found is not None
         assert (found.nu[0], found.xi[0]) == pytest.approx((3.0, 1.0))

@@ -6,6 +6,7 @@ import ctypes
 import os
 import shutil
 import stat
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from pyrobocop_pyomo.errors import BuildFailed
+from pyrobocop_pyomo.ipopt.ipopt_executable import find_ipopt_executable
 from pyrobocop_pyomo.native import shared_library as module
 from pyrobocop_pyomo.native.shared_library import build_shared_library, native_cache, shared_library
 
@@ -135,3 +137,40 @@ def test_a_folder_that_cannot_be_written_to_is_told(source: Path, tmp_path: Path
             build_shared_library("answer", [source])
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_what_a_compiler_writes_is_offered_only_if_it_can_be_loaded(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    junk = tmp_path / "junk-compiler"
+    junk.write_text('#!/bin/sh\nwhile [ "$1" != "-o" ]; do shift; done\necho junk > "$2"\n')
+    junk.chmod(0o755)
+    monkeypatch.setenv("CC", str(junk))
+    assert shared_library("answer", [source]) is None
+
+
+def test_a_folder_without_execution_gives_no_library(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "noexec"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "noexec,mode=700", "tmpfs", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("mounting needs rights that are not given here")
+    try:
+        monkeypatch.setenv(module.CACHE_VARIABLE, str(folder))
+        assert build_shared_library("answer", [source]).is_file()
+        assert shared_library("answer", [source]) is None
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_a_user_without_a_home_gets_a_private_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in (module.CACHE_VARIABLE, "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    assert native_cache().name == f"pyrobocop_pyomo-{os.geteuid()}"
+    find_ipopt_executable()

@@ -26,7 +26,7 @@ def model(case: str, **options) -> pyo.ConcreteModel:
     b.x = rcp.State(initial_guess=lambda t: (scale * t) ** 2)
     b.theta = rcp.State(initial_guess=lambda t: scale * t)
     b.steering = rcp.Control(initial_guess=lambda t: scale * t)
-    b.ode(lambda b, t: {b.x: 2 * scale * t, b.theta: b.steering[t]})
+    b.ode(lambda b, t: {b.x: 2 * b.time_at(t), b.theta: b.steering[t]})
     bodies = {"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], 0, b.theta[t]))}
     obstacles = {"wall": WALL, "truck": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(9, -b.time_at(t)))}
     m.drive.avoid = rcp.ObstacleAvoidanceBlock(

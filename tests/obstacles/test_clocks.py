@@ -10,7 +10,7 @@ import pytest
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ObstacleError
+from pyrobocop_pyomo.errors import ObstacleError, TranscriptionError
 from pyrobocop_pyomo.obstacles.clocks import check_clocks
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks
 
@@ -41,7 +41,7 @@ def crossing(b: Any, truck: Any, name: str = "avoid", **options: Any) -> Any:
         {"truck": rcp.Body(BOX, truck)} if truck is not None else {"wall": rcp.Polytope.box(1, 1, center=(9, 9))}
     )
     b.add_component(
-        name, rcp.ObstacleAvoidanceBlock(b.time, bodies=bodies, obstacles=obstacles, clearance=0.1, **options)
+        name, rcp.ObstacleAvoidanceBlock(b.time, bodies=bodies, obstacles=obstacles, **{"clearance": 0.1, **options})
     )
     return b.component(name)
 
@@ -96,11 +96,21 @@ def test_a_fixed_phase_has_the_time_as_its_index() -> None:
     crossing(drive(duration=2.0, start=5.0).drive, by_index)
 
 
-def test_a_body_of_the_plan_on_such_an_index_is_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_body_of_the_plan_on_such_an_index_is_refused_as_well() -> None:
     m = drive(**FREE)
-    crossing(m.drive, None, bodies={"arm": rcp.Body(BOX, by_index)})
-    assert "'arm' depends on t" in caplog.text
-    assert "b.time_at(t)" in caplog.text
+    with pytest.raises(ObstacleError, match=r"'arm' depends on t.*b\.time_at\(t\).*/ b\.duration"):
+        crossing(m.drive, None, bodies={"arm": rcp.Body(BOX, by_index)})
+    part = lambda b, t: rcp.planar_pose(5, (b.time_at(t) - b.start) / b.duration)  # noqa: E731
+    crossing(m.drive, None, bodies={"arm": rcp.Body(BOX, part)})
+
+
+@pytest.mark.parametrize("horizon", NORMALISED)
+def test_a_clearance_that_changes_with_such_an_index_is_refused(horizon: str) -> None:
+    m = drive(**NORMALISED[horizon])
+    with pytest.raises(TranscriptionError, match=r"the clearance between .* uses t as a number.*b\.time_at\(t\)"):
+        crossing(m.drive, by_time, clearance=lambda b, t: 0.1 + 0.1 * t)
+    assert m.drive.component("avoid") is None
+    crossing(m.drive, by_time, clearance=lambda b, t: 0.1 + 0.1 * b.time_at(t))
 
 
 @pytest.mark.parametrize(

@@ -393,7 +393,7 @@ def test_what_does_not_fit_together_is_named() -> None:
     b.ode(lambda b, t: {b.x: b.u[t]})
     b.check()
     b.z = rcp.Algebraic()
-    check_fails(b, "too few equations. 1 states and 1 algebraics need 2 equations per collocation point; stated are 1")
+    check_fails(b, "too few equations. 1 state and 1 algebraic need 2 equations per collocation point; stated are 1")
 
     def twice(b, t):
         return [b.z[t] == 1, b.x[t] == b.z[t]]

@@ -92,9 +92,10 @@ def test_a_rule_that_is_no_formula_is_integrated_by_instants() -> None:
     b.initialize({name: trajectory.states[name] for name in trajectory.states})
     b.initialize(torque=trajectory.torque)
     expected, found = instants.reintegrate(), b.reintegrate()
+    common = np.isin(expected.fractions, found.fractions)  # formulas are looked at after some of their steps, too
     for name in ("angle", "rate"):
-        np.testing.assert_allclose(found.open_loop[name], expected.open_loop[name], atol=1e-8)
-        np.testing.assert_allclose(found.local[name], expected.local[name], atol=1e-8)
+        np.testing.assert_allclose(found.open_loop[name], expected.open_loop[name][:, common], atol=1e-8)
+        np.testing.assert_allclose(found.local[name], expected.local[name][:, common], atol=1e-8)
 
 
 def test_stiff_equations_are_left_to_scipy() -> None:
@@ -166,9 +167,9 @@ def test_a_motion_that_leaves_the_finite_numbers_is_said_to() -> None:
 def test_ends_meet_for_unstable_equations_too(growth: float) -> None:
     """eq-open-loop: x' = growth x, from starts that are off by far more than the answer."""
     starts = np.linspace(1.0, 1.2, 10)[:, None]
-    flows = integrate_flows(lambda s, x: 0.1 * growth * x, starts, np.ones(1), 4, 1e-10)
+    flows = integrate_flows(lambda s, x: 0.1 * growth * x, starts, np.ones(1), np.linspace(0.0, 1.0, 5), 1e-10)
     assert flows is not None
-    times = (np.arange(10)[:, None] + np.linspace(0, 1, 5)[None, :]) * 0.1
+    times = (np.arange(10)[:, None] + flows.fractions[None, :]) * 0.1
     np.testing.assert_allclose(flows.whole[:, :, 0], np.exp(growth * times), rtol=1e-7)
     np.testing.assert_allclose(flows.local[:, -1, 0], starts[:, 0] * np.exp(0.1 * growth), rtol=1e-8)
 
@@ -182,7 +183,7 @@ def test_an_unstable_motion_is_followed_far_from_its_plan() -> None:
 
     starts = np.tile([3.1, 0.0], (elements, 1))
     first = np.array([0.05, 0.0])
-    flows = integrate_flows(rates, starts, np.array([3.0, 6.0]), 4, 1e-9, first)
+    flows = integrate_flows(rates, starts, np.array([3.0, 6.0]), np.linspace(0.0, 1.0, 5), 1e-9, first)
     assert flows is not None
     assert flows.whole is not None
     exact = solve_ivp(

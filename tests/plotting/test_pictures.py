@@ -38,7 +38,7 @@ def test_a_trajectory_has_a_panel_per_signal(controls: int, columns: int) -> Non
     assert [axis.get_ylabel() for axis in panels] == ["x", *(f"u{i}" for i in range(controls))]
     assert len({axis.get_position().x0 for axis in panels}) == columns
     assert sum(axis.get_xlabel() == "time" for axis in panels) == min(columns, len(panels))
-    assert figure.get_suptitle() == "p"
+    assert figure.get_suptitle() == "p (not solved by rcp.solve)"
     figure.canvas.draw()
 
 

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.expression_codes import decoded
 from pyrobocop_pyomo.programs.model_terms import Terms, collect_terms
 from pyrobocop_pyomo.programs.term_groups import Columns
@@ -132,5 +133,6 @@ def test_components_that_a_solver_would_not_see_are_refused():
     m.x = pyo.Var([1, 2], initialize=1.0)
     m.row = pyo.Constraint(expr=m.x[1] * m.x[2] <= 1)
     m.one = pyo.SOSConstraint(var=m.x, sos=1)
-    with pytest.raises(ModelError, match=r"'one' \(SOSConstraint\)"):
-        collect_terms(m)
+    for derivatives in ("vectorised", "casadi"):
+        with pytest.raises(ModelError, match=r"'one' \(SOSConstraint\)"):
+            CompiledModel(m, derivatives)

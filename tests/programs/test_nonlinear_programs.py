@@ -19,7 +19,8 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundEr
 from pyrobocop_pyomo.programs.asl_program import AslProgram
 from pyrobocop_pyomo.programs.casadi_program import CasadiProgram
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows, lagrangian_residual
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, ShiftedRows
+from pyrobocop_pyomo.programs.stationarity import stationarity
 
 STEP = 1e-6
 
@@ -232,7 +233,7 @@ def test_what_does_not_exist_is_an_evaluation_error_and_nothing_else(derivatives
     x = np.array([point])
     for evaluate in (
         nlp.objective, nlp.gradient, nlp.constraints, nlp.jacobian, lambda x: nlp.hessian(x, 1.0, np.ones(1)),
-        lambda x: lagrangian_residual(nlp, PrimalDualPoint(x, np.ones(1), np.zeros(1), np.zeros(1))),
+        lambda x: stationarity(nlp, PrimalDualPoint(x, np.ones(1), np.zeros(1), np.zeros(1)), np.ones(1)),
     ):  # fmt: skip
         with contextlib.suppress(EvaluationError):
             assert np.isfinite(evaluate(x)).all()
@@ -246,7 +247,7 @@ def test_what_does_not_exist_is_an_evaluation_error_and_nothing_else(derivatives
 def test_multipliers_that_overflow_are_an_evaluation_error(derivatives):
     nlp = CompiledModel(one_function(pyo.exp), derivatives).nlp
     with pytest.raises(EvaluationError, match="gradient of the Lagrangian"):
-        lagrangian_residual(nlp, PrimalDualPoint(np.array([700.0]), np.array([1e300])))
+        stationarity(nlp, PrimalDualPoint(np.array([700.0]), np.array([1e300])), np.ones(1))
 
 
 @pytest.mark.asl

@@ -158,6 +158,30 @@ def test_what_a_result_finds_and_what_the_model_shows_are_one_diagnosis():
     assert alone.findings == found.findings
 
 
+@pytest.mark.parametrize("elements", [10, 20])
+def test_a_free_gain_times_a_control_that_costs_grows_without_end(elements):
+    """The larger the gain, the smaller the control: no number of iterations gets there."""
+    m = pyo.ConcreteModel()
+    m.k = pyo.Var(initialize=1)
+    m.p = b = rcp.PhaseBlock(duration=2, elements=elements)
+    b.x, b.v, b.u = rcp.State(initial=0, final=1), rcp.State(initial=0, final=0), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: m.k * b.u[t]})
+    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
+    result = rcp.solve(m)
+    assert not result.solved
+    assert result.stop_reason is StopReason.DIVERGED
+    assert "max_iter" not in str(result)
+    assert any("What grows: 'k'" in remark for remark in result.remarks)
+
+
+def test_a_variable_that_is_as_large_as_its_guess_or_bounds_has_not_grown():
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=1e12), pyo.Var(bounds=(0, 1e13))
+    m.cost = pyo.Objective(expr=(m.x * 1e-12 - 2) ** 4 + (m.y * 1e-12 - 3) ** 4)
+    result = rcp.solve(m, options={"max_iter": 3}, scaling=False)
+    assert result.stop_reason is not StopReason.DIVERGED
+
+
 def test_the_point_where_the_first_run_gave_up_is_named_beside_the_best():
     result = rcp.solve(cart(duration=0.5))
     if result.best_step == 0:
@@ -177,3 +201,20 @@ def test_a_point_where_the_iterations_ended_is_not_called_a_local_minimum():
     assert ended.stop_reason is StopReason.ITERATION_LIMIT
     assert ended.least_violation.kind is Least.NONE
     assert "can be met" in str(ended)
+
+
+@pytest.mark.parametrize("zero", ["int", "float", "param", "mutable", "expression"])
+def test_an_objective_of_zero_is_no_mistake(zero):
+    m = pyo.ConcreteModel()
+    m.param, m.mutable = pyo.Param(initialize=0.0), pyo.Param(initialize=0.0, mutable=True)
+    m.expression = pyo.Expression(expr=0)
+    m.x = pyo.Var(initialize=1)
+    m.row = pyo.Constraint(expr=m.x**2 == 4)
+    m.nothing = pyo.Objective(expr={"int": 0, "float": 0.0}.get(zero, m.component(zero)))
+    result = rcp.solve(m)
+    assert result.solved
+    assert result.remarks == ()
+    assert result.doubts == ()
+    m.mutable.set_value(3.0)
+    expected = zero == "mutable"
+    assert any("holds no variable" in remark for remark in rcp.solve(m).remarks) is expected

@@ -125,9 +125,9 @@ def test_of_two_iterates_at_most_one_is_better(one: Iterate, other: Iterate, sig
             )
 
 
-def test_an_exact_point_that_is_not_shown_to_be_optimal_does_not_displace_one_that_is() -> None:
-    loose, exact = iterate(1.0, 1e-4, False, True), iterate(1.0, 0.0, False, False)
-    mine, theirs = (each.standing(Tolerances(), 1.0) for each in (loose, exact))
+def test_an_exact_point_is_better_than_a_loose_one_that_costs_less_and_looks_optimal() -> None:
+    exact, loose = iterate(2.0, 0.0, False, False), iterate(1.0, 1e-4, False, True)
+    mine, theirs = (each.standing(Tolerances(), 1.0) for each in (exact, loose))
     assert mine.is_better_than(theirs)
     assert not theirs.is_better_than(mine)
 

@@ -6,7 +6,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
 from pyrobocop_pyomo.solving.violations import motion_without_choice
 
 pytestmark = pytest.mark.casadi
@@ -28,6 +28,9 @@ def test_pair_whose_side_is_a_condition_is_answered_by_how_to_write_it():
     m = dropped()
     m.fall.height.setlb(0.5)
     m.fall.complementarity(lambda b, t: rcp.complements(0.1 - b.height[t] >= 0, b.force[t] >= 0), name="near")
+    with pytest.raises(ContradictionError, match=r"'near' by 0.9 at t = 0.*complements\(gap >= 0, force >= 0\)"):
+        rcp.solve(m, progress=False)  # by the start that is given
+    m.fall.height[0].unfix()
     with pytest.raises(ComplementarityError, match=r"'fall\.near.*complements\(gap >= 0, force >= 0\)"):
         rcp.solve(m, progress=False)
 

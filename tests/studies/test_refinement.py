@@ -265,3 +265,119 @@ def test_a_tolerance_beyond_the_accuracy_of_the_solver_ends_with_what_it_gives()
     assert not refined.reached
     assert refined.end in (rcp.studies.RefinementEnd.STALLED, rcp.studies.RefinementEnd.ELEMENT_LIMIT)
     assert refined.result.objective == pytest.approx(3**0.5, rel=1e-5)
+
+
+def follows_a_reference(mesh: Any, cost: str) -> Any:
+    """A state that cannot keep up with its reference, so that its control jumps."""
+    m = pyo.ConcreteModel("follower")
+    m.p = b = rcp.PhaseBlock(duration=5.0, mesh=mesh)
+    b.x, b.u = rcp.State(initial=0), rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.u[t]})
+    by_hand = b.integral(lambda b, t: (b.x[t] - 5 * pyo.sin(3 * t)) ** 2)
+    m.cost = pyo.Objective(expr=b.tracking("x", lambda t: 5 * pyo.sin(3 * t)) if cost == "tracking" else by_hand)
+    return m
+
+
+def test_a_tracking_cost_is_refined_as_the_integral_that_it_is() -> None:
+    found = [
+        rcp.studies.solve_refined(lambda mesh, cost=cost: follows_a_reference(mesh, cost), elements=5, most_meshes=4)
+        for cost in ("tracking", "integral")
+    ]
+    first, second = ([(step.elements, step.objective_error) for step in refined.outcomes] for refined in found)
+    assert len(first) > 1
+    assert first == [(elements, pytest.approx(error, rel=1e-3)) for elements, error in second]
+
+
+def limited_speed(mesh: Any, as_row: bool = False) -> Any:
+    """From rest to rest in the shortest time, below a speed of two: ten metres in seven seconds."""
+    m = pyo.ConcreteModel("limited speed")
+    m.p = b = rcp.PhaseBlock(duration=rcp.Duration(bounds=(0.1, 20), initial_guess=5), mesh=mesh)
+    b.x = rcp.State(initial=0, final=10)
+    b.v = rcp.State(initial=0, final=0, bounds=(None, None if as_row else 2))
+    b.u = rcp.Control(bounds=(-1, 1))
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    if as_row:
+        b.constraint(lambda b, t: b.v[t] <= 2)
+    m.cost = pyo.Objective(expr=b.duration)
+    return m
+
+
+@pytest.mark.parametrize("as_row", [False, True])
+def test_a_limit_of_a_state_is_met_between_the_points_too(as_row: bool) -> None:
+    refined = rcp.studies.solve_refined(lambda mesh: limited_speed(mesh, as_row), 1e-4)
+    assert refined.reached
+    trajectory = refined.trajectory
+    fine = trajectory(np.linspace(0, trajectory.duration, 5001))
+    assert fine["v"].max() < 2 * (1 + 2e-4)
+    assert refined.result.objective == pytest.approx(7.0, rel=1e-4)
+
+
+def two_oscillators(mesh: Any, duration: float = 4.2) -> Any:
+    """Nishida's problem: the smallest distance from the origin at the end, by one control that switches; 1.003475."""
+    m = pyo.ConcreteModel("two oscillators")
+    m.p = b = rcp.PhaseBlock(duration=duration, mesh=mesh)
+    b.x, b.u = rcp.State(index=4, initial=10), rcp.Control(bounds=(-1, 1))
+
+    @b.ode
+    def oscillators(b: Any, t: float) -> Any:
+        x, u = b.x[t], b.u[t]
+        slow = [-0.5 * x[0] + 5 * x[1], -5 * x[0] - 0.5 * x[1] + u]
+        return {b.x: [*slow, -0.6 * x[2] + 10 * x[3], -10 * x[2] - 0.6 * x[3] + u]}
+
+    m.cost = pyo.Objective(expr=sum(b.x[i, b.final_time] ** 2 for i in range(4)))
+    return m
+
+
+def test_a_better_objective_of_a_motion_that_is_none_is_not_kept() -> None:
+    refined = rcp.studies.solve_refined(two_oscillators, 1e-4, objective_tolerance=1e-3)
+    assert refined.outcomes[0].objective < 0.5  # ten elements, whose motion is wrong by a quarter
+    assert refined.outcomes[0].element_error > 0.2
+    assert refined.reached
+    assert refined.result.objective == pytest.approx(1.003475, rel=2e-3)
+
+
+def pushed_by_a_pair(mesh: Any) -> Any:
+    m = pyo.ConcreteModel("pair")
+    m.p = b = rcp.PhaseBlock(duration=2.0, mesh=mesh, scheme="implicit_euler")
+    b.x, b.u, b.up, b.down = rcp.State(initial=1), rcp.Control(), *(rcp.Algebraic(bounds=(0, None)) for _ in range(2))
+    b.ode(lambda b, t: {b.x: b.up[t] - b.down[t]})
+    b.complementarity(lambda b, t: rcp.complements(b.up[t], b.down[t]))
+    b.residual(lambda b, t: b.u[t] == b.up[t] - b.down[t])
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+    return m
+
+
+def test_what_is_not_known_is_not_reached() -> None:
+    refined = rcp.studies.solve_refined(pushed_by_a_pair, 0.1, elements=10)
+    assert refined.end is rcp.studies.RefinementEnd.UNKNOWN
+    assert not refined.reached
+    assert "phase 'p': error of the objective not estimated. It has pairs" in str(refined)
+    with pytest.raises(rcp.errors.SolveFailed, match="not all of them are known.*It has pairs"):
+        refined.raise_for_status()
+    without = rcp.studies.solve_refined(pushed_by_a_pair, 0.1, elements=10, objective_tolerance=np.inf)
+    assert without.end is rcp.studies.RefinementEnd.REACHED
+
+
+def linked(meshes: Any) -> Any:
+    """One motion in two phases, of which the function takes the mesh of the first."""
+    m = pyo.ConcreteModel("linked")
+    m.a = rcp.PhaseBlock(duration=1.5, mesh=meshes["a"])
+    m.b = rcp.PhaseBlock(duration=1.5, elements=1)
+    for b in (m.a, m.b):
+        b.x, b.u = rcp.State(), rcp.Control()
+        b.ode(lambda b, t: {b.x: b.u[t]})
+    m.a.x[0].fix(1.0)
+    m.link = rcp.Link(m.a, m.b)
+    m.cost = pyo.Objective(
+        expr=sum(b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2 + pyo.sin(5 * t) * b.u[t]) for b in (m.a, m.b))
+    )
+    return m
+
+
+def test_phases_that_are_not_named_get_better_meshes_too() -> None:
+    refined = rcp.studies.solve_refined(linked, phases=["a"])
+    assert refined.reached
+    assert refined.model.b.grid.mesh.elements > 1
+    fine = linked({"a": rcp.schemes.Mesh.uniform(0, 1.5, 30)})
+    fine.b.remesh(30)
+    assert refined.result.objective == pytest.approx(rcp.solve(fine).objective, rel=1e-4)

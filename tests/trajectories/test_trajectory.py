@@ -37,7 +37,7 @@ def polynomials(scheme: Any, *, free: bool = False) -> rcp.Trajectory:
     b.k = rcp.Parameter(initial_guess=0.1)
 
     def pair(b, t):
-        return [rcp.complements(b.u[t] >= 0, b.x[t] + 1 >= 0)] if t < b.points.last() else []
+        return [rcp.complements(b.u[t] >= 0, b.x[t] + 1 >= 0)] if t != b.points.last() else []
 
     b.complementarity(pair)
     return b.trajectory()

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.motion.expression_values import ExpressionValues
-from pyrobocop_pyomo.motion.interval_arithmetic import Interval
-from pyrobocop_pyomo.motion.taylor_forms import TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.bernstein import bernstein_matrix, derivative_coefficients, restrict
+from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 SAMPLES = 1000
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyrobocop_pyomo.numerics import Array, BoolArray
+from .arrays import Array, BoolArray
 
 _EPS = float(np.finfo(float).eps)
 # The position of a larger angle within its period is lost in rounding.

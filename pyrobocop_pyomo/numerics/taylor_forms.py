@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.numerics import Array
-
+from .arrays import Array
 from .interval_arithmetic import Interval
 
 

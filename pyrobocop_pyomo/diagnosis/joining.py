@@ -1,0 +1,134 @@
+"""Phases of one model that nothing joins: as good as several problems, of which one may be there by mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Iterator
+from itertools import chain, islice
+from typing import Any
+
+from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import Constraint
+
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.modeling.activity import enclosing_blocks
+from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.obstacles.snapshot import variables_of
+from pyrobocop_pyomo.phases import phases_of
+from pyrobocop_pyomo.phases.structure import sides_of
+
+from .findings import Finding, Severity, Subject
+
+
+def joining_findings(block: Any) -> Iterator[Finding]:
+    """A phase whose start nothing gives, beside one that ends anywhere, where no row and no pair holds both.
+
+    Phases that share nothing and have starts of their own are meant so, as a sum of experiments is.
+    """
+    phases = phases_of(block)
+    if len(phases) < 2:
+        return
+    joined = _Joined(block, phases)
+    if joined.are_all():
+        return
+    groups = [joined.group_of(phase) for phase in phases]
+    for second, own_group in zip(phases, groups, strict=True):
+        start = [name for name in second.record.names_of_states if joined.is_open(second, name, first=True)]
+        for first, group in zip(phases, groups, strict=True):
+            end = [name for name in first.record.names_of_states if joined.is_open(first, name, first=False)]
+            if group != own_group and start and end:
+                yield Finding(
+                    Severity.WARNING,
+                    Subject.STATEMENT,
+                    f"nothing joins the phases '{first.name}' and '{second.name}': no link, no constraint and no pair "
+                    f"holds variables of both, nothing says where {_some(start)} of '{second.name}' "
+                    f"{'starts' if len(start) == 1 else 'start'}, and '{first.name}' may end anywhere.",
+                    (first.name, second.name),
+                    f"Join them: m.link = rcp.Link(m.{first.name}, m.{second.name}). Where each is meant by itself, "
+                    "give that start, or solve one after the other.",
+                )
+                return
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(map(repr, names[:3])) + (f" and {len(names) - 3} more states" if len(names) > 3 else "")
+
+
+class _Joined:
+    """Which phases have a row, a pair or a variable in common, directly or by what lies between.
+
+    First all that stands outside of the phases is read, and one row of each component inside; all the rest only where
+    that leaves phases apart.
+    """
+
+    def __init__(self, block: Any, phases: list[Any]) -> None:
+        self._phases = {id(phase): phase for phase in phases}
+        self._home: dict[int, Any] = {}
+        self._parent: dict[Hashable, Hashable] = {}
+        self._held: set[int] = set()
+        components = list(block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block))
+        inside = [component for component in components if self._is_per_point(component)]
+        known = {id(component) for component in inside}
+        for component in components:
+            if id(component) not in known:
+                self._join(component.values(), holds=True)
+        for avoidance in blocks_of_kind(block, ObstacleAvoidanceBlockData):
+            poses = {body: pose for (body, _), pose in avoidance.record.poses.items()}
+            self._unite(chain.from_iterable(map(variables_of, poses.values())))
+        for some in (slice(1), slice(1, None)):
+            if not self.are_all():
+                for component in inside:
+                    self._join(islice(component.values(), some.start, some.stop))
+
+    def _is_per_point(self, component: Any) -> bool:
+        """Whether a rule of a phase, or a differential equation, has made it."""
+        phase = self._phases.get(id(component.parent_block()))
+        if phase is None:
+            return False
+        record = phase.record
+        return component.local_name in record.generated_rows | {statement.name for statement in record.statements}
+
+    def _join(self, rows: Iterable[Any], holds: bool = False) -> None:
+        for row in rows:
+            if not row.active:
+                continue
+            sides = (row.body,) if row.ctype is Constraint else sides_of(row)
+            variables = [variable for side in sides for variable in variables_in(side, include_fixed=False)]
+            if holds:
+                self._held.update(map(id, variables))
+            self._unite(variables)
+
+    def _unite(self, variables: Iterable[Any]) -> None:
+        keys = list({self._key(variable) for variable in variables if not variable.fixed})
+        for key in keys[1:]:
+            self._parent[self._root(key)] = self._root(keys[0])
+
+    def _key(self, variable: Any) -> Hashable:
+        """The phase that a variable belongs to, or the variable itself."""
+        component = variable.parent_component()
+        if id(component) not in self._home:
+            around = (id(block) for block in enclosing_blocks(component))
+            self._home[id(component)] = next((number for number in around if number in self._phases), None)
+        home = self._home[id(component)]
+        return id(variable) if home is None else home
+
+    def _root(self, key: Hashable) -> Hashable:
+        while (above := self._parent.get(key, key)) != key:
+            key = above
+        return key
+
+    def are_all(self) -> bool:
+        """Whether all phases are in one group."""
+        return len({self._root(number) for number in self._phases}) == 1
+
+    def group_of(self, phase: Any) -> Hashable:
+        """What is the same for all phases of a group."""
+        return self._root(id(phase))
+
+    def is_open(self, phase: Any, name: str, *, first: bool) -> bool:
+        """Whether a state may have any value where the phase starts, or ends: not given, and in no row beside."""
+        declaration, variable = phase.record.declarations[name], phase.component(name)
+        given = declaration.initial if first else declaration.final
+        data = variable[phase.initial_time if first else phase.final_time]
+        return not (isinstance(given, tuple) or data.fixed or id(data) in self._held)

@@ -1,0 +1,126 @@
+"""Whether a stationary point is no minimum: curvature of the Lagrangian along what the active rows leave free."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pyrobocop_pyomo.errors import SingularMatrix
+from pyrobocop_pyomo.ipopt.linear_solvers import suits
+from pyrobocop_pyomo.linear_solver import SymmetricFactorisation
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+
+# Bounds that are as near, or nearer than their multiplier is large, count as active: a direction then leaves none of
+# them, and may be taken in both of its senses.
+NEAR = 1e-4
+# A step of size one in the variables has to promise so much, of the objective. Arcs that are singular, and directions
+# that change nothing, have no curvature but rounding.
+LEAST_DECREASE = 1e-4
+# On the rows' part of the diagonal, relative to the Hessian, so that rows that depend on each other do not matter.
+_ROWS = -1e-8
+# Each is at most ten times the one before, so a shift of this many of them is beyond all curvatures.
+_SHIFTS, _HALVINGS, _INVERSE_STEPS = 24, 4, 20
+
+
+def direction_of_descent(nlp: NonlinearProgram, point: PrimalDualPoint) -> FloatArray | None:
+    r"""A direction along which the objective falls to second order, at a point that is stationary.
+
+    With the Hessian of the Lagrangian :math:`W` and the Jacobian :math:`A` of the active rows, both for the variables
+    that are away from their bounds, the matrix
+
+    .. math:: \begin{pmatrix} W + \sigma I & A^T \\ A & -\delta I \end{pmatrix}
+
+    has one negative eigenvalue for each row exactly where :math:`W + \sigma I + A^T A / \delta` is positive definite
+    (Gould 1985, doi:10.1007/BF01585660).
+
+    Parameters
+    ----------
+    nlp : NonlinearProgram
+        In variables, rows and an objective of size one.
+    point : PrimalDualPoint
+
+    Returns
+    -------
+    float array, shape (n,), or None
+        Its largest entry is 1 in size. None where there is no such direction, where the program does not suit the
+        linear solver of this package, or that solver is missing.
+
+    Raises
+    ------
+    EvaluationError
+        When a derivative does not exist at the point.
+    """
+    if not suits(nlp):
+        return None
+    x, (rows, lower, upper) = point.x, point.complete(nlp)
+    g = nlp.constraints(x)
+    free = np.minimum(x - nlp.x_lower - lower, nlp.x_upper - x - upper) > NEAR
+    active = np.minimum(g - nlp.g_lower, nlp.g_upper - g) <= NEAR + np.abs(rows)
+    if not free.any():
+        return None
+    system = _System(nlp, x, rows, free, active)
+    least = LEAST_DECREASE * max(1.0, abs(nlp.objective(x)))
+    try:
+        direction = system.most_negative(2.0 * least / free.sum())
+    except SingularMatrix:
+        return None
+    if direction is None or -0.5 * system.curvature(direction) < least:
+        return None
+    full = np.zeros(nlp.n)
+    full[free] = direction
+    return full
+
+
+class _System:
+    """The matrix of first-order conditions at a point, without the variables that are at bounds."""
+
+    def __init__(
+        self, nlp: NonlinearProgram, x: FloatArray, multipliers: FloatArray, free: np.ndarray, active: np.ndarray
+    ) -> None:
+        self.n, self.m = int(free.sum()), int(active.sum())
+        number, row_number = np.cumsum(free) - 1, np.cumsum(active) - 1 + self.n
+        rows, columns = nlp.hessian_structure
+        kept = free[rows] & free[columns]
+        self._rows, self._columns = number[rows[kept]], number[columns[kept]]
+        self._hessian = nlp.hessian(x, 1.0, multipliers)[kept]
+        rows, columns = nlp.jacobian_structure
+        kept = active[rows] & free[columns]
+        diagonal = np.arange(self.n + self.m)
+        self._factors = SymmetricFactorisation(
+            self.n + self.m,
+            np.concatenate([self._rows, row_number[rows[kept]], diagonal]),
+            np.concatenate([self._columns, number[columns[kept]], diagonal]),
+        )
+        # With dependent rows multipliers may be huge, and the Hessian with them: beside it the rows must not give way.
+        self._size = max(1.0, float(np.abs(self._hessian).max(initial=0.0)))
+        self._off_diagonal = np.concatenate([self._hessian / self._size, nlp.jacobian(x)[kept]])
+
+    def curvature(self, direction: FloatArray) -> float:
+        """Of the Lagrangian along a direction."""
+        terms = self._hessian * direction[self._rows] * direction[self._columns]
+        return float(np.where(self._rows == self._columns, terms, 2.0 * terms).sum())
+
+    def most_negative(self, shift: float) -> FloatArray | None:
+        """The direction of the most negative curvature; None where all are above minus the shift."""
+        if self._is_convex(shift):
+            return None
+        below = shift
+        for _ in range(_SHIFTS):
+            shift = 10.0 * below
+            if self._is_convex(shift):
+                break
+            below = shift
+        for _ in range(_HALVINGS):
+            middle = (below * shift) ** 0.5
+            below, shift = (below, middle) if self._is_convex(middle) else (middle, shift)
+        if not self._is_convex(shift):
+            return None
+        direction = np.random.default_rng(0).standard_normal(self.n)
+        for _ in range(_INVERSE_STEPS):
+            direction = self._factors.solve(np.concatenate([direction, np.zeros(self.m)]))[: self.n]
+            direction /= np.abs(direction).max()
+        return direction
+
+    def _is_convex(self, shift: float) -> bool:
+        """Whether no curvature is below minus the shift; the factors are kept."""
+        diagonal = np.concatenate([np.full(self.n, shift / self._size), np.full(self.m, _ROWS)])
+        return self._factors.factor(np.concatenate([self._off_diagonal, diagonal])).negative == self.m

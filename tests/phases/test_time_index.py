@@ -1,0 +1,170 @@
+"""Where the time of a phase is to be found, ``t`` is an index and no number: rules that compute with it are refused."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.modeling.time_index import TimeIndex
+
+LONG = rcp.Duration(bounds=(3, 3), initial_guess=3)
+HORIZONS: dict[str, dict[str, Any]] = {
+    "free duration": {"duration": LONG},
+    "free start": {"duration": 3.0, "start": rcp.Start(bounds=(0, 0))},
+    "free elements": {"duration": 3.0, "free_element_widths": (0.5, 2)},
+}
+
+
+def ramp(scheme: str = "radau", **horizon: Any) -> tuple[pyo.ConcreteModel, Any]:
+    m = pyo.ConcreteModel()
+    m.go = b = rcp.PhaseBlock(elements=4, scheme=scheme, **horizon)
+    b.x, b.z, b.u = rcp.State(initial=0), rcp.Algebraic(), rcp.Control(bounds=(0, 1))
+    return m, b
+
+
+def as_ode(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.ode(lambda b, t: {b.x: of_time(b, t)}, name="said")
+
+
+def as_step(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.step_map(lambda b, t, previous: {b.x: previous.x + of_time(b, t)}, name="said")
+
+
+def as_residual(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.residual(lambda b, t: b.z[t] == of_time(b, t), name="said")
+
+
+def as_constraint(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.constraint(lambda b, t: (0, b.x[t], of_time(b, t)), name="said")
+
+
+def at_boundaries(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.constraint_at_boundaries(lambda b, t: b.x[t] <= 1 + of_time(b, t), name="said")
+
+
+def as_pairs(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.complementarity(lambda b, t: rcp.complements(b.u[t] >= 0, of_time(b, t) - b.z[t] >= 0), name="said")
+
+
+def as_integral(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    def said(b: Any, t: Any) -> Any:
+        return of_time(b, t)
+
+    b.integral(said)
+
+
+def as_law(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
+    b.said = rcp.mechanics.Maximum(lambda b, t: b.x[t] - of_time(b, t), 0)
+
+
+STATEMENTS = [as_ode, as_step, as_residual, as_constraint, at_boundaries, as_pairs, as_integral, as_law]
+
+
+@pytest.mark.parametrize("horizon", HORIZONS)
+@pytest.mark.parametrize("state", STATEMENTS)
+def test_every_kind_of_rule_is_refused_and_the_time_is_named(state: Any, horizon: str) -> None:
+    scheme = "implicit_euler" if state is as_step else "radau"
+    _, b = ramp(scheme, **HORIZONS[horizon])
+    before = list(b.component_map())
+    with pytest.raises(TranscriptionError, match=r"phase 'go'.*said.* uses t as a number.*Write b\.time_at\(t\)"):
+        state(b, lambda b, t: t)
+    assert list(b.component_map()) == before
+    state(b, lambda b, t: b.time_at(t))
+
+
+USES: dict[str, Callable[[Any, Any], Any]] = {
+    "added": lambda b, t: t + b.x[t],
+    "added to": lambda b, t: b.x[t] + t,
+    "subtracted from a number": lambda b, t: 1 - t,
+    "times a duration": lambda b, t: b.duration * t,
+    "divided": lambda b, t: b.x[t] / (1 + t),
+    "a power": lambda b, t: t**2,
+    "negated": lambda b, t: -t,
+    "a function of Pyomo": lambda b, t: pyo.sin(t),
+    "a function of Python": lambda b, t: math.sin(t),
+    "a function of NumPy": lambda b, t: np.sin(t),
+    "an interpolation": lambda b, t: np.interp(t, [0, 3], [0, 1]),
+    "in an array": lambda b, t: (np.array([1.0, 2.0]) * t)[0],
+    "in an array of expressions": lambda b, t: rcp.array([b.x[t], t]) @ np.array([1.0, 2.0]),
+    "a number of NumPy": lambda b, t: np.float64(2.0) * t,
+    "compared": lambda b, t: 1.0 if t < 2 else 0.0,
+    "compared by Pyomo": lambda b, t: pyo.Expr_if(t <= 2, 1.0, 0.0),
+    "equal to an expression": lambda b, t: pyo.Expr_if(b.x[t] == t, 1.0, 0.0),
+    "the larger one": lambda b, t: max(t, 0.3),
+    "made a number": lambda b, t: float(t),
+    "rounded": lambda b, t: {0.0: 1.0}.get(round(t), 0.0),
+    "truth": lambda b, t: 1.0 if t else 0.0,
+}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_every_way_of_using_it_as_a_number_is_refused(use: str) -> None:
+    _, b = ramp(duration=LONG)
+    with pytest.raises(TranscriptionError, match=r"ode 'said' uses t as a number.*b\.time_at\(t\)"):
+        as_ode(b, USES[use])
+
+
+def test_it_is_an_index_wherever_the_point_is_one() -> None:
+    m, b = ramp(duration=LONG)
+    m.of_joint = pyo.Var([1, 2], b.points, initialize=0)
+    first, table = b.points.first(), {t: i for i, t in enumerate(b.points)}
+    labels = []
+
+    @b.ode
+    def said(b: Any, t: Any) -> Any:
+        before = b.x[b.time.prev(t)]
+        at_start = 1.0 if t == first and t in b.points and first == t and t != 0.3 else 0.0
+        labels.append(f"{t:.3f} {t}")
+        return {b.x: before + b.u.at(t) + at_start + table[t] + m.of_joint[1, t] + b.points.ord(t) + b.time_at(t)}
+
+    assert labels == [f"{t:.3f} {t}" for t in b.points]
+    assert b.derivative(b.x)[first].to_string()
+
+
+def test_where_indices_are_times_it_is_a_number_as_ever() -> None:
+    _, b = ramp(duration=3.0)
+    for use in USES.values():
+        assert isinstance(pyo.value(use(b, b.points.first())), float)
+    as_ode(b, lambda b, t: math.sin(t))
+
+
+@pytest.mark.ipopt
+def test_the_time_that_the_message_names_gives_the_integral_over_time() -> None:
+    m, b = ramp(duration=LONG)
+    b.ode(lambda b, t: {b.x: b.time_at(t)})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.u[t] - 0.5) ** 2 + (b.z[t] - 1) ** 2))
+    b.residual(lambda b, t: b.z[t] == b.u[t] + (b.time_at(t) - b.start) / b.duration)
+    assert rcp.solve(m).solved
+    assert b.x.at_end.value == pytest.approx(4.5)
+    assert b.trajectory().verify().largest_violation < 1e-6
+
+
+def test_a_phase_on_another_mesh_asks_its_rules_with_indices_again() -> None:
+    _, b = ramp(duration=LONG)
+    asked = []
+
+    @b.ode
+    def said(b: Any, t: Any) -> Any:
+        asked.append(type(t))
+        return {b.x: b.u[t]}
+
+    b.remesh([0, 0.2, 1])
+    assert asked
+    assert all(kind is TimeIndex for kind in asked)
+
+
+def test_it_survives_a_pickle_and_equals_keys_of_any_kind() -> None:
+    t = TimeIndex(0.5, "a rule")
+    assert pickle.loads(pickle.dumps(t)) == t
+    assert {t, 0.5} == {0.5}
+    assert t != "name"
+    assert t != ("joint", 0.5)
+    assert t is not None

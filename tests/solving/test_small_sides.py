@@ -1,0 +1,136 @@
+"""Units of sides and of the objective change neither the answer nor what is called a solution."""
+
+from __future__ import annotations
+
+import pyomo.environ as pyo
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyomo.mpec import Complementarity, complements
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.mpcc.active_set import Certificate
+from pyrobocop_pyomo.solving.iterates import Iterate, Quality, Standing, Tolerances
+
+pytestmark = pytest.mark.ipopt
+
+powers = st.integers(-8, 8)
+
+
+def corner(x_unit: float, y_unit: float, cost_unit: float = 1.0, *, start: float = 1.0, lifted: bool = False):
+    """The nearest point to (1, 2) on the axes, which is (0, 2) at a squared distance of 1."""
+    m = pyo.ConcreteModel(name="corner")
+    m.x, m.y = pyo.Var(initialize=start * x_unit), pyo.Var(initialize=start * y_unit)
+    first = m.x + m.y * 1e-3 * x_unit / y_unit if lifted else m.x
+    m.pair = Complementarity(expr=complements(first >= 0, m.y >= 0))
+    m.cost = pyo.Objective(expr=cost_unit * ((m.x / x_unit - 1) ** 2 + (m.y / y_unit - 2) ** 2))
+    return m
+
+
+@settings(max_examples=25)
+@given(x_power=powers, y_power=powers, start=st.sampled_from([0.0, 1.0, 3.0]))
+def test_sides_in_other_units_have_the_same_answer_or_none(x_power: int, y_power: int, start: float):
+    m = corner(10.0**x_power, 10.0**y_power, start=start)
+    result = rcp.solve(m)
+    if result.solved:
+        assert result.objective == pytest.approx(1.0, abs=1e-4) or result.objective == pytest.approx(4.0, abs=1e-4)
+        assert min(m.x.value / 10.0**x_power, m.y.value / 10.0**y_power) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("lifted", [False, True])
+@pytest.mark.parametrize(("x_unit", "y_unit"), [(1e-2, 1e-2), (1e-4, 1e-4), (1e-5, 1e-6), (1e-5, 100.0), (1e-4, 1e6)])
+def test_the_answer_is_found_in_small_units(x_unit: float, y_unit: float, lifted: bool):
+    m = corner(x_unit, y_unit, lifted=lifted)
+    result = rcp.solve(m)
+    assert result.solved
+    assert result.objective == pytest.approx(1.0, abs=1e-2)  # the side is slightly turned where it is lifted
+    assert abs(m.x.value / x_unit + (1e-3 * m.y.value / y_unit if lifted else 0.0)) < 1e-6
+
+
+@settings(max_examples=15)
+@given(power=st.integers(-12, 8))
+def test_the_unit_of_the_objective_changes_nothing(power: int):
+    m = corner(1.0, 1.0, 10.0**power)
+    result = rcp.solve(m)
+    assert (m.x.value, m.y.value) == pytest.approx((0.0, 2.0), abs=1e-4)
+    assert result.certificate is Certificate.PROVEN
+
+
+@pytest.mark.parametrize("power", [0, -6, -12])
+def test_a_certificate_and_multipliers_know_the_unit_of_the_objective(power: int):
+    """Both sides of the pair are zero at the start, and both descend from there, however small the objective is."""
+    m = corner(1.0, 1.0, 10.0**power, start=0.0)
+    result = rcp.solve(m)
+    assert result.certificate is Certificate.PROVEN
+    at_first = m.x.value == pytest.approx(0.0, abs=1e-6)  # or at the other local solution
+    assert m.y.value == pytest.approx(2.0 if at_first else 0.0, abs=1e-4)
+    (pair,) = result.pairs
+    held = pair.first_multiplier if at_first else pair.second_multiplier
+    assert held == pytest.approx((-2.0 if at_first else -4.0) * 10.0**power, rel=1e-3)
+
+
+def strip(unit: float, count: int = 6):
+    """A string over a floor, its heights in small units: each height and each force of the floor are a pair."""
+    m = pyo.ConcreteModel(name="strip")
+    places = range(count + 2)
+    m.height = pyo.Var(places, bounds=(0, None), initialize=unit)
+    m.force = pyo.Var(range(1, count + 1), bounds=(0, None), initialize=1.0)
+    m.push = pyo.Var(bounds=(0, 10), initialize=1.0)
+    m.height[0].fix(unit)
+    m.height[count + 1].fix(unit)
+
+    @m.Constraint(range(1, count + 1))
+    def balance(m, i):
+        bent = (m.height[i - 1] - 2 * m.height[i] + m.height[i + 1]) / unit
+        return bent - m.push + m.force[i] == 0
+
+    m.touching = rcp.Complementarity(
+        range(1, count + 1), rule=lambda m, i: rcp.complements(m.height[i] >= 0, m.force[i] >= 0)
+    )
+    m.cost = pyo.Objective(expr=sum((m.height[i] / unit - 0.2) ** 2 for i in range(1, count + 1)))
+    return m
+
+
+@pytest.mark.parametrize("unit", [1e-2, 1e-4, 1e-5])
+def test_contact_along_a_line_in_small_units_is_that_in_units_of_one(unit: float):
+    ones, small = strip(1.0), strip(unit)
+    reference, result = rcp.solve(ones), rcp.solve(small)
+    assert reference.solved
+    assert result.largest_natural_residual <= 1e-6 * unit
+    assert result.objective >= reference.objective - 1e-6
+    if result.solved:
+        assert result.objective == pytest.approx(reference.objective, rel=0.05)
+
+
+def test_without_a_polish_a_loose_point_of_small_sides_is_no_solution():
+    m = corner(1e-4, 1e-4)
+    result = rcp.solve(m, polish=False)
+    assert not result.solved
+    assert result.quality is Quality.INFEASIBLE
+    assert "pair 'pair': sides " in str(result)
+    assert rcp.solve(corner(1.0, 1.0), polish=False).solved
+
+
+def test_sides_that_are_both_zero_at_the_answer():
+    for unit in (1.0, 1e-4):
+        m = corner(unit, unit)
+        m.cost.set_value((m.x / unit + 1) ** 2 + (m.y / unit + 1) ** 2)
+        result = rcp.solve(m)
+        assert result.solved
+        assert result.objective == pytest.approx(2.0, abs=1e-6)
+
+
+@given(loose=st.floats(-1e6, 1e6), exact=st.floats(-1e6, 1e6), optimal=st.booleans())
+def test_an_exact_point_is_better_than_a_loose_one(loose: float, exact: float, optimal: bool):
+    one = Standing(excess=1.0, cost=exact, exact=True)
+    other = Standing(excess=1.0, cost=loose, exact=False, optimal=optimal)
+    assert one.is_better_than(other)
+    assert not other.is_better_than(one)
+
+
+def test_tolerances_are_never_larger_than_for_sides_of_one():
+    at = {"largest_product": 1e-8, "largest_natural_residual": 1e-5, "constraint_violation": 0.0}
+    absolute = Iterate("run", None, None, None, 1, 0.0, **at)
+    relative = Iterate("run", None, None, None, 1, 0.0, relative_product=1.0, relative_natural_residual=0.1, **at)
+    assert absolute.excess(Tolerances()) == 1.0
+    assert relative.excess(Tolerances()) > 1.0
