@@ -107,7 +107,9 @@ def refuse_data_at_points(
             beside = [rates(fraction + side * _BESIDE, states) for side in (-1.0, 1.0)]
         for name in stated_by_rows:
             row, at = per_stage[name][:, stage], names.index(name)
-            differences = [np.abs(found[at] - row) / (1.0 + np.abs(row)) for found in beside]
+            # A rule that jumps here agrees with one side, one that changes quickly with the middle of both.
+            before, after = (found[at] for found in beside)
+            differences = [np.abs(of - row) / (1.0 + np.abs(row)) for of in (before, after, 0.5 * (before + after))]
             differs = np.min(differences, axis=0) > _SAME_RATE
             # At its very ends a phase has one side only.
             times = np.array(grid.mesh.boundaries[:-1]) + fraction * np.array(grid.mesh.widths)

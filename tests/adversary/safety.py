@@ -168,7 +168,7 @@ def nothing_with_history(random: np.random.Generator) -> Motion:
     b.ode(lambda b, t: {b.x: 1.0, b.y: b.u[t] + a * b.y.delayed(t, tau)})
     _finish(m, b, _obstacles(random))
     m.history_of_the_judge = before_start
-    return Motion(m, [b], lambda t, y, before: a * before, [tau, 2 * tau, 3 * tau], tau)
+    return Motion(m, [b], lambda t, y, before: a * before, np.arange(tau, 1.0, tau).tolist(), tau)
 
 
 def nothing_in_two_phases(random: np.random.Generator) -> Motion:
@@ -269,7 +269,7 @@ def no_history(random: np.random.Generator) -> Motion:
         random,
         lambda m, b, t: a * (0.1 - b.y.delayed(t, tau)),
         lambda t, y, before: a * (0.1 - before),
-        breaks=[tau, 2 * tau, 3 * tau],
+        breaks=np.arange(tau, 1.0, tau).tolist(),
         delay=tau,
     )
 
@@ -379,33 +379,33 @@ SPOILERS: dict[str, Callable[[np.random.Generator], Motion]] = UNSPOILT | {
 
 def smallest_distance(motion: Motion) -> float:
     """Of the ball from the obstacles, in the motion of the equations under the controls on the model."""
-    m, start = motion.model, 0.0
+    m = motion.model
     state, least = np.zeros(2), np.inf
     past = [(0.0, lambda t: getattr(m, "history_of_the_judge", 0.0))]
     for b in motion.phases:
         grid = b.grid
         for i, stages in enumerate(grid.stage_times):
-            low, high = grid.mesh.boundaries[i] , grid.mesh.boundaries[i + 1]
+            low, high = grid.mesh.boundaries[i], grid.mesh.boundaries[i + 1]
             control = _interpolated(np.array(stages), np.array([b.u[t].value for t in stages]))
             breaks = [t for t in motion.breaks if low < t < high]
             for first, last in zip([low, *breaks], [*breaks, high], strict=True):
-                middle = 0.5 * (first + last)
 
-                def rates(t: float, s: np.ndarray, control: Any = control, first: float = first, last: float = last) -> Any:
-                    inside = min(max(t, np.nextafter(first, last)), np.nextafter(last, first))
+                def rates(
+                    t: float, s: np.ndarray, of: Any = control, ends: tuple[float, float] = (first, last)
+                ) -> list[float]:
+                    inside = min(max(t, np.nextafter(*ends)), np.nextafter(*ends[::-1]))
                     before = _past(past, t - motion.delay) if motion.delay else 0.0
-                    return [1.0, control(t) + motion.drift(inside, s[1], before)]
+                    return [1.0, of(t) + motion.drift(inside, s[1], before)]
 
                 found = solve_ivp(
                     rates, (first, last), state, max_step=(high - low) / STEPS, rtol=1e-9, atol=1e-11, dense_output=True
                 )
-                assert found.success, middle
+                assert found.success
                 state = found.y[:, -1]
                 past.append((last, found.sol))
                 dense = found.sol(np.linspace(first, last, 4 * len(found.t)))
                 if b is motion.phases[-1]:
                     least = min(least, _distance(m.obstacles_of_the_judge, dense.T))
-        start += 1.0
     return least
 
 
@@ -417,7 +417,7 @@ def _interpolated(times: np.ndarray, values: np.ndarray) -> Callable[[float], fl
 
 
 def _past(pieces: list[tuple[float, Any]], time: float) -> float:
-    if time < 0.0:
+    if time <= 0.0 or len(pieces) == 1:
         return float(pieces[0][1](time))
     for end, of in pieces[1:]:
         if time <= end + 1e-12:
@@ -467,4 +467,4 @@ def _judged(name: str, random: np.random.Generator) -> tuple[Verdict, str]:
     distance = smallest_distance(motion)
     if distance >= CLEARANCE - TOLERANCE:
         return Verdict.TRUE, f"{distance:.6f}"
-    return Verdict.FAULT, f"called safe, and comes as close as {distance:.6f} of {CLEARANCE:g}: {result.safety.equations}"
+    return Verdict.FAULT, f"called safe, comes as close as {distance:.6f} of {CLEARANCE:g}: {result.safety.equations}"

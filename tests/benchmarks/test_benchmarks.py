@@ -292,6 +292,12 @@ def test_spoilt_problems_are_counted_and_can_be_repeated() -> None:
     assert "seed 2: " in run_quick("adversary", "--seed", "2")
 
 
+def test_motions_spoilt_between_the_points_are_counted_and_can_be_repeated() -> None:
+    table = run_quick("safety_adversary")
+    assert "0 faults in 6 trials, 0 of 2 that are not spoilt" in table
+    assert "seed 8: " in run_quick("safety_adversary", "--seed", "8")
+
+
 def test_textbook_problems_give_their_published_values_and_say_so() -> None:
     table = run_quick("textbook")
     assert "3 of 3 within 0.001 of the published value" in table

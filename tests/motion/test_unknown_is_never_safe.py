@@ -133,7 +133,7 @@ def test_what_was_safe_is_not_known_once_the_model_has_changed() -> None:
     assert result.safe is None
     assert str(result).startswith("CHANGED")
     assert "changed" in result.one_line()
-    assert result.solved  # that it was
+    assert result.safety.safe  # the record of what was
     m.wind = 0.1
     assert result.safe is True
     m.drive.y[1.0].set_value(0.1)
