@@ -47,6 +47,9 @@ class _TooStiff(Exception):
 
 Rates = Callable[[int, float, Array], Array]
 
+# Steps of an element. Those of DOP853 have stages at most 0.27 of a step apart.
+_FEWEST_STEPS = 4
+
 # Relative to the size of the terms; hybr often stops above its own tolerance at a residual that is rounding.
 _SOLVED = 1e-9
 
@@ -440,14 +443,15 @@ def _integrate_part(rates: Rates, i: int, initial: Array, times: Array) -> Array
                 raise _TooStiff
             return rates(i, t, x)
 
-        # The whole element as a first step: where elements are many they are short, and it is mostly accepted. What
-        # it is worth is controlled as ever.
-        first_step = end - start if method == "DOP853" else None
+        # A few long steps: where elements are many they are short, and these are mostly accepted. What they are worth
+        # is controlled as ever; with fewer, rules that change for a while only would be looked at too seldom.
+        longest = (end - start) / (_FEWEST_STEPS if len(times) > 2 else 1)
+        first_step = longest if method == "DOP853" else None
         try:
             with np.errstate(all="ignore"):  # an unstable motion may overflow on its way to the remark about it
                 result = scipy.integrate.solve_ivp(
                     counted, (start, end), initial, method=method, rtol=1e-10, atol=1e-11, first_step=first_step,
-                    t_eval=times,
+                    max_step=longest, t_eval=times,
                 )  # fmt: skip
         except _TooStiff:
             continue

@@ -33,6 +33,7 @@ TOLERANCE = 0.01 * CLEARANCE + 1e-6
 STEPS = 40  # of the judge, at least, in each element
 # Seconds of one solve; what takes longer is not called safe.
 LIMIT = 5.0
+LONGEST_ELEMENT = 0.2
 
 Numbers = Callable[[float, np.ndarray], float]
 
@@ -209,9 +210,19 @@ def short_pulse(random: np.random.Generator) -> Motion:
     )
 
 
+def shorter_step(random: np.random.Generator) -> Motion:
+    """A pulse by an ``if`` on t as a number, which may be too short to be seen; that is documented."""
+    return _step(random, 0.0)
+
+
 def step_in_time(random: np.random.Generator) -> Motion:
-    """A pulse by an ``if`` on t as a number."""
+    """The same, as long as the parts of an element at which such rules are looked at."""
+    return _step(random, LONGEST_ELEMENT / 15)
+
+
+def _step(random: np.random.Generator, shortest: float) -> Motion:
     start, width, height = _pulse(random)
+    height, width = height * width / max(width, shortest), max(width, shortest)
 
     def numbers(t: float, y: float = 0.0, before: float = 0.0) -> float:
         return height if start < t < start + width else 0.0
@@ -222,7 +233,8 @@ def step_in_time(random: np.random.Generator) -> Motion:
 def frozen_value(random: np.random.Generator) -> Motion:
     """The same, by the value that t has."""
     start, width, height = _pulse(random)
-    width, height = max(width, 0.03), height * width / max(width, 0.03)
+    shortest = LONGEST_ELEMENT / 15
+    height, width = height * width / max(width, shortest), max(width, shortest)
 
     def numbers(t: float, y: float = 0.0, before: float = 0.0) -> float:
         return height if start < t < start + width else 0.0
@@ -370,8 +382,11 @@ SPOILERS: dict[str, Callable[[np.random.Generator], Motion]] = UNSPOILT | {
         tied_otherwise,
         stale,
         beside_another,
+        shorter_step,
     )
 }
+# Spoilers that a page of the documentation names as limits.
+DOCUMENTED = {"shorter_step"}
 
 
 # ---------------------------------------------------------------------------------------- the judge
