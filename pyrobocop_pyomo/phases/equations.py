@@ -121,7 +121,7 @@ def _given_for_states(
                 )
             given.setdefault(names[state], {})[time] = expression
         if time == record.grid.points[0]:
-            refuse_foreign(block, what, [values[time] for values in given.values()])
+            refuse_foreign_reads(block, what, [values[time] for values in given.values()])
     for name, values in given.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
@@ -312,11 +312,11 @@ def _collect(
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))
         if time == times[0]:
-            refuse_foreign(block, what, results[time])
+            refuse_foreign_reads(block, what, results[time])
     return results
 
 
-def refuse_foreign(block: Any, what: str, result: Any) -> None:
+def refuse_foreign_reads(block: Any, what: str, result: Any) -> None:
     """Refuse a rule that reads variables of another model; one point tells, and a solve asks for all.
 
     Raises

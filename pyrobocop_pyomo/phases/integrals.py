@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.transcription import quadrature
 
-from .equations import Rule, refuse_foreign, rule_name
+from .equations import Rule, refuse_foreign_reads, rule_name
 from .horizon import quadrature_weights
 from .record import PhaseRecord, Statement
 from .variables import add_generated
@@ -68,6 +68,6 @@ def _integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
         total = quadrature(
             lambda time: _one_number(integrand(block, record.index_for_rule(time, what)), what, time), weights
         )
-    refuse_foreign(block, what, total)
+    refuse_foreign_reads(block, what, total)
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total

@@ -94,7 +94,8 @@ class AslProgram:
         self.jacobian_structure = (jacobian[0] - 1, jacobian[1] - 1)  # the interface counts from one
         # ASL stores the upper triangle by rows; mirrored it is the lower one.
         self.hessian_structure = (hessian.max(axis=0) - 1, hessian.min(axis=0) - 1)
-        # Points of the last evaluations that succeeded.
+        # The point that ASL knows, and those of the last evaluations that succeeded.
+        self._at: FloatArray | None = None
         self._objective_at: FloatArray | None = None
         self._constraints_at: FloatArray | None = None
         self._gradient_at: FloatArray | None = None
@@ -102,6 +103,7 @@ class AslProgram:
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
+        self._move_to(x)
         self._objective_at = None
         value = _asked("objective", self._asl.eval_f, x)
         self._objective_at = x.copy()
@@ -118,6 +120,7 @@ class AslProgram:
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
+        self._move_to(x)
         self._constraints_at = None
         values = np.empty(self.m)
         _asked("constraints", self._asl.eval_g, x, values)
@@ -159,6 +162,12 @@ class AslProgram:
                 self._evaluate_derivatives(back)
         else:
             self._evaluate_derivatives(x)
+
+    def _move_to(self, x: FloatArray) -> None:
+        """Forget what was evaluated elsewhere: ASL knows one point only, and has its values at no other one."""
+        if not _same_point(self._at, x):
+            self._at = x.copy()
+            self._objective_at = self._constraints_at = self._gradient_at = self._jacobian_at = None
 
     def _evaluate_derivatives(self, x: FloatArray) -> None:
         self._evaluate_objective(x)

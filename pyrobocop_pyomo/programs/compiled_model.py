@@ -22,7 +22,13 @@ from pyrobocop_pyomo.modeling.variable_values import put_values
 from .composed_program import ComposedProgram
 from .compositions import composition_of_files, vectorised_composition
 from .function_calls import calls_in
-from .model_checks import active_expressions, check_variables, refuse_unseen_components, single_objective
+from .model_checks import (
+    active_expressions,
+    check_variables,
+    refuse_foreign,
+    refuse_unseen_components,
+    single_objective,
+)
 from .model_terms import collect_terms
 from .named_nodes import with_named_nodes
 from .nl_files import ProgramBuilder, model_file, program_builder, reads_names
@@ -46,6 +52,8 @@ class CompiledModel:
     derivatives : {"asl", "casadi", "vectorised"}, optional
         Where derivatives come from: a ``.nl`` file read by ASL or by CasADi, or without a file CasADi on vectorised
         expressions. By default ASL where PyNumero's library is found, else CasADi.
+    is_view : bool
+        Whether rows are meant to hold variables of another model beside their own, as those that a study makes are.
 
     Attributes
     ----------
@@ -85,7 +93,8 @@ class CompiledModel:
     seconds_writing: float
     seconds_building: float
 
-    def __init__(self, model: BlockData, derivatives: str | None = None) -> None:
+    def __init__(self, model: BlockData, derivatives: str | None = None, *, is_view: bool = False) -> None:
+        self._is_view = is_view
         self._build = None if derivatives == "vectorised" else program_builder(derivatives)
         self._calls_python = False
         self.model = model
@@ -102,6 +111,8 @@ class CompiledModel:
                 self._compile_terms()
         else:
             self._compile_file(self._build)
+        if not self._is_view:
+            refuse_foreign(self.model, self.variables)
         logger.debug(
             "'%s': %d variables, %d rows, derivatives by %s; %.3f s writing, %.3f s building", self.model.name,
             self.nlp.n, self.nlp.m, self.nlp.derivatives, self.seconds_writing, self.seconds_building,

@@ -91,7 +91,7 @@ def check_variables(model: BlockData, variables: list[VarData]) -> None:
     Raises
     ------
     ModelError
-        When there are none, discrete ones among them, or some of another model beside those of one.
+        When there are none, or discrete ones among them.
     """
     if not variables:
         raise ModelError(
@@ -105,6 +105,16 @@ def check_variables(model: BlockData, variables: list[VarData]) -> None:
             "problems only. Fix them, relax them with TransformationFactory('core.relax_integer_vars'), or use a "
             "mixed-integer solver; an integer control of a phase is Control(integer=(0, 1)), and rcp.solve rounds it."
         )
+
+
+def refuse_foreign(model: BlockData, variables: list[VarData]) -> None:
+    """Check that rows hold no variables of another model beside those of their own.
+
+    Raises
+    ------
+    ModelError
+        Naming a row that does.
+    """
     foreign = foreign_variable(model, variables)
     # Rows that are all about one other model are a view of it, which is made on purpose.
     if foreign is not None and foreign_variable(foreign, variables) is not None:

@@ -39,8 +39,21 @@ _SHARE = 0.2
 _MANY_BOUNDS = 500
 # Where runs start at other points their scales differ a little. Scales that stay keep the way to the answer.
 _ALIKE = 10.0
-# Beside the largest size, and beside what the rows say: what is smaller may be, and is, rounding.
-_ROUNDING, _ROUNDING_BESIDE = 1e-10, 1e-6
+# Objectives of models with pairs are left as they are above: another weight leads to other local optima.
+_SMALL_SLOPE = 1e-5
+
+
+@dataclass(frozen=True)
+class _Smallness:
+    """Beside the largest size, and beside what the rows say: what is smaller may be, and is, rounding."""
+
+    doubtful: float
+    rounding: float
+
+
+_AT_A_GUESS = _Smallness(1e-10, 1e-6)
+# At an answer, effort that need not be made is zero up to the tolerances of the solve, which are wider than rounding.
+_AT_AN_ANSWER = _Smallness(1e-4, 1e-5)
 
 
 @dataclass(frozen=True)
@@ -126,7 +139,7 @@ def automatic_scaling(
     x_stated = np.full(nlp.n, np.nan) if stated.x is None else _inverse(stated.x)
     _set(known, variables.numbers, x_stated)
     free = np.isnan(_by_group(known, variables.numbers, x_stated))
-    scales = _without_rounding(nlp, x, variables, constraints, known, free)
+    scales = _without_rounding(nlp, x, variables, constraints, known, free, _AT_A_GUESS)
     jacobian = _jacobian(nlp, x)
     scales = np.where(np.isnan(scales), 1.0, scales)
     x_beside = beside(nlp, x, scales[variables.numbers])
@@ -166,13 +179,13 @@ def variable_sizes(compiled: CompiledModel) -> FloatArray:
     variables, constraints = compiled.groups
     widths = _widths(variables, nlp)
     known = _known_scales(variables, np.zeros(widths.shape))
-    scales = _without_rounding(nlp, x, variables, constraints, known, np.ones(known.shape, dtype=bool))
+    scales = _without_rounding(nlp, x, variables, constraints, known, np.full(known.shape, True), _AT_AN_ANSWER)
     widths = np.where((widths > 0.0) & np.isfinite(widths), widths, 1.0)
     return np.where(np.isnan(scales), widths, scales)[variables.numbers]
 
 
 def objective_slope(compiled: CompiledModel) -> float:
-    """What the objective of a model with pairs is divided by: its largest derivative, where that is below 1.
+    """What the objective of a model with pairs is divided by: its largest derivative, where that is far below 1.
 
     Larger ones Ipopt divides by itself. Smaller ones are zero to its tolerances, and to those of linear programs.
 
@@ -184,7 +197,7 @@ def objective_slope(compiled: CompiledModel) -> float:
     gradients = np.array([_gradient(nlp, x), _gradient(nlp, beside(nlp, x, variable_sizes(compiled)))])
     slope = float(np.abs(gradients[np.isfinite(gradients)]).max(initial=0.0))
     slope = max(slope, _CONSTANT * _size_of_objective(nlp, x))
-    return slope if 0.0 < slope < 1.0 else 1.0
+    return slope if 0.0 < slope < _SMALL_SLOPE else 1.0
 
 
 def _without_rounding(
@@ -194,14 +207,15 @@ def _without_rounding(
     constraints: ComponentGroups,
     known: FloatArray,
     doubted: BoolArray,
+    small: _Smallness,
 ) -> FloatArray:
     """As `_completed`; where a size that may be doubted is only what rounding left of zero, the rows tell."""
     scales = _completed(nlp, x, variables, constraints, known)
-    doubtful = _doubtful(known) & doubted
+    doubtful = _doubtful(known, small) & doubted
     if not doubtful.any():
         return scales
     told = _completed(nlp, x, variables, constraints, np.where(doubtful, np.nan, known))
-    rounding = doubtful & (known < _ROUNDING_BESIDE * told)
+    rounding = doubtful & (known < small.rounding * told)
     if not rounding.any():
         return scales
     return _completed(nlp, x, variables, constraints, np.where(rounding, np.nan, known))
@@ -225,10 +239,10 @@ def _completed(
     return scales
 
 
-def _doubtful(known: FloatArray) -> BoolArray:
+def _doubtful(known: FloatArray, small: _Smallness) -> BoolArray:
     """Where a size may be what rounding left of zero, as the sine of pi."""
     there = known[~np.isnan(known)]
-    return known < _ROUNDING * there.max(initial=0.0) if there.size else np.zeros(known.shape, dtype=bool)
+    return known < small.doubtful * there.max(initial=0.0) if there.size else np.zeros(known.shape, dtype=bool)
 
 
 def _by_group(known: FloatArray, groups: Any, stated: FloatArray) -> FloatArray:

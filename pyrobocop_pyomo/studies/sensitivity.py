@@ -198,7 +198,7 @@ def sensitivity(
     chosen = _members(model, parameters)
     _check(model, result)
     parametric = ParametricBuilder(model, chosen, deadline).build()
-    compiled = CompiledModel(parametric.model, derivatives_by)
+    compiled = CompiledModel(parametric.model, derivatives_by, is_view=True)
     deadline.check(f"'{model.name}': sensitivity")
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
     columns = np.array([place.get(id(variable), -1) for variable in parametric.parameter_variables], dtype=np.intp)
