@@ -121,6 +121,8 @@ class _Highs:
         self._bindings = bindings
         self._highs = bindings._Highs()  # the class that highspy and SciPy both have
         self._highs.setOptionValue("output_flag", False)
+        # Programs that take milliseconds gain nothing from more threads, which keep the other cores busy with waiting.
+        self._highs.setOptionValue("threads", 1)
         self._program: LinearProgram | None = None
         self._lower = self._upper = np.empty(0)
 
