@@ -246,6 +246,11 @@ class IterateLog:
         sizes = self._sizes.at(self._sides())
         return list(violations_of_pairs(self.residuals(), tolerances, sizes.prod(axis=1).tolist()))
 
+    def too_small(self, tolerances: Tolerances) -> list[CanonicalPair]:
+        """Pairs that are met only if what their sides have left is zero and not small."""
+        found = self._sizes.too_small(self._sides(), tolerances.natural)
+        return [self.pairs[place] for place in np.flatnonzero(found).tolist()]
+
     def residuals(self) -> list[PairResidual]:
         """The pairs at the model's current values."""
         return [PairResidual(pair.name, *sides) for pair, sides in zip(self.pairs, self._sides().tolist(), strict=True)]

@@ -27,7 +27,7 @@ from .iterates import Iterate, Quality, StopReason
 from .polish import Exploration
 from .relaxed_model import forget_removed
 from .result_findings import ModelReference
-from .run_remarks import doubts_on_point, remarks_on_runs
+from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
@@ -210,7 +210,9 @@ class _Procedure:
             residuals=residuals,
             violations=self._violations() if quality is Quality.INFEASIBLE else (),
             remarks=(*self._guess.remarks, *remarks_on_runs(self._log.steps, best.certificate)),
-            doubts=() if residuals else doubts_on_point(best),
+            doubts=doubts_on_pairs(self._log.too_small(self._settings.tolerances))
+            if residuals
+            else doubts_on_point(best),
             steps=self._log.steps,
             standing=best.standing(self._settings.tolerances, self._check.sign),
             decided_pairs=places.decided_pairs,

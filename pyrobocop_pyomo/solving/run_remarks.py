@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
+from pyrobocop_pyomo.complementarity import CanonicalPair
 from pyrobocop_pyomo.diagnosis import Finding, Severity, Subject
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 
 from .iterates import Iterate
+from .side_sizes import SMALLEST_SIZE
 
 
 def remarks_on_runs(steps: Iterable[Iterate], certificate: Certificate) -> Iterator[str]:
@@ -49,4 +51,22 @@ def doubts_on_point(best: Iterate) -> tuple[Finding, ...]:
         "falls, and no better point was reached along it."
     )
     remedy = "Give an initial guess that is not symmetric, or compare several starts: rcp.studies.multistart(model)."
+    return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)
+
+
+def doubts_on_pairs(too_small: Sequence[CanonicalPair]) -> tuple[Finding, ...]:
+    """Why pairs may not be met although both sides are within the tolerances.
+
+    Parameters
+    ----------
+    too_small : sequence of CanonicalPair
+        Met only if what their sides have left is zero and not small.
+    """
+    if not too_small:
+        return ()
+    message = (
+        f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than {SMALLEST_SIZE:g} "
+        f"all the time: whether such pairs are met, {len(too_small)} in all, is not known."
+    )
+    remedy = "State what is so small in a smaller unit, so that it has values near 1."
     return (Finding(Severity.WARNING, Subject.OUTCOME, message, (), remedy),)

@@ -11,6 +11,8 @@ from pyrobocop_pyomo.complementarity import CanonicalPair
 
 # Below, a side is zero and not small: what a relaxation leaves of it.
 SMALLEST_SIZE = 1e-6
+# Runs with the smallest parameters leave less than this of zero.
+_LEFT_OF_ZERO = 1e-7
 
 
 class SideSizes:
@@ -36,8 +38,26 @@ class SideSizes:
         sides : float array, shape (pairs, 2)
             Their values there.
         """
+        sizes = self._largest(sides)
+        return np.where(sizes < SMALLEST_SIZE, 1.0, np.minimum(sizes, 1.0))
+
+    def too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
+        """The pairs that are met if their sides are zero, and are not if these are small, shape (pairs,).
+
+        Parameters
+        ----------
+        sides : float array, shape (pairs, 2)
+        tolerance : float
+            Of the smaller side, relative to its size.
+        """
+        sizes = self._largest(sides)
+        small = (sizes > _LEFT_OF_ZERO) & (sizes < SMALLEST_SIZE)
+        relative = sides / np.where(small, sizes, self.at(sides))
+        return small.any(axis=1) & (relative.min(axis=1) > tolerance)
+
+    def _largest(self, sides: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the component, at the start or at the point, shape (pairs, 2)."""
         largest = np.zeros((int(self._groups.max(initial=-1)) + 1, 2))
         for values in (self._start, sides):
             np.maximum.at(largest, self._groups, np.abs(np.nan_to_num(values, posinf=1.0, neginf=-1.0)))
-        sizes = largest[self._groups]
-        return np.where(sizes < SMALLEST_SIZE, 1.0, np.minimum(sizes, 1.0))
+        return largest[self._groups]

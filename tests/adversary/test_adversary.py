@@ -29,6 +29,11 @@ def test_a_spoilt_problem_has_no_wrong_answer_with_a_clean_report(spoiler: str) 
     assert not [str(trial) for trial in trials if trial.verdict is Verdict.FAULT]
 
 
+def test_sides_below_the_tolerance_are_not_called_complementary() -> None:
+    """Friction in a unit of 7e-7 has sides that a tolerance of 1e-6 cannot tell from zero."""
+    assert tried(20334).verdict is Verdict.NAMED
+
+
 @pytest.mark.parametrize("name", ["regulator", "lift", "dae_cart", "quadratic_program"])
 def test_the_judge_takes_answers_and_refuses_others(name: str) -> None:
     def solved() -> pyo.ConcreteModel:
