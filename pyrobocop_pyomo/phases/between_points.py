@@ -103,8 +103,11 @@ def refuse_data_at_points(
     per_stage = {name: np.array(numbers)[grid.stage_positions] for name, numbers in stated.items()}
     for stage, fraction in enumerate(grid.scheme.c.tolist()):
         states = np.array([trajectory.element_states(name) @ grid.scheme.state_at([fraction])[0] for name in names])
-        with np.errstate(all="ignore"):
-            beside = [rates(fraction + side * _BESIDE, states) for side in (-1.0, 1.0)]
+        try:
+            with np.errstate(all="ignore"):
+                beside = [rates(fraction + side * _BESIDE, states) for side in (-1.0, 1.0)]
+        except (ArithmeticError, ValueError):
+            return  # what is not defined there is named where the motion is followed
         for name in stated_by_rows:
             row, at = per_stage[name][:, stage], names.index(name)
             # A rule that jumps here agrees with one side, one that changes quickly with the middle of both.

@@ -121,13 +121,20 @@ def _sides(statement: Statement, result: Any) -> dict[str, Any]:
     """What a rule returned, side by side of its rows."""
     if statement.kind == "integral":
         return {"": plain_expressions(result)}
-    found: list[Any] = []
-    for row in labelled_rows(statement.kind, plain_expressions(result)).values():
-        relation = kind_of_node(row.__class__) == RELATION
-        several = row.args if relation else row.ravel() if isinstance(row, np.ndarray) else row
-        sides = list(several) if relation or isinstance(row, (tuple, np.ndarray)) else [row]
-        found += [plain_expressions(side) for side in sides]
+    rows = labelled_rows(statement.kind, plain_expressions(result)).values()
+    found = [side for row in rows for side in _formulas_in(row)]
     return {str(number): side for number, side in enumerate(found)}
+
+
+def _formulas_in(row: Any) -> Iterator[Any]:
+    """The sides of relations, and the components of vectors."""
+    if isinstance(row, (list, tuple, np.ndarray)):
+        for part in row:
+            yield from _formulas_in(part)
+    elif kind_of_node(row.__class__) == RELATION:
+        yield from row.args
+    else:
+        yield plain_expressions(row)
 
 
 def _changing_nodes(expressions: Iterable[Any], times: set[int]) -> Iterator[Any]:
