@@ -66,11 +66,10 @@ def report(seeds: list[int]) -> list[Trial]:
     unspoilt = sum((found[name] for name in UNSPOILT if name in found), Counter())
     lost = unspoilt.total() - unspoilt[Verdict.TRUE] - unspoilt[Verdict.FAULT]
     share = f", {lost} of {unspoilt.total()} that are not spoilt are not called safe" if unspoilt else ""
-    documented = sum(fault.spoiler in DOCUMENTED for fault in faults)
-    print(
-        f"\n{len(faults) - documented} faults, and {documented} beyond limits that are documented, in {len(seeds)} trials{share}"
-    )
-    return [fault for fault in faults if fault.spoiler not in DOCUMENTED]
+    undocumented = [fault for fault in faults if fault.spoiler not in DOCUMENTED]
+    limits = len(faults) - len(undocumented)
+    print(f"\n{len(undocumented)} faults, and {limits} beyond documented limits, in {len(seeds)} trials{share}")
+    return undocumented
 
 
 if __name__ == "__main__":
