@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -337,3 +338,9 @@ def test_no_fault_loses_a_file() -> None:
 def test_checks_before_a_solve_are_a_small_part_of_it() -> None:
     rows = run_quick("check_costs").splitlines()[2:]
     assert [row.split()[0].rstrip(",") for row in rows] == ["take-off", "cart-pole", "simulation"]
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="what is in use the GNU C library tells")
+def test_solves_leave_no_memory_behind() -> None:
+    table = run_quick("memory")
+    assert table.count("pairs") >= 1
