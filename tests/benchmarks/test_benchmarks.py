@@ -295,7 +295,7 @@ def test_spoilt_problems_are_counted_and_can_be_repeated() -> None:
 
 def test_motions_spoilt_between_the_points_are_counted_and_can_be_repeated() -> None:
     table = run_quick("safety_adversary")
-    assert "0 faults, and 0 beyond limits that are documented, in 6 trials, 0 of 2 that are not spoilt" in table
+    assert "0 faults, and 0 beyond documented limits, in 6 trials, 0 of 2 that are not spoilt" in table
     assert "seed 8: " in run_quick("safety_adversary", "--seed", "8")
 
 

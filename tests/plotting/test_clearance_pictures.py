@@ -91,8 +91,9 @@ def build(between: str | None) -> pyo.ConcreteModel:
 def test_a_plan_is_drawn_with_its_scene_first_and_an_unsafe_one_says_so_first(between: str | None) -> None:
     m = build(between)
     result = rcp.solve(m)
-    assert result.safe is (between is not None)
-    assert str(result).startswith("NOT SAFE") is (not result.safe)
+    safe = between is not None
+    assert result.safe is safe
+    assert str(result).startswith("NOT SAFE") is (not safe)
     m.drive.x.set_values(dict.fromkeys(m.drive.x, 0.0), skip_validation=True)  # the result keeps its own scene
     figure = result.plot()
     scene, _, clearances, objective, *_ = figure.axes
@@ -100,5 +101,5 @@ def test_a_plan_is_drawn_with_its_scene_first_and_an_unsafe_one_says_so_first(be
     assert scene.get_xlim()[1] > 4.0
     assert "distance" in clearances.get_ylabel()
     assert objective.get_ylabel() == "objective"
-    assert figure.get_suptitle().startswith("NOT SAFE") is (not result.safe)
+    assert figure.get_suptitle().startswith("NOT SAFE") is (not safe)
     figure.canvas.draw()

@@ -131,7 +131,10 @@ def test_copies_after_a_solve_with_split_planes(how: str) -> None:
     inside = m.move.time.at(3)
     m.move.x[inside].set_value(99.0)
     result = rcp.solve(copy)
-    assert result.safe
+    # A lambda does not survive pickling: its equations are rows of the copy, and what they say in between is not known.
+    assert result.safe is (how == "clone")
+    assert ("did not survive pickling" in str(result.safety)) is (how == "pickle")
+    assert rcp.solve(copy, equations=False).safe
     assert closest(copy, [WALL]) > 0.0495
     assert m.move.x[inside].value == 99.0
 
