@@ -153,12 +153,12 @@ def check_clocks(model: Any, blocks: Iterable[Any]) -> None:
             of_phase.setdefault(id(phase), []).append(block)
     for link in blocks_of_kind(model, LinkData):
         first, second = link.first, link.second
-        if first is second:
-            continue
+        if first is second or id(second) not in of_phase:
+            continue  # nothing moves beside it, whenever it starts
         if _goes_on(first, second):
-            _warn_of_loose_start(model, first, second, of_phase.get(id(second), ()))
+            _warn_of_loose_start(model, first, second, of_phase[id(second)])
             continue
-        for block in of_phase.get(id(second), ()):
+        for block in of_phase[id(second)]:
             for name, body, after in _timed(block):
                 _check_passage(first, second, block, name, body, after, of_phase.get(id(first), ()))
 

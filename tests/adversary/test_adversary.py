@@ -34,6 +34,11 @@ def test_sides_below_the_tolerance_are_not_called_complementary() -> None:
     assert tried(20334).verdict is Verdict.NAMED
 
 
+def test_linked_phases_that_pyomo_has_scaled_and_renamed_have_the_same_answer() -> None:
+    """Their durations have another name, and nobody has to ask for them where nothing moves."""
+    assert tried(30191).verdict is Verdict.AGREED
+
+
 @pytest.mark.parametrize("name", ["regulator", "lift", "dae_cart", "quadratic_program"])
 def test_the_judge_takes_answers_and_refuses_others(name: str) -> None:
     def solved() -> pyo.ConcreteModel:
