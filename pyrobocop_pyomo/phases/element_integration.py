@@ -47,8 +47,8 @@ class _TooStiff(Exception):
 
 Rates = Callable[[int, float, Array], Array]
 
-# Steps of an element. Those of DOP853 have stages at most 0.27 of a step apart.
-_FEWEST_STEPS = 4
+# Steps of an element. Those of DOP853 have stages at most 0.27 of a step apart: less than a sixteenth of the element.
+_FEWEST_STEPS = 5
 
 # Relative to the size of the terms; hybr often stops above its own tolerance at a residual that is rounding.
 _SOLVED = 1e-9

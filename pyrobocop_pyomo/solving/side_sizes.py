@@ -12,7 +12,7 @@ from pyrobocop_pyomo.complementarity import CanonicalPair
 # Below, a side is zero and not small: what a relaxation leaves of it.
 SMALLEST_SIZE = 1e-6
 # Runs with the smallest parameters leave less than this of zero.
-_LEFT_OF_ZERO = 1e-7
+_LEFT_OF_ZERO = 1e-8
 
 
 class SideSizes:

@@ -27,6 +27,12 @@ def test_what_is_called_safe_is_clear(spoiler: str) -> None:
         assert [trial.verdict for trial in trials].count(Verdict.TRUE) >= ROUNDS - 1
 
 
+@pytest.mark.parametrize("seed", [50489, 50965])
+def test_a_step_of_a_fifteenth_of_an_element_is_seen(seed: int) -> None:
+    """It lies between the stages of longer steps of the integration."""
+    assert tried(seed).verdict in (Verdict.NOT_SAFE, Verdict.TRUE)
+
+
 def test_the_judge_sees_what_a_control_leads_to() -> None:
     motion = nothing(np.random.default_rng(3))
     assert rcp.solve(motion.model, progress=False).safe
