@@ -21,6 +21,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, native_types, value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
 from pyrobocop_pyomo.errors import DeclarationError
+from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import Bounds
 from pyrobocop_pyomo.transcription import InitialGuess
@@ -236,7 +237,7 @@ class Moment:
     def _one(self, field: str, given: Any) -> Any:
         if _is_of_model(given) or not callable(given):
             return given
-        result = given(self._phase, self._time)
+        result = plain_entry(given(self._phase, self._time))
         if result.__class__ in native_numeric_types:
             self._law._refuse_sign(field, result, f"{self._where(field)} gives {result!r}")
             return result

@@ -51,6 +51,10 @@ class ArrayEntry:
         """False: an entry is no node of an expression."""
         return False
 
+    def entry_of(self, expression: Any) -> ArrayEntry:
+        """Another expression, as an entry too."""
+        return ArrayEntry(expression)
+
     def _op(self, function: Callable[..., Any], *_: Any) -> Any:
         # pyo.sin(entry) comes here, with math.sin.
         return getattr(self, PYOMO_TO_NUMPY[function.__name__])()

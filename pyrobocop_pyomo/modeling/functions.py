@@ -164,12 +164,12 @@ class Function:
             node = ExternalFunctionExpression if variable else NPV_ExternalFunctionExpression
             results = [node(flat, output) for output in self._outputs]
         if wrapped:
-            results = [wrapped[0].__class__(result) for result in results]
+            results = [wrapped[0].entry_of(result) for result in results]
         return results[0] if self._single else results
 
     def _flattened(self, arguments: Iterable[Any], wrapped: list[Any]) -> Iterable[Any]:
         for argument in arguments:
-            if getattr(argument, "is_array_entry", False):
+            if getattr(type(argument), "is_array_entry", False):
                 wrapped.append(argument)
                 argument = argument.expression
             if isinstance(argument, np.ndarray) and argument.ndim == 0:

@@ -7,18 +7,14 @@ indexed `Expression` is followed through its own rule. Everything else of the mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from pyomo.common.errors import TemplateExpressionError
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.indexed_component import IndexedComponent
 from pyomo.core.base.initializer import IndexedCallInitializer
-from pyomo.core.base.var import ScalarVar
 
 from pyrobocop_pyomo.errors import ModelError, ObstacleError, PyRobocopError
 
@@ -35,37 +31,6 @@ class _Index:
 
 
 INDEX = _Index()
-
-
-class AnyTime(ScalarVar):
-    """Stands for all times in the formulas of a rule, which fails where it takes it for one of them.
-
-    What follows from one value, by ``pyo.value(t)`` or ``str(t)``, would be taken for what holds at all times.
-    """
-
-    _is_asked = False
-
-    @contextmanager
-    def asked(self) -> Iterator[None]:
-        """Context in which a rule gets it, and neither its value nor its text."""
-        self._is_asked = True
-        try:
-            yield
-        finally:
-            self._is_asked = False
-
-    def __call__(self, exception: bool = True) -> Any:
-        """Its value, outside of `asked`."""
-        self._refuse()
-        return super().__call__(exception=exception)
-
-    def __str__(self) -> str:
-        self._refuse()
-        return str(super().__str__())
-
-    def _refuse(self) -> None:
-        if self._is_asked:  # of errors in values, Pyomo logs all but these
-            raise TemplateExpressionError(self, "the rule has to know the time as a number")
 
 
 @dataclass(frozen=True)
@@ -175,7 +140,7 @@ class BlockProxy:
         if name.startswith("_"):
             raise AttributeError(name)
         # Kept, because rules use what they read as keys: ``rates[b.x]``.
-        found = self.__dict__[name] = _proxy_of(getattr(self._block, name), self._signals)
+        found = self.__dict__[name] = proxy_of(getattr(self._block, name), self._signals)
         return found
 
     @property
@@ -193,11 +158,11 @@ class BlockProxy:
 
     def parent_block(self) -> Any:
         """The block above."""
-        return _proxy_of(self._block.parent_block(), self._signals)
+        return proxy_of(self._block.parent_block(), self._signals)
 
     def model(self) -> Any:
         """The block at the top."""
-        return _proxy_of(self._block.model(), self._signals)
+        return proxy_of(self._block.model(), self._signals)
 
 
 class ComponentProxy:
@@ -229,7 +194,7 @@ class ComponentProxy:
                 f"'{self._component.name}' is read at an index that is computed from t ({', '.join(map(str, keys))}). "
                 "A pose may read variables at t itself only."
             )
-        return _proxy_of(self._component[key], self._signals)
+        return proxy_of(self._component[key], self._signals)
 
     def delayed(self, t: Any, delay: Any) -> Any:
         """Its value a while ago, as a variable over the time of a phase gives it."""
@@ -263,7 +228,8 @@ class ComponentProxy:
         return iter(self._component)
 
 
-def _proxy_of(found: Any, signals: Signals) -> Any:
+def proxy_of(found: Any, signals: Signals) -> Any:
+    """What stands in place of a block, a component or a family of the model; anything else is itself."""
     if isinstance(found, BlockData):
         return signals.proxy_of(found)
     if isinstance(found, IndexedComponent):

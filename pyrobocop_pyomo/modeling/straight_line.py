@@ -96,7 +96,7 @@ class StraightLine:
             if node.__class__ in native_numeric_types or id(node) in self._names:
                 pending.pop()
                 continue
-            leaf = kind_of_node(node.__class__) == LEAF
+            leaf = self._is_leaf(node)
             arguments = () if leaf else node.args
             self._kept.append(arguments)  # nodes are known by their ids: they have to live on
             unknown = [a for a in arguments if a.__class__ not in native_numeric_types and id(a) not in self._names]
@@ -110,10 +110,14 @@ class StraightLine:
             )
         return self._known_name(expression)
 
+    def _is_leaf(self, node: Any) -> bool:
+        return kind_of_node(node.__class__) == LEAF
+
     def _known_name(self, node: Any) -> str:
-        if node.__class__ not in native_numeric_types:
-            return self._names[id(node)]
-        number = float(node)
+        return self._number(node) if node.__class__ in native_numeric_types else self._names[id(node)]
+
+    def _number(self, given: Any) -> str:
+        number = float(given)
         return repr(number) if math.isfinite(number) else self._constant(number)
 
     def _other(self, leaf: Any) -> str:

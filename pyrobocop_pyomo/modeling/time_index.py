@@ -1,4 +1,4 @@
-"""`TimeIndex`: the ``t`` of a rule where it is an index and no time."""
+"""`TimeIndex`: the ``t`` of a rule where the time that an index stands for is to be found."""
 
 from __future__ import annotations
 
@@ -13,31 +13,28 @@ from .expression_arrays import ArrayEntry
 
 
 class TimeIndex(ArrayEntry):
-    """A point of a phase whose time is to be found: it finds what is there, but it is no number.
+    """A point of a phase whose time is to be found: a key where something is looked up, the time in a formula.
 
-    As a key it equals the point that it stands for, in Pyomo's components, sets and dictionaries. In a formula, in a
-    function and in a comparison it would be taken for the time, which it is not: all of these are refused.
+    As a key it equals the point that it stands for, in Pyomo's components, sets and dictionaries. In a formula it is an
+    expression for the time. As a number, and as a condition, it is refused: nobody knows them yet.
 
     Parameters
     ----------
     point : float
     what : str
         The rule that gets it, in messages.
+    phase : PhaseBlock
     """
 
-    __slots__ = ("point", "what")
+    __slots__ = ("phase", "point", "what")
 
-    def __init__(self, point: float, what: str) -> None:
-        self.point, self.what = point, what
+    def __init__(self, point: float, what: str, phase: Any) -> None:
+        self.point, self.what, self.phase = point, what, phase
 
     @property
     def expression(self) -> Any:
-        """Whatever is done with the number of an entry asks for this."""
-        raise TranscriptionError(
-            f"{self.what} uses t as a number. Start, duration or elements of the phase are to be found: t then is an "
-            "index that runs from 0 to 1, and no time. Write b.time_at(t) for the time, (b.time_at(t) - b.start) / "
-            "b.duration for the part of the phase that has passed, and b.points.ord(t) for the place of the point."
-        )
+        """The time; whatever is done with the number of an entry asks for this."""
+        return self.phase.time_at(self.point)
 
     def as_numeric(self) -> Any:
         """Asked by Pyomo's operators and functions."""
@@ -45,14 +42,14 @@ class TimeIndex(ArrayEntry):
 
     def __eq__(self, other: object) -> Any:
         if isinstance(other, np.ndarray) or (hasattr(other, "is_numeric_type") and not isinstance(other, TimeIndex)):
-            return self.expression  # it would be a relation
+            return self.expression == other  # a relation
         return self.point == point_of(other)
 
     def __hash__(self) -> int:
         return hash(self.point)
 
     def __reduce__(self) -> Any:
-        return TimeIndex, (self.point, self.what)
+        return TimeIndex, (self.point, self.what, self.phase)
 
     def __format__(self, how: str) -> str:
         return format(self.point, how)
@@ -65,13 +62,17 @@ class TimeIndex(ArrayEntry):
 
 
 def _refused(self: TimeIndex, *_: Any) -> Any:
-    return self.expression
+    raise TranscriptionError(
+        f"{self.what} uses t as a number. Start, duration or elements of the phase are to be found, and with them the "
+        "time. In formulas of Pyomo's functions t is the time, (t - b.start) / b.duration is the part of the phase "
+        "that has passed, and b.points.ord(t) the place of the point. Write pyo.sin(t) instead of math.sin(t), and "
+        "give data over time as an rcp.Table."
+    )
 
 
 for _name in (
-    "abs",
-    "neg",
-    "pos",
+    "bool",
+    "float",
     "round",
     "floordiv",
     "rfloordiv",

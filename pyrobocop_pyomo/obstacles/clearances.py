@@ -242,7 +242,7 @@ def length_at(motion: Motion, rule: ClearanceRule, pair: BodyPair, segment: Any,
         try:
             with slips_explained(rule.rule, what, motion.block, ("b", "t"), ObstacleError):
                 phase = phase_of(motion)
-                found = rule(motion.block, time if phase is None else phase.record.index_for_rule(time, what))
+                found = rule(motion.block, time if phase is None else phase.record.index_for_rule(phase, time, what))
         except KeyError as error:
             raise ObstacleError(
                 f"{what} has no value at t = {time!r} ({error}). It is evaluated at every point and at both ends of "

@@ -22,6 +22,7 @@ from pyrobocop_pyomo.errors import DeclarationError, TranscriptionError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Duration
@@ -62,6 +63,8 @@ def delay_as_number(delay: Any, what: str) -> float:
 
 def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any) -> Any:
     """The value of a declared name at a time index minus a delay in real time; see `SignalVar.delayed`."""
+    if isinstance(t, TimeTemplate):
+        return Reading(lambda place: place.of(block.component(name)).delayed(place.t, delay))
     what = f"phase '{block.name}': '{name}'"
     t, number = point_of(t), delay_as_number(delay, what)
     if number > 0.0:

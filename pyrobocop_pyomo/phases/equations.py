@@ -26,7 +26,7 @@ from pyrobocop_pyomo.transcription import can_step, collocation_rows, step_rows
 from .declarations import State, check_bounds, within
 from .families import equations_by_component
 from .horizon import element_widths
-from .record import PhaseRecord, PreviousStates, labelled_rows, place
+from .record import PhaseRecord, PreviousStates, Statement, labelled_rows, place
 from .signal_vars import NoSuchTime
 from .variables import add_generated, rate_units
 
@@ -39,11 +39,12 @@ Rule = Callable[..., Any]
 _MISSING_INDEX = re.compile(r"Index '([-+0-9.e]+)' is not valid for indexed component '([^']+)'")
 
 
-def add_ode(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
+def add_ode(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for the states whose derivatives a rule gives."""
+    name = statement.name
     what = f"phase '{block.name}': ode '{name}'"
     rates = _given_for_states(
-        block, record, what, "derivative", "right-hand side", rule, lambda t: rule(block, t), ("b", "t")
+        block, record, what, "derivative", "right-hand side", statement, lambda t: statement(block, t), ("b", "t")
     )
     for state, values in rates.items():
         _refuse_second_equation(record, state, what)
@@ -51,8 +52,9 @@ def add_ode(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
         record.equation_of[state] = name
 
 
-def add_step(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
+def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for the states whose values an element later a rule gives."""
+    name = statement.name
     what = f"phase '{block.name}': step map '{name}'"
     grid = record.grid
     if not can_step(grid.scheme):
@@ -65,9 +67,9 @@ def add_step(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
 
     def ask(t: Any) -> Any:
         starting = {name: state[starts[t]] for name, state in states.items()}
-        return rule(block, t, PreviousStates(what, starting, record.families))
+        return statement(block, t, PreviousStates(what, starting, record.families))
 
-    given = _given_for_states(block, record, what, "next value", "value", rule, ask, ("b", "t", "previous"))
+    given = _given_for_states(block, record, what, "next value", "value", statement, ask, ("b", "t", "previous"))
     for state, following in given.items():
         _refuse_second_equation(record, state, what)
         declaration = record.declarations[state]
@@ -91,7 +93,7 @@ def _given_for_states(
     what: str,
     meaning: str,
     expected: str,
-    rule: Rule,
+    statement: Statement,
     ask: Callable[[Any], Any],
     arguments: tuple[str, ...],
 ) -> dict[str, dict[float, Any]]:
@@ -101,9 +103,9 @@ def _given_for_states(
     for time in record.grid.points:
         with (
             other_times_explained(record, what, time),
-            slips_explained(rule, what, block, arguments, TranscriptionError),
+            slips_explained(statement.rule, what, block, arguments, TranscriptionError),
         ):
-            result = ask(record.index_for_rule(time, what))
+            result = ask(record.index_for_rule(block, time, what))
         if not isinstance(result, Mapping):
             returned = "nothing" if result is None else f"a {type(result).__name__}"
             raise TranscriptionError(
@@ -181,10 +183,11 @@ def _add_generated_rows(block: Any, record: PhaseRecord, name: str) -> Any:
     return add_generated(block, record, name, Constraint(block.points))
 
 
-def add_residual(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
+def add_residual(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for implicit and algebraic equations."""
+    name = statement.name
     what = f"phase '{block.name}': residual '{name}'"
-    results = _collect(block, record, rule, what, "residual", record.grid.points)
+    results = _collect(block, record, statement, what, "residual", record.grid.points)
     for time, rows in results.items():
         for label, row in rows.items():
             if isinstance(row, RelationalExpression) and not isinstance(row, EqualityExpression):
@@ -206,17 +209,20 @@ def add_residual(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None
     record.residuals_per_point += _add_rows(block, record, name, results)
 
 
-def add_constraint(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
+def add_constraint(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for path constraints."""
+    name = statement.name
     what = f"phase '{block.name}': constraint '{name}'"
-    _add_relations(block, record, name, _collect(block, record, rule, what, "constraint", record.grid.points), what)
+    results = _collect(block, record, statement, what, "constraint", record.grid.points)
+    _add_relations(block, record, name, results, what)
 
 
-def add_constraint_at_boundaries(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
+def add_constraint_at_boundaries(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """Rows for path constraints on the states at element boundaries."""
+    name = statement.name
     what = f"phase '{block.name}': constraint at boundaries '{name}'"
     try:
-        results = _collect(block, record, rule, what, "constraint", record.grid.mesh.boundaries)
+        results = _collect(block, record, statement, what, "constraint", record.grid.mesh.boundaries)
     except KeyError as error:
         raise TranscriptionError(
             f"{what} reads what has no value at an element boundary ({error.args[0]}). Only states have one at each; "
@@ -247,10 +253,11 @@ def _add_relations(
     _add_rows(block, record, name, results)
 
 
-def add_complementarity(block: Any, record: PhaseRecord, rule: Rule, name: str) -> None:
+def add_complementarity(block: Any, record: PhaseRecord, statement: Statement) -> None:
     """A Complementarity component whose pairs know their element and their quadrature weight."""
+    name = statement.name
     what = f"phase '{block.name}': complementarity '{name}'"
-    results = _collect(block, record, rule, what, "complementarity", record.grid.points)
+    results = _collect(block, record, statement, what, "complementarity", record.grid.points)
     pairs = {_index(time, label): pair for time, rows in results.items() for label, pair in rows.items()}
     times = {_index(time, label): time for time, rows in results.items() for label in rows}
     _check_name(block, record, name, what)
@@ -300,14 +307,14 @@ def _may_be_a_time(index: Any, record: PhaseRecord) -> bool:
 
 
 def _collect(
-    block: Any, record: PhaseRecord, rule: Rule, what: str, kind: str, times: tuple[float, ...]
+    block: Any, record: PhaseRecord, statement: Statement, what: str, kind: str, times: tuple[float, ...]
 ) -> dict[float, dict[Hashable, Any]]:
     """Answers of a rule at each time as {time: {label: row}}."""
     results: dict[float, dict[Hashable, Any]] = {}
     for time in times:
         explained = other_times_explained(record, what, time) if times == record.grid.points else nullcontext()
-        with explained, slips_explained(rule, what, block, ("b", "t"), TranscriptionError):
-            result = rule(block, record.index_for_rule(time, what))
+        with explained, slips_explained(statement.rule, what, block, ("b", "t"), TranscriptionError):
+            result = statement(block, record.index_for_rule(block, time, what))
         if result is None:
             raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))

@@ -25,13 +25,14 @@ INTEGRALS = "stated_integrals"
 
 def named_integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
     """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
-    total = _integral(block, record, integrand)
+    statement = Statement("integral", rule_name(integrand), integrand)
+    total = _integral(block, record, statement)
     if record.asking or record.restating is not None or total.__class__ in native_numeric_types:
         return total  # a rule that is evaluated anew makes its own
     named = block.component(INTEGRALS)
     if named is None:
         named = add_generated(block, record, INTEGRALS, Expression(AnyIndex, doc="integrals over the phase"))
-    record.integrals.append(Statement("integral", rule_name(integrand), integrand))
+    record.integrals.append(statement)
     position = len(record.integrals)
     named[position] = total
     return named[position]
@@ -41,7 +42,7 @@ def restate_integrals(block: Any, record: PhaseRecord) -> None:
     """Give every integral that was handed out its sum over the points that the phase has now."""
     for position, statement in enumerate(record.integrals, start=1):
         assert statement.rule is not None  # asked before anything is changed
-        block.component(INTEGRALS)[position].set_value(_integral(block, record, statement.rule))
+        block.component(INTEGRALS)[position].set_value(_integral(block, record, statement))
 
 
 def _one_number(found: Any, what: str, time: float) -> Any:
@@ -61,12 +62,12 @@ def _one_number(found: Any, what: str, time: float) -> Any:
     return plain_scalar(found, what)
 
 
-def _integral(block: Any, record: PhaseRecord, integrand: Rule) -> Any:
+def _integral(block: Any, record: PhaseRecord, statement: Statement) -> Any:
     scale, weights = quadrature_weights(block, record)
-    what = f"phase '{block.name}': the integrand '{rule_name(integrand)}'"
-    with slips_explained(integrand, what, block, ("b", "t"), TranscriptionError):
+    what = f"phase '{block.name}': the integrand '{statement.name}'"
+    with slips_explained(statement.rule, what, block, ("b", "t"), TranscriptionError):
         total = quadrature(
-            lambda time: _one_number(integrand(block, record.index_for_rule(time, what)), what, time), weights
+            lambda time: _one_number(statement(block, record.index_for_rule(block, time, what)), what, time), weights
         )
     refuse_foreign_reads(block, what, total)
     plain = isinstance(scale, float) and scale == 1.0

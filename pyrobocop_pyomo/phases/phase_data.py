@@ -20,6 +20,7 @@ from pyrobocop_pyomo.errors import DeclarationError, ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
+from pyrobocop_pyomo.rules.rule_template import OverTime, Reading, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .declarations import Bounds, Control, Declaration, Duration
@@ -289,6 +290,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         if (family := self._family(state)) is not None:
             return family.of_each(self.derivative)  # type: ignore[return-value]
         name = self.state_name(state)
+        if is_asked_for_all_times():
+            return OverTime(lambda place: place.of(self).derivative(name)[place.t])
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
         if name in self.record.discrete_states:
@@ -328,6 +331,8 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
 
     def time_at(self, t: float) -> Any:
         """The time that the index ``t`` stands for: ``t`` itself, or an expression in what is to be found."""
+        if isinstance(t, TimeTemplate):
+            return Reading(lambda place: place.of(self).time_at(place.t))
         return real_time(self, self.record, t)
 
     def rate_of(self, control: Any) -> Mapping[float, Any]:
@@ -441,11 +446,12 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
         name = name_of_rows(self, kind, rule, name)
         with self._all_or_nothing(), PauseGC():
             self.record.asking = True
+            statement = Statement(kind, name, rule)
             try:
-                add(self, self.record, rule, name)
+                add(self, self.record, statement)
             finally:
                 self.record.asking = False
-            self.record.statements.append(Statement(kind, name, rule))
+            self.record.statements.append(statement)
         return rule
 
     def _build(

@@ -26,6 +26,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.lent_items import in_place_of_nodes, variables_read
 from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, Signal, Signals
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues
+from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.numerics import Grid
 
@@ -103,6 +104,7 @@ class PointModel(Signals):
 
     def is_index(self, key: Any) -> bool:
         """Any equal number is the same instant of the phase."""
+        key = point_of(key)
         return key.__class__ in native_numeric_types and key == self.index
 
     def value_of(self, signal: Signal) -> Any:
@@ -137,7 +139,11 @@ class PointModel(Signals):
             return self._values[name]
         if self.past is None:
             raise TrajectoryError(f"{what} is read at an earlier time, which is not known here.")
-        now = float(np.interp(t, self._indices, self._boundaries)) if self._record.normalised else float(t)
+        now = (
+            float(np.interp(point_of(t), self._indices, self._boundaries))
+            if self._record.normalised
+            else float(point_of(t))
+        )
         self.smallest_delay = min(self.smallest_delay, number) if number > 0.0 else self.smallest_delay
         start, end = self._boundaries[0], self._boundaries[-1]
         time = now - number + inside_of_its_element(self._boundaries, now, self.element)
@@ -197,14 +203,16 @@ class PointModel(Signals):
         of_phase = self.asks_phase and self._at_nodes.has(time)
         read = self._read_by.get(id(statement), self._companions)
         self._record.delay_reader = None if self.past is None else self._past_value
+        home = self._block if of_phase else self._proxy
+        t = self._record.index_for_rule(home, time, f"phase '{self._block.name}': '{statement.name}'")
         try:
             if of_phase:
-                result = self._plain(statement, statement.rule(self._block, time, *more))
+                result = self._plain(statement, statement(home, t, *more))
             else:
                 for other in read:
                     other.set_instant(*self._place(time))
                 with in_place_of_nodes(chain(self._lent, *(other.lent for other in read)), time):
-                    result = self._plain(statement, statement.rule(self._proxy, time, *more))
+                    result = self._plain(statement, statement(home, t, *more))
         except (KeyError, IndexError) as error:
             raise TrajectoryError(
                 f"phase '{self._block.name}': the rule '{statement.name}' cannot be asked at t = {time:g} ({error}). "

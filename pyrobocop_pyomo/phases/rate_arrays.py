@@ -18,7 +18,6 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
-from pyrobocop_pyomo.modeling.rule_proxies import AnyTime
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -63,8 +62,8 @@ class RuleFormulas(PointModel):
 
     def __init__(self, block: Any, record: PhaseRecord, indices: Grid, grid: Grid, *, by_instant: bool = False) -> None:
         super().__init__(block, record, indices, grid)
-        self._scratch.index_of_time = AnyTime()
-        self._scratch.clock = AnyTime()
+        self._scratch.index_of_time = Var()
+        self._scratch.clock = Var()
         self.index = self._scratch.index_of_time
         self._by_instant = by_instant
         self.asks_by_instant = False
@@ -116,22 +115,17 @@ class RuleFormulas(PointModel):
         entries : callable
             From what the rule returned to expressions by name; the same names at all times.
         """
-        rule = statement.rule
-        try:
-            with self._scratch.index_of_time.asked(), self._scratch.clock.asked():
-                return entries(rule(self._proxy, self.index))  # type: ignore[misc]
-        except PyRobocopError:
-            raise
-        except Exception:  # a rule may compute with the time, or compare it
-            if not self._by_instant or rule is None:
-                raise
+        if statement.is_template(self._block):
+            return entries(statement(self._proxy, self.index))
+        if not self._by_instant or statement.rule is None:
+            raise TrajectoryError(f"'{statement.name}' has to know the time as a number.")
         self.asks_by_instant = True
         names: list[str] = []
 
         def at(time: float) -> list[Any]:
             self.index = time
             try:
-                found = entries(rule(self._proxy, time))
+                found = entries(statement(self._proxy, self._record.index_for_rule(self._proxy, time, statement.name)))
             finally:
                 self.index = self._scratch.index_of_time
             names[:] = names or list(found)

@@ -16,6 +16,7 @@ from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.rules.rule_template import Place, Reading, RuleTemplate
 
 from .declarations import Algebraic, Bounds, Control, Declaration, Duration, State
 from .nodes import Nodes, StageNodes
@@ -32,13 +33,30 @@ class Statement:
     kind: str
     name: str
     rule: Callable[..., Any] | None
+    _template: RuleTemplate = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self.forget_template()
+
+    def __call__(self, block: Any, t: Any, *more: Any) -> Any:
+        """What the rule says at a time; where it is a template it is called once."""
+        return self._template(block, t, *more)
+
+    def is_template(self, block: Any, *more: Any) -> bool:
+        """Whether the rule gives formulas for all times, given what it would get at one."""
+        return self.rule is not None and self._template.is_template(block, *more)
+
+    def forget_template(self) -> None:
+        """Ask the rule anew, as for another mesh."""
+        if self.rule is not None:
+            object.__setattr__(self, "_template", RuleTemplate(self.rule))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Statement:
         rule = copied_rule(self.rule, memo)
-        return self if rule is self.rule else Statement(self.kind, self.name, rule)
+        return Statement(self.kind, self.name, rule)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "rule": picklable_or_none(self.rule)}
+    def __reduce__(self) -> Any:
+        return Statement, (self.kind, self.name, picklable_or_none(self.rule))
 
 
 @dataclass
@@ -146,9 +164,9 @@ class PhaseRecord:
             return StageNodes(name, self.grid)
         return self.declarations[name].nodes(name, self.grid, f"'{name}'")
 
-    def index_for_rule(self, time: float, what: str) -> float | TimeIndex:
-        """The ``t`` that a rule is given while it is stated: one that is no number where indices are no times."""
-        return TimeIndex(time, what) if self.normalised else time
+    def index_for_rule(self, block: Any, time: float, what: str) -> float | TimeIndex:
+        """The ``t`` that a rule is given at a point: an expression in formulas where indices are no times."""
+        return TimeIndex(time, what, block) if self.normalised else time
 
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""
@@ -184,6 +202,11 @@ class PreviousStates:
     def __init__(self, what: str, values: Mapping[str, Any], families: Mapping[str, FamilyNames] | None = None) -> None:
         self._what, self._values, self._families = what, values, families or {}
 
+    def template(self, position: int) -> PreviousStates:
+        """What stands for it while a rule gives its template."""
+        names = {name: Reading(_attribute_of(position, name)) for name in self._values}
+        return PreviousStates(self._what, names, self._families)
+
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
@@ -196,6 +219,10 @@ class PreviousStates:
                 f"phase are {', '.join(self._values) or 'none'}."
             )
         return self._values[name]
+
+
+def _attribute_of(position: int, name: str) -> Callable[[Place], Any]:
+    return lambda place: getattr(place.more[position], name)
 
 
 def labelled_rows(kind: str, result: Any) -> dict[Hashable, Any]:

@@ -77,6 +77,7 @@ class Restatement:
         self._weights: dict[Any, Array] = {}
         self._placed: set[str] = set()
         self._pending = list(record.statements)
+        self._forget_templates()
 
     def _remember(self, name: str) -> None:
         self._nodes[name] = self.before.nodes(name)
@@ -140,11 +141,11 @@ class Restatement:
 
     def _state_next(self) -> None:
         statement = self._pending.pop(0)
-        record, rule = self.record, statement.rule
-        assert rule is not None  # asked before anything is changed
+        record = self.record
+        assert statement.rule is not None  # asked before anything is changed
         record.asking = True
         try:
-            ADD[statement.kind](self.block, record, rule, statement.name)
+            ADD[statement.kind](self.block, record, statement)
         except KeyError as error:
             raise RemeshingError(
                 f"phase '{self.block.name}': its {statement.kind} '{statement.name}' reads what the new mesh has not "
@@ -153,7 +154,13 @@ class Restatement:
         finally:
             record.asking = False
 
+    def _forget_templates(self) -> None:
+        """What a rule says for all times may depend on the mesh."""
+        for statement in [*self.record.statements, *self.record.integrals]:
+            statement.forget_template()
+
     def _put_record_back(self, rates: dict[str, dict[float, Any]]) -> None:
+        self._forget_templates()
         for attribute in fields(self.record):
             setattr(self.record, attribute.name, getattr(self.before, attribute.name))
         for name, held in self.record.rates.items():

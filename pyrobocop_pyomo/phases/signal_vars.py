@@ -11,6 +11,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.presentation import as_html, one_line, sparkline
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate
 
 from .delays import delayed_value, value_at_time
 
@@ -41,6 +42,11 @@ class _OverTime:
             return super()._validate_index(idx)  # type: ignore[misc]
         except KeyError:
             raise NoSuchTime(self, point_of(idx)) from None
+
+    def __getitem__(self: Any, index: Any) -> Any:
+        if index.__class__ is TimeTemplate:
+            return Reading(lambda place: place.of(self)[place.t])
+        return super().__getitem__(index)  # type: ignore[misc]
 
     # An array leaves `array * variable` to the operators below.
     __array_ufunc__ = None

@@ -51,7 +51,7 @@ class BodyEquations:
         self.rates: dict[str, Any] = {
             phase.state_name(state): plain_entry(rate)
             for statement in record.statements_of("ode")
-            for state, rate in equations_by_component(record, statement.rule(phase, time), statement.name).items()
+            for state, rate in equations_by_component(record, statement(phase, time), statement.name).items()
         }
         self.pose: Pose = block.motion.pose_at_node(block.record.scene.bodies[body].pose, time, name=body)
         names = [*record.names_of_states, *record.names_of_signals]

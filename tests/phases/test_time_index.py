@@ -1,4 +1,4 @@
-"""Where the time of a phase is to be found, ``t`` is an index and no number: rules that compute with it are refused."""
+"""Where the time of a phase is to be found, ``t`` is an index where it looks something up, and the time in formulas."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TranscriptionError
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
+from pyrobocop_pyomo.rules.rule_template import TimeTemplate
 
 LONG = rcp.Duration(bounds=(3, 3), initial_guess=3)
 HORIZONS: dict[str, dict[str, Any]] = {
@@ -39,7 +40,7 @@ def as_step(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
 
 
 def as_residual(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
-    b.residual(lambda b, t: b.z[t] == of_time(b, t), name="said")
+    b.residual(lambda b, t: b.z[t] - of_time(b, t), name="said")
 
 
 def as_constraint(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
@@ -68,19 +69,35 @@ def as_law(b: Any, of_time: Callable[[Any, Any], Any]) -> None:
 STATEMENTS = [as_ode, as_step, as_residual, as_constraint, at_boundaries, as_pairs, as_integral, as_law]
 
 
+def rows(b: Any) -> list[str]:
+    parts = b.component_data_objects((pyo.Constraint, pyo.Expression, rcp.Complementarity), descend_into=True)
+    return [str([*map(str, part.args)] if part.ctype is rcp.Complementarity else part.expr) for part in parts]
+
+
 @pytest.mark.parametrize("horizon", HORIZONS)
 @pytest.mark.parametrize("state", STATEMENTS)
-def test_every_kind_of_rule_is_refused_and_the_time_is_named(state: Any, horizon: str) -> None:
+def test_in_every_kind_of_rule_it_is_the_time(state: Any, horizon: str) -> None:
+    scheme = "implicit_euler" if state is as_step else "radau"
+    stated = []
+    for of_time in (lambda b, t: 2 * t, lambda b, t: 2 * b.time_at(t)):
+        _, b = ramp(scheme, **HORIZONS[horizon])
+        state(b, of_time)
+        stated.append(rows(b))
+    assert stated[0] == stated[1] != []
+
+
+@pytest.mark.parametrize("horizon", HORIZONS)
+@pytest.mark.parametrize("state", STATEMENTS)
+def test_every_kind_of_rule_is_refused_that_needs_its_number(state: Any, horizon: str) -> None:
     scheme = "implicit_euler" if state is as_step else "radau"
     _, b = ramp(scheme, **HORIZONS[horizon])
     before = list(b.component_map())
-    with pytest.raises(TranscriptionError, match=r"phase 'go'.*said.* uses t as a number.*Write b\.time_at\(t\)"):
-        state(b, lambda b, t: t)
+    with pytest.raises(TranscriptionError, match=r"phase 'go'.*said.* uses t as a number.*pyo\.sin\(t\)"):
+        state(b, lambda b, t: math.sin(t))
     assert list(b.component_map()) == before
-    state(b, lambda b, t: b.time_at(t))
 
 
-USES: dict[str, Callable[[Any, Any], Any]] = {
+FORMULAS: dict[str, Callable[[Any, Any], Any]] = {
     "added": lambda b, t: t + b.x[t],
     "added to": lambda b, t: b.x[t] + t,
     "subtracted from a number": lambda b, t: 1 - t,
@@ -89,15 +106,17 @@ USES: dict[str, Callable[[Any, Any], Any]] = {
     "a power": lambda b, t: t**2,
     "negated": lambda b, t: -t,
     "a function of Pyomo": lambda b, t: pyo.sin(t),
-    "a function of Python": lambda b, t: math.sin(t),
     "a function of NumPy": lambda b, t: np.sin(t),
-    "an interpolation": lambda b, t: np.interp(t, [0, 3], [0, 1]),
     "in an array": lambda b, t: (np.array([1.0, 2.0]) * t)[0],
     "in an array of expressions": lambda b, t: rcp.array([b.x[t], t]) @ np.array([1.0, 2.0]),
     "a number of NumPy": lambda b, t: np.float64(2.0) * t,
-    "compared": lambda b, t: 1.0 if t < 2 else 0.0,
     "compared by Pyomo": lambda b, t: pyo.Expr_if(t <= 2, 1.0, 0.0),
     "equal to an expression": lambda b, t: pyo.Expr_if(b.x[t] == t, 1.0, 0.0),
+}
+NUMBERS: dict[str, Callable[[Any, Any], Any]] = {
+    "a function of Python": lambda b, t: math.sin(t),
+    "an interpolation": lambda b, t: np.interp(t, [0, 3], [0, 1]),
+    "compared": lambda b, t: 1.0 if t < 2 else 0.0,
     "the larger one": lambda b, t: max(t, 0.3),
     "made a number": lambda b, t: float(t),
     "rounded": lambda b, t: {0.0: 1.0}.get(round(t), 0.0),
@@ -105,11 +124,24 @@ USES: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-@pytest.mark.parametrize("use", USES)
+@pytest.mark.parametrize("use", FORMULAS)
+def test_every_formula_means_the_time_on_the_grid_and_between_its_points(use: str) -> None:
+    values = []
+    for duration in (3.0, LONG):
+        _, b = ramp(duration=duration)
+        as_ode(b, FORMULAS[use])
+        b.u.set_values(dict.fromkeys(b.u, 0.5))
+        b.x.set_values(dict.fromkeys(b.x, 0.25))
+        rates = [pyo.value(rate) for rate in b.derivative(b.x).values()]
+        values.append(np.array([*rates, *b.simulate()["x"]]))
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("use", NUMBERS)
 def test_every_way_of_using_it_as_a_number_is_refused(use: str) -> None:
     _, b = ramp(duration=LONG)
-    with pytest.raises(TranscriptionError, match=r"ode 'said' uses t as a number.*b\.time_at\(t\)"):
-        as_ode(b, USES[use])
+    with pytest.raises(TranscriptionError, match=r"ode 'said'( uses t as a number.*pyo\.sin|.*or of t, is true)"):
+        as_ode(b, NUMBERS[use])
 
 
 def test_it_is_an_index_wherever_the_point_is_one() -> None:
@@ -131,7 +163,7 @@ def test_it_is_an_index_wherever_the_point_is_one() -> None:
 
 def test_where_indices_are_times_it_is_a_number_as_ever() -> None:
     _, b = ramp(duration=3.0)
-    for use in USES.values():
+    for use in [*FORMULAS.values(), *NUMBERS.values()]:
         assert isinstance(pyo.value(use(b, b.points.first())), float)
     as_ode(b, lambda b, t: math.sin(t))
 
@@ -156,13 +188,13 @@ def test_a_phase_on_another_mesh_asks_its_rules_with_indices_again() -> None:
         asked.append(type(t))
         return {b.x: b.u[t]}
 
+    asked.clear()
     b.remesh([0, 0.2, 1])
-    assert asked
-    assert all(kind is TimeIndex for kind in asked)
+    assert [kind for kind in asked if kind is not TimeTemplate] == [TimeIndex]
 
 
 def test_it_survives_a_pickle_and_equals_keys_of_any_kind() -> None:
-    t = TimeIndex(0.5, "a rule")
+    t = TimeIndex(0.5, "a rule", None)
     assert pickle.loads(pickle.dumps(t)) == t
     assert {t, 0.5} == {0.5}
     assert t != "name"

@@ -1,0 +1,308 @@
+"""`RuleTemplate`: a rule ``rule(block, t)`` that is called once, for all times, and answers everywhere.
+
+The rule gets a template of the time in place of ``t``, as Pyomo's own templates do: ``b.x[t]`` becomes an item of the
+template, however the rule gets hold of ``b.x``. What it returns is compiled to a function of what it reads. Its answer
+at a point of the grid, with proxies of the model or in placeholders is that function of what stands there.
+
+A rule that has to know the time, because it compares it, looks it up or computes with its value, is no template. It is
+called at every point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextvars import ContextVar
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from pyomo.common.errors import TemplateExpressionError
+from pyomo.core.base.var import ScalarVar
+from pyomo.core.expr import Expr_if, inequality, numvalue
+from pyomo.core.expr import numeric_expr as functions_of_pyomo
+from pyomo.core.expr.template_expr import GetItemExpression, IndexTemplate
+
+from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
+from pyrobocop_pyomo.modeling.expression_nodes import LEAF, NAMED, NUMPY_NAMES, comparisons, kind_of_node
+from pyrobocop_pyomo.modeling.expressions import same_expression
+from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, proxy_of
+from pyrobocop_pyomo.modeling.straight_line import StraightLine
+from pyrobocop_pyomo.modeling.time_index import TimeIndex
+
+_IS_ASKING: ContextVar[bool] = ContextVar("a rule gives its template", default=False)
+
+# What functions and relations of Pyomo mean where expressions are made of expressions.
+_EXPRESSIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(functions_of_pyomo, name, abs) for name in NUMPY_NAMES},
+    **comparisons(lambda first, second: None),
+    "<=<=": inequality,
+    "choose": lambda condition, then, otherwise: Expr_if(condition, then, otherwise),
+    "call": lambda output, *arguments: (
+        output.evaluate(arguments)
+        if all(argument.__class__ in numvalue.native_numeric_types for argument in arguments)
+        else functions_of_pyomo.ExternalFunctionExpression(arguments, output)
+    ),
+}
+
+
+def is_asked_for_all_times() -> bool:
+    """Whether a rule is called for its template now."""
+    return _IS_ASKING.get()
+
+
+class TimeTemplate(IndexTemplate):
+    """Stands for all times while a rule gives its template; it has no value, no text, and is no key of a dictionary."""
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self) -> None:
+        super().__init__(None, _id="t")
+
+    def __str__(self) -> str:
+        if is_asked_for_all_times():
+            raise TemplateExpressionError(self, "the rule has to know the time as a number")
+        return "t"
+
+    def __format__(self, how: str) -> str:
+        return str(self)
+
+
+class Reading(ScalarVar):
+    """What a rule reads at the template of the time other than by ``component[t]``: a delayed value, a derivative.
+
+    Parameters
+    ----------
+    read : callable
+        From the `Place` at which the rule is evaluated to what it reads there.
+    """
+
+    def __init__(self, read: Callable[[Place], Any]) -> None:
+        super().__init__()
+        self.read = read
+
+    def __call__(self, exception: bool = True) -> Any:
+        """Refused: it has no value."""
+        raise TemplateExpressionError(self, "the rule has to know a number")
+
+
+class OverTime:
+    """What a rule gets in place of a mapping from points to values, of which it reads the item at the template."""
+
+    def __init__(self, read: Callable[[Place], Any]) -> None:
+        self._read = read
+
+    def __getitem__(self, t: Any) -> Any:
+        if not isinstance(t, TimeTemplate):
+            raise TypeError("a rule that reads other points is called at each of them")
+        return Reading(self._read)
+
+
+class Place:
+    """Where a rule is evaluated.
+
+    Parameters
+    ----------
+    block : block or proxy of one
+    t : object
+        As the rule would get it.
+    more : tuple
+        What else it would get.
+    """
+
+    def __init__(self, block: Any, t: Any, more: tuple[Any, ...] = ()) -> None:
+        self._signals = block._signals if isinstance(block, BlockProxy) else None
+        self.block, self.t, self.more = block, t, more
+
+    def of(self, component: Any) -> Any:
+        """A block or component of the model as it is seen from here."""
+        return component if self._signals is None else proxy_of(component, self._signals)
+
+    @property
+    def time(self) -> Any:
+        """The time that ``t`` means in a formula."""
+        is_index = self._signals is not None or isinstance(self.t, TimeIndex)
+        return self.block.time_at(self.t) if is_index else self.t
+
+    def scalar(self, leaf: Any) -> Any:
+        """A variable, parameter or named expression that does not depend on ``t``."""
+        if self._signals is None or not hasattr(leaf, "parent_component"):
+            return leaf
+        component = leaf.parent_component()
+        if component is None or component.is_indexed() or component.parent_block() is None:
+            return leaf
+        return getattr(self.of(component.parent_block()), component.local_name)
+
+
+class RuleTemplate:
+    """A rule of the user's, which is called as the user's is.
+
+    Parameters
+    ----------
+    rule : callable
+        ``rule(block, t, *more)``; each further argument has a method ``template(position)``, which gives what
+        stands for it at all times, made of `Reading`s of ``place.more[position]``.
+
+    Attributes
+    ----------
+    rule : callable
+    """
+
+    def __init__(self, rule: Callable[..., Any]) -> None:
+        self.rule = rule
+        self.forget()
+
+    def forget(self) -> None:
+        """Ask the rule anew, as for another mesh."""
+        self._formulas: _Formulas | None = None
+        self._is_asked = False
+        self._calls_on_model = 0
+
+    def __call__(self, block: Any, t: Any, *more: Any) -> Any:
+        """What the rule says at a time, on the model or on a proxy of it."""
+        formulas = self._asked(block, more)
+        if formulas is None:
+            return self.rule(block, t, *more)
+        on_model = not isinstance(block, BlockProxy)
+        try:
+            result = formulas.at(Place(block, t, more))
+        except Exception:
+            if not on_model:
+                raise
+            return self.rule(block, t, *more)  # which says by itself what is wrong
+        self._calls_on_model += on_model
+        if on_model and self._calls_on_model == _COMPARED:
+            stated = self.rule(block, t, *more)
+            if not _same(result, stated):
+                self._formulas = None
+                return stated
+        return result
+
+    def is_template(self, block: Any, *more: Any) -> bool:
+        """Whether the rule gives formulas for all times, given what it would get at one."""
+        return self._asked(block, more) is not None
+
+    def _asked(self, block: Any, more: tuple[Any, ...]) -> _Formulas | None:
+        if not self._is_asked:
+            self._is_asked = True
+            self._formulas = _formulas_of(self.rule, block, more)
+        return self._formulas
+
+
+# The answer on the model that is compared with the rule's own: not the first, where a rule may say something else.
+_COMPARED = 2
+
+
+def _formulas_of(rule: Callable[..., Any], block: Any, more: tuple[Any, ...]) -> _Formulas | None:
+    """What a rule says for all times; None where it has to know the time."""
+    home = block._block if isinstance(block, BlockProxy) else block
+    time = TimeTemplate()
+    token = _IS_ASKING.set(True)
+    try:
+        return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
+    except Exception:  # a rule that is no template may raise anything
+        return None
+    finally:
+        _IS_ASKING.reset(token)
+
+
+class _Formulas:
+    """What a rule returned for the template of the time."""
+
+    def __init__(self, result: Any, time: TimeTemplate) -> None:
+        outputs: list[Any] = []
+        self._form = _form_of(result, outputs)
+        self._program = _Program(outputs, time)
+
+    def at(self, place: Place) -> Any:
+        """The result of the rule at a place."""
+        return self._form(iter(self._program.at(place)))
+
+
+class _Program(StraightLine):
+    """Makes the expressions of a place: the lines are operations on whatever stands there."""
+
+    def __init__(self, outputs: list[Any], time: TimeTemplate) -> None:
+        self._time = time
+        super().__init__(outputs, (), _EXPRESSIONS)
+        self._readers = [self._reader(leaf) for leaf in self.others]
+
+    def at(self, place: Place) -> list[Any]:
+        """The outputs where `others` are what is read at a place."""
+        self._held[:] = [read(place) for read in self._readers]
+        return self()
+
+    def _is_leaf(self, node: Any) -> bool:
+        # A named expression stays by name: it may be given another value.
+        return isinstance(node, GetItemExpression) or kind_of_node(node.__class__) in (LEAF, NAMED)
+
+    def _number(self, number: Any) -> str:
+        return repr(number) if number.__class__ is int else super()._number(number)
+
+    def _reader(self, leaf: Any) -> Callable[[Place], Any]:
+        if leaf is self._time:
+            return lambda place: place.time
+        if isinstance(leaf, Reading):
+            return leaf.read
+        if not isinstance(leaf, GetItemExpression):
+            return lambda place: place.scalar(leaf)
+        component, *keys = leaf.args
+        if any(key is not self._time and hasattr(key, "is_expression_type") for key in keys):
+            raise TemplateExpressionError(leaf, "an index is computed from the time")
+        if len(keys) == 1:
+            return lambda place: place.of(component)[place.t]
+        return lambda place: place.of(component)[tuple([place.t if key is self._time else key for key in keys])]
+
+
+def _form_of(result: Any, outputs: list[Any]) -> Callable[[Any], Any]:
+    """From an iterator over values of the outputs to a result of the same form; expressions are added to `outputs`."""
+    result = plain_entry(result)
+    if isinstance(result, np.ndarray):
+        parts, shape = [_form_of(entry, outputs) for entry in result.ravel().tolist()], result.shape
+        return lambda values: array(_object_array([part(values) for part in parts], shape))
+    if isinstance(result, Mapping):
+        entries = {key: _form_of(entry, outputs) for key, entry in result.items()}
+        return lambda values: {key: part(values) for key, part in entries.items()}
+    if isinstance(result, (list, tuple)):
+        parts, kind = [_form_of(entry, outputs) for entry in result], type(result)
+        make = (lambda given: kind(*given)) if hasattr(result, "_fields") else kind
+        return lambda values: make([part(values) for part in parts])
+    if is_dataclass(result) and not isinstance(result, type):
+        held = {item.name: _form_of(getattr(result, item.name), outputs) for item in fields(result) if item.init}
+        return lambda values: replace(result, **{name: part(values) for name, part in held.items()})
+    if hasattr(result, "is_expression_type"):
+        outputs.append(result)
+        return next
+    if result is not None and result.__class__ not in numvalue.native_types:
+        raise TypeError(f"a {type(result).__name__} is returned")
+    return lambda values: result
+
+
+def _object_array(entries: list[Any], shape: tuple[int, ...]) -> Any:
+    held = np.empty(len(entries), dtype=object)
+    held[:] = entries
+    return held.reshape(shape)
+
+
+def _same(first: Any, second: Any) -> bool:
+    """Whether two results have the same form and expressions."""
+    if isinstance(first, ArrayEntry) or isinstance(second, ArrayEntry):
+        return _same(plain_entry(first), plain_entry(second))
+    if isinstance(first, np.ndarray):
+        return (
+            isinstance(second, np.ndarray)
+            and first.shape == second.shape
+            and _same(first.ravel().tolist(), second.ravel().tolist())
+        )
+    if isinstance(first, Mapping):
+        if not isinstance(second, Mapping) or len(first) != len(second):
+            return False
+        return all(_same(one, other) for one, other in zip(first.values(), second.values(), strict=True))
+    if isinstance(first, (list, tuple)):
+        return type(first) is type(second) and len(first) == len(second) and all(map(_same, first, second))
+    if is_dataclass(first) and not isinstance(first, type):
+        return type(first) is type(second) and all(
+            _same(getattr(first, item.name), getattr(second, item.name)) for item in fields(first) if item.init
+        )
+    if first is None or second is None:
+        return first is second
+    return same_expression(first, second)
