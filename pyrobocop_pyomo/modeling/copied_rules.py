@@ -95,7 +95,7 @@ class _Copying:
             return self._functions[key][1]
         self._functions[key] = function, function  # one that calls itself meets itself below
         cells = function.__closure__ or ()
-        contents = [_content(cell) for cell in cells]
+        contents = [cell_content(cell) for cell in cells]
         new_contents = [self.of(content) for content in contents]
         names = {name: function.__globals__[name] for name in _global_names(function.__code__, function.__globals__)}
         new_names = {name: self._of_global(held, function) for name, held in names.items()}
@@ -169,7 +169,8 @@ class _Names(dict[str, Any]):
         return self._module[name]
 
 
-def _content(cell: CellType) -> Any:
+def cell_content(cell: CellType) -> Any:
+    """What a function holds in a cell of its closure; None before it is filled."""
     try:
         return cell.cell_contents
     except ValueError:  # not filled yet

@@ -12,6 +12,7 @@ from pyrobocop_pyomo.geometry.pictured_outlines import pictured_outlines
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.presentation import Presented, outline_picture
+from pyrobocop_pyomo.rules.rule_template import templated
 
 PoseRule = Callable[[Any, Any], Any]
 PoseBetweenPoints = Callable[[Any, Any, Any], Any]
@@ -71,6 +72,7 @@ class Body(Presented):
                 f"'{parts[0].name}': between_points is {self.between_points!r}; expected a function of (block, t, "
                 "fraction), beside pose=, which gives the pose at the points themselves."
             )
+        object.__setattr__(self, "pose", templated(self.pose))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Body:
         rules = [copied_rule(rule, memo) for rule in (self.pose, self.between_points)]

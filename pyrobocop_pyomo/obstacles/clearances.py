@@ -18,6 +18,7 @@ from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.required_clearance import clearance_text, clearance_value, is_clearance_rule
+from pyrobocop_pyomo.rules.rule_template import templated
 
 from .clocks import phase_of
 
@@ -34,6 +35,9 @@ class ClearanceRule:
     """A clearance that changes in time: ``rule(block, t)``, as the user gave it; in a copied model, of the copy."""
 
     rule: Callable[[Any, Any], Any]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rule", templated(self.rule))
 
     def __call__(self, block: Any, t: Any) -> Any:
         """The clearance at a time."""

@@ -291,7 +291,7 @@ class PhaseBlockData(PhaseActions, BuiltBlockData):
             return family.of_each(self.derivative)  # type: ignore[return-value]
         name = self.state_name(state)
         if is_asked_for_all_times():
-            return OverTime(lambda place: place.of(self).derivative(name)[place.t])
+            return OverTime(lambda place: place.of(self).derivative(name)[place.t])  # type: ignore[return-value]
         if name in self.record.rates:
             return MappingProxyType(self.record.rates[name])
         if name in self.record.discrete_states:

@@ -198,6 +198,7 @@ class PointModel(Signals):
                 f"phase '{self._block.name}': the rule '{statement.name}' did not survive pickling. Define it at "
                 "the top level of a module."
             )
+        time = float(time)  # Pyomo makes no formulas of NumPy's numbers
         self.index = time
         self._move_nodes(time)
         of_phase = self.asks_phase and self._at_nodes.has(time)

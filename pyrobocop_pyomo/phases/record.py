@@ -36,7 +36,8 @@ class Statement:
     _template: RuleTemplate = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self.forget_template()
+        if self.rule is not None:
+            object.__setattr__(self, "_template", RuleTemplate(self.rule))
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time; where it is a template it is called once."""
@@ -45,11 +46,6 @@ class Statement:
     def is_template(self, block: Any, *more: Any) -> bool:
         """Whether the rule gives formulas for all times, given what it would get at one."""
         return self.rule is not None and self._template.is_template(block, *more)
-
-    def forget_template(self) -> None:
-        """Ask the rule anew, as for another mesh."""
-        if self.rule is not None:
-            object.__setattr__(self, "_template", RuleTemplate(self.rule))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Statement:
         rule = copied_rule(self.rule, memo)

@@ -77,7 +77,6 @@ class Restatement:
         self._weights: dict[Any, Array] = {}
         self._placed: set[str] = set()
         self._pending = list(record.statements)
-        self._forget_templates()
 
     def _remember(self, name: str) -> None:
         self._nodes[name] = self.before.nodes(name)
@@ -154,13 +153,7 @@ class Restatement:
         finally:
             record.asking = False
 
-    def _forget_templates(self) -> None:
-        """What a rule says for all times may depend on the mesh."""
-        for statement in [*self.record.statements, *self.record.integrals]:
-            statement.forget_template()
-
     def _put_record_back(self, rates: dict[str, dict[float, Any]]) -> None:
-        self._forget_templates()
         for attribute in fields(self.record):
             setattr(self.record, attribute.name, getattr(self.before, attribute.name))
         for name, held in self.record.rates.items():

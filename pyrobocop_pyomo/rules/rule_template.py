@@ -13,19 +13,33 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
+from itertools import chain
+from types import CodeType, FunctionType
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from pyomo.common.errors import TemplateExpressionError
 from pyomo.core.base.var import ScalarVar
 from pyomo.core.expr import Expr_if, inequality, numvalue
 from pyomo.core.expr import numeric_expr as functions_of_pyomo
-from pyomo.core.expr.template_expr import GetItemExpression, IndexTemplate
+from pyomo.core.expr.template_expr import GetItemExpression
 
+from pyrobocop_pyomo.modeling.copied_rules import cell_content
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
-from pyrobocop_pyomo.modeling.expression_nodes import LEAF, NAMED, NUMPY_NAMES, comparisons, kind_of_node
+from pyrobocop_pyomo.modeling.expression_nodes import (
+    LEAF,
+    NAMED,
+    NUMPY_NAMES,
+    RELATION,
+    ExpressionEvaluator,
+    comparison_name,
+    comparisons,
+    kind_of_node,
+)
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.rule_proxies import BlockProxy, proxy_of
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 
@@ -50,13 +64,20 @@ def is_asked_for_all_times() -> bool:
     return _IS_ASKING.get()
 
 
-class TimeTemplate(IndexTemplate):
+class _Unknown(ScalarVar):
+    """A variable of a template: it has no value, which Pyomo takes for a template of an index."""
+
+    def __call__(self, exception: bool = True) -> Any:
+        """Refused."""
+        raise TemplateExpressionError(self, "the rule has to know a number")
+
+    value = lb = ub = property(__call__)
+
+
+class TimeTemplate(_Unknown):
     """Stands for all times while a rule gives its template; it has no value, no text, and is no key of a dictionary."""
 
     __hash__ = None  # type: ignore[assignment]
-
-    def __init__(self) -> None:
-        super().__init__(None, _id="t")
 
     def __str__(self) -> str:
         if is_asked_for_all_times():
@@ -67,7 +88,7 @@ class TimeTemplate(IndexTemplate):
         return str(self)
 
 
-class Reading(ScalarVar):
+class Reading(_Unknown):
     """What a rule reads at the template of the time other than by ``component[t]``: a delayed value, a derivative.
 
     Parameters
@@ -79,10 +100,6 @@ class Reading(ScalarVar):
     def __init__(self, read: Callable[[Place], Any]) -> None:
         super().__init__()
         self.read = read
-
-    def __call__(self, exception: bool = True) -> Any:
-        """Refused: it has no value."""
-        raise TemplateExpressionError(self, "the rule has to know a number")
 
 
 class OverTime:
@@ -120,8 +137,7 @@ class Place:
     @property
     def time(self) -> Any:
         """The time that ``t`` means in a formula."""
-        is_index = self._signals is not None or isinstance(self.t, TimeIndex)
-        return self.block.time_at(self.t) if is_index else self.t
+        return self.block.time_at(self.t) if is_on_indices(self.block) else self.t
 
     def scalar(self, leaf: Any) -> Any:
         """A variable, parameter or named expression that does not depend on ``t``."""
@@ -148,18 +164,20 @@ class RuleTemplate:
     """
 
     def __init__(self, rule: Callable[..., Any]) -> None:
-        self.rule = rule
-        self.forget()
-
-    def forget(self) -> None:
-        """Ask the rule anew, as for another mesh."""
+        self.rule = self.__wrapped__ = rule  # whoever asks for the signature gets that of the rule
         self._formulas: _Formulas | None = None
-        self._is_asked = False
+        self._home: Callable[[], Any] = lambda: None
+        self._grid: Any = None
         self._calls_on_model = 0
+
+    def __reduce__(self) -> Any:
+        return RuleTemplate, (self.rule,)
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time, on the model or on a proxy of it."""
         formulas = self._asked(block, more)
+        if t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
+            t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
         if formulas is None:
             return self.rule(block, t, *more)
         on_model = not isinstance(block, BlockProxy)
@@ -182,19 +200,40 @@ class RuleTemplate:
         return self._asked(block, more) is not None
 
     def _asked(self, block: Any, more: tuple[Any, ...]) -> _Formulas | None:
-        if not self._is_asked:
-            self._is_asked = True
-            self._formulas = _formulas_of(self.rule, block, more)
+        home = home_of(block)
+        grid = getattr(getattr(home, "record", None), "grid", None)
+        if self._home() is not home or self._grid is not grid:
+            # What a rule says may hold variables of its model, and points of its mesh.
+            self._home, self._grid, self._calls_on_model = ref(home), grid, 0
+            self._formulas = _formulas_of(self.rule, home, more)
         return self._formulas
 
+
+_QUESTIONS_OF_TYPES = frozenset({"isinstance", "type", "issubclass"})
 
 # The answer on the model that is compared with the rule's own: not the first, where a rule may say something else.
 _COMPARED = 2
 
 
-def _formulas_of(rule: Callable[..., Any], block: Any, more: tuple[Any, ...]) -> _Formulas | None:
+def home_of(block: Any) -> Any:
+    """The block itself, also of a proxy."""
+    return block._block if isinstance(block, BlockProxy) else block
+
+
+def is_on_indices(block: Any) -> bool:
+    """Whether ``t`` is an index on a block, or on a proxy of one, because the time is to be found."""
+    return getattr(getattr(home_of(block), "record", None), "normalised", False) is True
+
+
+def templated(rule: Callable[..., Any] | None) -> RuleTemplate | None:
+    """A rule as a template; None where there is none."""
+    return rule if rule is None or isinstance(rule, RuleTemplate) else RuleTemplate(rule)
+
+
+def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> _Formulas | None:
     """What a rule says for all times; None where it has to know the time."""
-    home = block._block if isinstance(block, BlockProxy) else block
+    if getattr(rule, "needs_the_time", False) or _looks_at_types(rule):
+        return None
     time = TimeTemplate()
     token = _IS_ASKING.set(True)
     try:
@@ -203,6 +242,25 @@ def _formulas_of(rule: Callable[..., Any], block: Any, more: tuple[Any, ...]) ->
         return None
     finally:
         _IS_ASKING.reset(token)
+
+
+def _looks_at_types(rule: Any) -> bool:
+    """Whether a rule may say something else to a number than to a formula: it, or a function that it holds."""
+    pending, seen = [rule], set()
+    while pending:
+        held = pending.pop()
+        code = getattr(held, "__code__", held)
+        if id(held) in seen or not isinstance(code, CodeType):
+            continue
+        seen.add(id(held))
+        if _QUESTIONS_OF_TYPES.intersection(code.co_names):
+            return True
+        pending += code.co_consts
+        pending += getattr(held, "__defaults__", None) or ()
+        pending += map(cell_content, getattr(held, "__closure__", None) or ())
+        names = getattr(held, "__globals__", {})
+        pending += [names[name] for name in code.co_names if isinstance(names.get(name), FunctionType)]
+    return False
 
 
 class _Formulas:
@@ -305,4 +363,25 @@ def _same(first: Any, second: Any) -> bool:
         )
     if first is None or second is None:
         return first is second
-    return same_expression(first, second)
+    if same_expression(first, second):
+        return True
+    kinds = [kind_of_node(given.__class__) for given in (first, second)]
+    if RELATION in kinds:
+        alike = kinds[0] == kinds[1] and comparison_name(first) == comparison_name(second)
+        return alike and all(map(_same, first.args, second.args))
+    return _same_values(first, second)
+
+
+def _same_values(first: Any, second: Any) -> bool:
+    """Whether two expressions have the same value whatever their variables are, as far as two trials tell."""
+    variables = list(chain(variables_in(first), variables_in(second)))
+    for trial in (0.31, 0.73):
+        leaves = {id(variable): trial + 0.61803 * (i + 1) % 1.0 for i, variable in enumerate(variables)}
+        known = ExpressionEvaluator(leaves)
+        try:
+            values = [known.of(expression) for expression in (first, second)]
+        except (ArithmeticError, ValueError):
+            return False
+        if not abs(values[0] - values[1]) <= 1e-12 * (1.0 + abs(values[1])):
+            return False
+    return True

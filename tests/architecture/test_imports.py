@@ -9,10 +9,10 @@ import networkx as nx
 from .sources import folder_trees, imported_files, nodes, trees
 
 ORDER = [
-    "errors", "optional_imports", "native", "presentation", "modeling", "rules", "numerics", "linear_solver", "geometry",
-    "plotting", "complementarity", "catalogue", "trajectories", "transcription", "continuous", "phases", "links",
-    "motion", "car_paths", "obstacles", "robots", "mechanics", "problem_classes", "discretisation", "diagnosis",
-    "programs", "ipopt", "mpcc", "solving", "planning", "studies", "estimation", "distributed",
+    "errors", "optional_imports", "native", "presentation", "modeling", "rules", "numerics", "linear_solver",
+    "geometry", "plotting", "complementarity", "catalogue", "trajectories", "transcription", "continuous", "phases",
+    "links", "motion", "car_paths", "obstacles", "robots", "mechanics", "problem_classes", "discretisation",
+    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "estimation", "distributed",
 ]  # fmt: skip
 IMPORTS = (ast.Import, ast.ImportFrom)
 

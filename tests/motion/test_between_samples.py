@@ -53,7 +53,14 @@ def true(force: Any, step: float, quick: tuple[float, float] = (0.0, DURATION)) 
     state, far = [0.0, 0.0], 0.0
     for start, end in pairwise(np.unique(np.clip([0.0, *quick, DURATION], 0.0, DURATION)).tolist()):
         largest = step if start >= quick[0] and end <= quick[1] else 0.1
-        found = solve_ivp(lambda t, s: [s[1], force(t)], (start, end), state, max_step=largest, rtol=1e-9, atol=1e-13)
+        found = solve_ivp(
+            lambda t, s: [s[1], pyo.value(force(float(t)))],
+            (start, end),
+            state,
+            max_step=largest,
+            rtol=1e-9,
+            atol=1e-13,
+        )
         state, far = found.y[:, -1], max(far, float(np.abs(found.y[0]).max()))
     return far
 
@@ -72,11 +79,7 @@ def gust(at: float, width: float, kind: str) -> Any:
         return lambda t: strength * pyo.exp(-(((t - at) / width) ** 2))
     if kind == "steps":
         return lambda t: strength * (pyo.tanh((t - at) / width) - pyo.tanh((t - at - 3 * width) / width))
-    return lambda t: (
-        pyo.Expr_if(IF=pyo.inequality(at - width, t, at + width), THEN=strength, ELSE=0.0)
-        if not isinstance(t, float)
-        else strength * (at - width <= t <= at + width)
-    )
+    return lambda t: pyo.Expr_if(IF=pyo.inequality(at - width, t, at + width), THEN=strength, ELSE=0.0)
 
 
 @pytest.mark.parametrize("multiple", [1, 2, 4])

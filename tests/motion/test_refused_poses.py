@@ -28,9 +28,13 @@ def refused(m: Any, pose: Any, match: str, points: Any = None) -> None:
     assert "'body'" in str(caught.value)
 
 
-def test_rules_that_read_the_model_itself() -> None:
+def test_a_body_may_read_the_model_itself_and_a_bare_rule_may_not() -> None:
     m = line()
-    refused(m, lambda b, t: planar_pose(m.x[t], 0), "first argument")
+    reports = [
+        check(m, BOX, [FAR], 0.1, pose=pose)
+        for pose in (lambda b, t: planar_pose(m.x[t], 0), lambda b, t: planar_pose(b.x[t], 0))
+    ]
+    assert str(reports[0]) == str(reports[1])
     motion = motion_of(m.t, m)
     with pytest.raises(ObstacleError, match="'cart'.*first argument"):
         motion.pose_at(lambda b, t: planar_pose(m.x[t], 0), 0, 0.5, name="cart")
