@@ -17,10 +17,8 @@ from pyrobocop_pyomo.numerics.flows import integrate_elements
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.bounds_between_points import bounds_passed, sentence_on_bounds
-from pyrobocop_pyomo.phases.companions import companions_of, indices_of
-from pyrobocop_pyomo.phases.delays import past_of
+from pyrobocop_pyomo.phases.companions import indices_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.phases.point_model import PointModel
 from pyrobocop_pyomo.phases.rate_arrays import RateArrays
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -155,14 +153,7 @@ class _Captured:
         if implicit or not names:
             raise TrajectoryError(f"Without explicit equation: {', '.join(implicit)}." if implicit else "No states.")
         indices = indices_of(record, trajectory.grid)
-        companions = companions_of(self.phase, indices.mesh.boundaries)
-        point = PointModel(self.phase, record, indices, trajectory.grid, companions)
-        point.set_values(trajectory.parameters)
-        point.past = past_of(trajectory)
-        try:
-            rates = RateArrays(self.phase, record, trajectory, indices, point, by_instant=True)
-        finally:
-            point.leave_nodes()
+        rates = RateArrays(self.phase, record, trajectory, indices, by_instant=True)
         starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
         sizes = _SMALLEST_SCALE + np.array([np.abs(trajectory.states[name]).max() for name in names])
         tolerance = _TOLERANCE_BY_INSTANT if rates.asks_by_instant else _TOLERANCE

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
@@ -354,6 +354,7 @@ class OneOf:
     """
 
     name: str
+    skips_points: ClassVar[bool] = True
 
     def __call__(self, b: Any, t: Any) -> Any:
         """The row at a time index."""

@@ -1,6 +1,6 @@
 """`RateArrays`: the differential equations of a phase for all elements at once, under the controls of a trajectory.
 
-Each rule is called once, with variables in place of what it reads; its formulas are evaluated with arrays.
+The templates of the rules are evaluated with arrays.
 """
 
 from __future__ import annotations
@@ -30,10 +30,6 @@ from .record import PhaseRecord, Statement
 
 LOGGER = logging.getLogger(__name__)
 
-# Elements at which the formulas are compared with the rules, and the largest relative difference.
-_SAMPLES, _AGREEMENT = 8, 1e-9
-# Places within them that no scheme has a point at.
-_BETWEEN = (0.3717, 0.8129)
 # Parts of the horizon at which rules that have to know the time are evaluated for what they read.
 _SAMPLED = (0.03, 0.24, 0.51, 0.77, 0.96)
 
@@ -280,8 +276,6 @@ class RateArrays:
         Whose controls, algebraics and parameters are taken.
     indices : Grid
         Its grid in the time indices of the phase.
-    point : PointModel
-        Asks the rules one instant at a time, for comparison.
     integrals : sequence of Statement
         Whose integrands follow the states: what they gain over the local fraction.
     by_instant : bool
@@ -295,7 +289,7 @@ class RateArrays:
     Raises
     ------
     TrajectoryError
-        When a rule gives no formula, or another one than it says at single instants.
+        When a rule gives no formula.
     """
 
     def __init__(
@@ -304,7 +298,6 @@ class RateArrays:
         record: PhaseRecord,
         trajectory: Trajectory,
         indices: Grid,
-        point: PointModel,
         integrals: Sequence[Statement] = (),
         *,
         by_instant: bool = False,
@@ -319,9 +312,7 @@ class RateArrays:
         self._delayed: dict[float, dict[int, Array]] = {}
         try:
             self._rates = self._formulas.rates_of(self._names)
-            self._compare(point, record)
             self._rates += [self._formulas.formula_of(statement) for statement in integrals]
-            self._delayed.clear()
         except PyRobocopError:
             raise
         except Exception as error:  # a rule that was written for single instants may raise anything
@@ -371,24 +362,3 @@ class RateArrays:
             place = fraction + (SAME_TIME * (0.5 - fraction) if self.asks_by_instant else 0.0)
             self._known[fraction] = (found, boundaries[:-1] + place * np.diff(boundaries), times)
         return self._known[fraction]
-
-    def _compare(self, point: PointModel, record: PhaseRecord) -> None:
-        """Ask the rules for single instants, and compare."""
-        for fraction in _BETWEEN:
-            self._compare_at(fraction, point, record)
-
-    def _compare_at(self, fraction: float, point: PointModel, record: PhaseRecord) -> None:
-        states = np.array([self._trajectory.element_states(name)[:, 0] for name in self._names])
-        with np.errstate(all="ignore"):
-            rates = self.at_instants(fraction, states)
-        declared, indices, _ = self._declared_at(fraction)
-        for i in np.unique(np.linspace(0, len(self._widths) - 1, _SAMPLES).astype(int)).tolist():
-            point.element = i
-            here = {name: float(np.broadcast_to(of, len(self._widths))[i]) for name, of in declared.items()}
-            point.set_values({**here, **dict(zip(self._names, states[:, i].tolist(), strict=True))})
-            point.forget_derivatives()
-            stated = point.rates(record.statements_of("ode"), float(indices[i]))
-            expected = np.array([stated[name] for name in self._names])
-            if not (np.abs(rates[:, i] - expected) <= _AGREEMENT * (1.0 + np.abs(expected))).all():
-                raise TrajectoryError("the equations say something else at single instants than for all of them.")
-        point.element = None

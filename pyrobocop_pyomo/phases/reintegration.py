@@ -165,7 +165,7 @@ def reintegrate(
             flows = _flows(block, record, trajectory, point, first)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
-        integrals, remarks = ({}, ()) if states_only else _integrals(block, record, trajectory, point)
+        integrals, remarks = ({}, ()) if states_only else _integrals(block, record, trajectory)
         if not np.isfinite(flows.local).all():
             _refuse_undefined(block, record, trajectory, point)
     planned = trajectory.element_polynomials(flows.fractions)
@@ -230,7 +230,7 @@ def _flows(
         point.asks_phase, point.past = False, past_of(trajectory)
         # With delays the whole motion reads itself, which elements side by side cannot.
         delays = bool(record.delayed_names)
-        flows = None if delays else _side_by_side(block, record, trajectory, indices, point, fractions, first)
+        flows = None if delays else _side_by_side(block, record, trajectory, indices, fractions, first)
         if flows is None:
             rates = _single_rates(record, trajectory, point)
             refuse_data_at_points(block, record, trajectory, _by_element(rates, trajectory))
@@ -246,7 +246,6 @@ def _side_by_side(
     record: PhaseRecord,
     trajectory: Trajectory,
     indices: Grid,
-    point: PointModel,
     fractions: Array,
     first: Array | None,
 ) -> Flows | None:
@@ -255,7 +254,7 @@ def _side_by_side(
     starts = np.array([trajectory.element_states(name)[:, 0] for name in names]).T
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
     try:
-        rates = RateArrays(block, record, trajectory, indices, point)
+        rates = RateArrays(block, record, trajectory, indices)
         refuse_data_at_points(block, record, trajectory, rates.at_instants)
     except TrajectoryError:
         return None
@@ -264,7 +263,7 @@ def _side_by_side(
 
 
 def _integrals(
-    block: Any, record: PhaseRecord, trajectory: Trajectory, point: PointModel | None
+    block: Any, record: PhaseRecord, trajectory: Trajectory
 ) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
     """Each integral per element: by quadrature and along the local motion; and remarks on those that are not known."""
     known: dict[str, tuple[Array, Array]] = {}
@@ -272,31 +271,20 @@ def _integrals(
     for position, statement in enumerate(record.integrals, start=1):
         name = f"{statement.name} ({position})"
         try:
-            known[name] = _integral(block, record, trajectory, statement, point)
+            known[name] = _integral(block, record, trajectory, statement)
         except (TrajectoryError, EvaluationError) as error:
             remarks.append(f"integral {name}: not re-integrated. {error}")
     return known, tuple(remarks)
 
 
-def _integral(
-    block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement, point: PointModel | None
-) -> tuple[Array, Array]:
+def _integral(block: Any, record: PhaseRecord, trajectory: Trajectory, statement: Statement) -> tuple[Array, Array]:
     what = f"phase '{block.name}': integral '{statement.name}'"
     if statement.rule is None:
         raise TrajectoryError(f"{what} has lost its rule by pickling.")
     if set(record.equation_of) != set(record.names_of_states):
         raise TrajectoryError(f"{what}: the motion has implicit equations; make the integral a state.")
     grid, indices = trajectory.grid, indices_of(record, trajectory.grid)
-    if point is None:
-        point = PointModel(block, record, indices, grid, companions_of(block, indices.mesh.boundaries))
-    asks_phase, past = point.asks_phase, point.past
-    point.asks_phase, point.past = False, past_of(trajectory)
-    try:
-        point.set_values(trajectory.parameters)
-        rates = RateArrays(block, record, trajectory, indices, point, [statement])
-    finally:
-        point.asks_phase, point.past = asks_phase, past
-        point.leave_nodes()
+    rates = RateArrays(block, record, trajectory, indices, [statement])
     names, width = record.names_of_states, grid.mesh.widths
     nodes = {name: trajectory.element_states(name) for name in names}
     planned = np.zeros(len(width))

@@ -155,8 +155,9 @@ class RuleTemplate:
     Parameters
     ----------
     rule : callable
-        ``rule(block, t, *more)``; each further argument has a method ``template(position)``, which gives what
-        stands for it at all times, made of `Reading`s of ``place.more[position]``.
+        ``rule(block, t, *more)``. Each further argument has a method ``template(position)``, which gives what stands for
+        it at all times, made of `Reading`s of ``place.more[position]``. A rule of this package with the attribute
+        ``skips_points`` is a formula that it states at some points only; with ``needs_the_time`` it is no template.
 
     Attributes
     ----------
@@ -178,9 +179,9 @@ class RuleTemplate:
         formulas = self._asked(block, more)
         if t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
             t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
-        if formulas is None:
-            return self.rule(block, t, *more)
         on_model = not isinstance(block, BlockProxy)
+        if formulas is None or (on_model and getattr(self.rule, "skips_points", False)):
+            return self.rule(block, t, *more)
         try:
             result = formulas.at(Place(block, t, more))
         except Exception:
@@ -361,8 +362,12 @@ def _same(first: Any, second: Any) -> bool:
         return type(first) is type(second) and all(
             _same(getattr(first, item.name), getattr(second, item.name)) for item in fields(first) if item.init
         )
-    if first is None or second is None:
-        return first is second
+    if first is second:
+        return True
+    if not all(
+        given.__class__ in numvalue.native_types or hasattr(given, "is_expression_type") for given in (first, second)
+    ):
+        return False  # such as Constraint.Skip, at some points
     if same_expression(first, second):
         return True
     kinds = [kind_of_node(given.__class__) for given in (first, second)]

@@ -368,7 +368,7 @@ def test_a_valley_that_the_control_left_too_late_is_seen_from_the_other_one(elem
 def test_what_cannot_be_estimated_is_said_with_its_reason() -> None:
     m = following(1.0)
     b = m.p
-    m.cost.expr += b.integral(lambda _, t: b.x[t] ** 2)  # reads the phase beside its first argument
+    m.cost.expr += b.integral(lambda b, t: b.x[t] ** 2 * b.points.ord(t))  # a place that no other time has
     found = rcp.solve(m).discretisation
     assert found.objective_error is None
     assert any("formula" in remark or "Expression" in remark for remark in found.remarks)
