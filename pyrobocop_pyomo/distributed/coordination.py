@@ -11,12 +11,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import KeepApart, Shared
 from .consensus import Consensus
-from .engine import AgentFailure, Engine
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
 from .spread import Spread

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from pyrobocop_pyomo.errors import CheckpointError, TeamError
+from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import networkx
 from pyrobocop_pyomo.solving.progress import Progress
@@ -16,8 +18,6 @@ from pyrobocop_pyomo.solving.progress import Progress
 from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint, fingerprint
 from .coordination import Coordination, Physics, TeamState
-from .engine import Engine
-from .engines import find_engine
 from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
+from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import Shared
 from .coordination import TeamState
-from .engine import AgentFailure, Engine
-from .engines import find_engine
 from .hub_method import Hub
 from .messages import ProblemFacts
 from .rounds import Round, is_success

@@ -19,8 +19,8 @@ from hypothesis.extra import numpy as hnp
 from tiny_agents import SPECS, TinySpec, missing_data, play
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint, fingerprint
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
 from pyrobocop_pyomo.errors import CheckpointError
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 ARRAYS = hnp.arrays(
     st.sampled_from([np.float64, np.int64, np.bool_]), hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)

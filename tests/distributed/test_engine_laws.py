@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, play
 
-from pyrobocop_pyomo.distributed.engine import AgentFailure, Engine, Exchange
-from pyrobocop_pyomo.distributed.engines import find_engine
-from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
-from pyrobocop_pyomo.distributed.sending import build_request
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
-from pyrobocop_pyomo.distributed.worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
 from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.execution.engine import AgentFailure, Engine, Exchange
+from pyrobocop_pyomo.execution.engines import find_engine
+from pyrobocop_pyomo.execution.process_engine import ProcessEngine
+from pyrobocop_pyomo.execution.sending import build_request
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.worker_host import HostedSpec, Lost, Request, WorkerHost
 
 
 class FragileEngine(Engine):
@@ -30,6 +30,7 @@ class FragileEngine(Engine):
         self.fatal = [set(times) for times in deaths]
         self.asked = [0, 0]
         self.hosts = [WorkerHost(), WorkerHost()]
+        self.submitted: list[Request] = []
 
     def _build_request(self, spec: HostedSpec) -> Request:
         return build_request(spec, main_is_known=True)
@@ -37,21 +38,19 @@ class FragileEngine(Engine):
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         self.homes = {name: i % 2 for i, name in enumerate(specs)}
 
-    def _exchange(self, requests: Sequence[Request]) -> Exchange:
-        answers: dict[str, Answer] = {}
-        lost: dict[str, Lost] = {}
-        for request in requests:
-            home = self.homes[request.agent]
-            if request.agent in lost:
-                continue
-            self.asked[home] += 1
-            if self.asked[home] in self.fatal[home]:
-                self.hosts[home] = WorkerHost()
-                of_home = [name for name in self.homes if self.homes[name] == home]
-                lost.update({name: Lost("on request", at_work=name == request.agent) for name in of_home})
-            else:
-                answers[request.agent] = self.hosts[home].answer(request)
-        return answers, lost
+    def submit(self, request: Request) -> None:
+        self.submitted.append(request)
+
+    def wait(self, timeout: float | None = None) -> Exchange:
+        request = self.submitted.pop(0)
+        home = self.homes[request.agent]
+        self.asked[home] += 1
+        if self.asked[home] not in self.fatal[home]:
+            return {request.agent: self.hosts[home].answer(request)}, {}
+        self.hosts[home] = WorkerHost()
+        of_home = [name for name in self.homes if self.homes[name] == home]
+        self.submitted = [other for other in self.submitted if other.agent not in of_home]
+        return {}, {name: Lost("on request", at_work=name == request.agent) for name in of_home}
 
     def _close(self) -> None:
         pass
@@ -261,6 +260,6 @@ def test_unknown_agents_methods_and_engines() -> None:
 @pytest.mark.parametrize(("engine", "extra"), [("dask", r"\[dask\]"), ("mpi", r"\[mpi\]")])
 def test_an_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, engine: str, extra: str) -> None:
     module, available = {"dask": ("dask_engine", "distributed"), "mpi": ("mpi_engine", "mpi")}[engine]
-    monkeypatch.setattr(f"pyrobocop_pyomo.distributed.{module}.{available}_available", False)
+    monkeypatch.setattr(f"pyrobocop_pyomo.execution.{module}.{available}_available", False)
     with pytest.raises(EngineError, match=f"engine '{engine}': .* not installed. Run: .*{extra}"):
         find_engine(engine)
