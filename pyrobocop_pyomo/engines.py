@@ -1,4 +1,4 @@
-"""Where the agents of a team live: values of `engine=`, and files to go on from."""
+"""Where agents of a team live and solves of a study are done: values of `engine=`, and files to go on from."""
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint, fingerprint
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine

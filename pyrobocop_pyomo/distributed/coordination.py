@@ -17,9 +17,9 @@ from pyrobocop_pyomo.numerics import Array
 
 from .agents import KeepApart, Shared
 from .consensus import Consensus
+from .consensus_residuals import ConsensusResiduals
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
-from .spread import Spread
 from .team_schedules import BarrierRounds, PenaltyRounds
 
 logger = logging.getLogger(__name__)
@@ -200,7 +200,13 @@ class Coordination:
                 )
 
     def end_round(
-        self, state: TeamState, spread: Spread, barrier: BarrierRounds, penalties: PenaltyRounds, *, scored: bool
+        self,
+        state: TeamState,
+        residuals: ConsensusResiduals,
+        barrier: BarrierRounds,
+        penalties: PenaltyRounds,
+        *,
+        scored: bool,
     ) -> Round:
         """Record the round, with its score where it is wanted, and move the schedules on."""
         score = None
@@ -213,9 +219,9 @@ class Coordination:
         record = Round(
             state.round,
             state.mu,
-            spread.disagreement,
-            spread.change,
-            spread.scaled,
+            residuals.disagreement,
+            residuals.change,
+            residuals.scaled,
             state.factors.copy(),
             float(sum(self._objectives.values())),
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
@@ -227,7 +233,7 @@ class Coordination:
             self.hub,
         )
         self.rounds.append(record)
-        state.factors = penalties.after(state.factors, state.mu, spread)
+        state.factors = penalties.after(state.factors, state.mu, residuals)
         if state.mu is not None:
             state.mu = barrier.after(state.mu, record.disagreement, state.slowness)
         state.round += 1
