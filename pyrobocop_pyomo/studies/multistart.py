@@ -78,10 +78,6 @@ class MultistartResult(StudyResult[StartOutcome]):
         note_outcome(self._model, chosen.result.outcome)
         return chosen.result
 
-    def __str__(self) -> str:
-        undone = f"\n{len(self.remaining)} starts were left undone" if self.remaining else ""
-        return self.table() + undone
-
 
 def multistart(
     model: Any,

@@ -55,20 +55,8 @@ class SweepResult(StudyResult[SweepOutcome]):
             given = (Column("name", width, lambda outcome: outcome.name),)
         return (*given, *own_numbers(self.outcomes), *super().columns)
 
-    @property
-    def best(self) -> SweepOutcome:
-        """The best case of all.
-
-        Raises
-        ------
-        SolveFailed
-            When no case has a point.
-        """
-        order = ranked(self.outcomes)
-        if order and order[0].result is not None:
-            return order[0]
-        why = order[0].reason if order else "Nothing was tried."
-        raise SolveFailed(f"'{self.name}': no case could be solved. {why}", self)
+    def _best_first(self) -> tuple[SweepOutcome, ...]:
+        return ranked(self.outcomes)
 
     @property
     def reached(self) -> bool:
@@ -118,10 +106,6 @@ class SweepResult(StudyResult[SweepOutcome]):
         self._solver.put(chosen.case.data).write(chosen.values)
         note_outcome(self._solver.model, chosen.result.outcome)
         return chosen.result
-
-    def __str__(self) -> str:
-        undone = f"\n{len(self.remaining)} cases were left undone" if self.remaining else ""
-        return self.table() + undone
 
 
 def sweep(

@@ -221,17 +221,6 @@ def test_arguments_that_make_no_sense(arguments, message):
 
 
 @pytest.mark.casadi
-def test_several_processes_give_the_outcomes_of_one_in_their_order() -> None:
-    one, two = two_valleys(), two_valleys()
-    here = rcp.studies.multistart(one, starts=3, progress=False, **QUICK)
-    there = rcp.studies.multistart(two, starts=3, workers=2, progress=False, **QUICK)
-    assert [outcome.start for outcome in there.outcomes] == [outcome.start for outcome in here.outcomes]
-    assert [outcome.values for outcome in there.outcomes] == [outcome.values for outcome in here.outcomes]
-    assert there.remaining == here.remaining == ()
-    assert (two.x.value, two.y.value) == (one.x.value, one.y.value)
-
-
-@pytest.mark.casadi
 def test_a_model_that_cannot_be_sent_is_solved_here_and_the_log_says_why(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -58,6 +58,7 @@ def started(engine: Any) -> list[Any]:
     m = spring()
     found = rcp.studies.multistart(m, 3, seed=2, engine=engine, strategies="tight", progress=False)
     assert m.x.value == found.best.values[0]
+    assert found.remaining == ()
     return [[o.start, o.verdict, o.objective, o.values, o.iterations] for o in found]
 
 
