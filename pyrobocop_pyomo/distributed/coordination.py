@@ -239,6 +239,15 @@ class Coordination:
         state.round += 1
         return record
 
+    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[ConsensusResiduals, dict[str, Array]]:
+        """How far the robots are from what is agreed on now, which has moved since before; and each robot's gap."""
+        residuals, gaps = ConsensusResiduals(len(self.shared)), {}
+        for name in self.robots:
+            own = self.consensus.of_agent(name, agreed)
+            gaps[name] = self.consensus.masked(name, state.values[name]) - own
+            residuals.add(self.facts[name].penalty, gaps[name], own - self.consensus.of_agent(name, before))
+        return residuals, gaps
+
     def as_seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
         """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
         team = np.full(len(self.consensus.keys), np.nan)

@@ -8,7 +8,6 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .consensus_residuals import ConsensusResiduals
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
 from .rounds import Round, check_ending
@@ -119,16 +118,11 @@ class Hub:
         before = state.target
         state.target = self._hub_values(work, state, with_plan=scored)
         hub = _name_of(work)
-        residuals = ConsensusResiduals(len(work.shared))
-        proposal = _of_team(work, hub, state.target)
-        earlier = _of_team(work, hub, before)
+        residuals, gaps = work.residuals(state, _of_team(work, hub, state.target), _of_team(work, hub, before))
         for name in work.robots:
-            penalty = work.facts[name].penalty
-            own = work.consensus.of_agent(name, proposal)
-            gap = work.consensus.masked(name, state.values[name]) - own
-            residuals.add(penalty, gap, own - work.consensus.of_agent(name, earlier))
             if name in reports:  # the multipliers of a robot without a new plan stay
-                state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, gap)
+                pull = work.facts[name].penalty.times(state.factors, gaps[name])
+                state.multipliers[name] = state.multipliers[name] + pull
         return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:

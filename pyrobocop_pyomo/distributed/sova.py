@@ -8,7 +8,6 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .consensus_residuals import ConsensusResiduals
 from .coordination import Coordination, TeamState
 from .local_problem import DELTA_PER_MU
 from .messages import Order
@@ -134,11 +133,7 @@ class Sova:
                 apart += state.values[name] - work.as_seen_by(name, other, state.values)
             apart = work.consensus.masked(name, apart)
             state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, apart)
-        residuals = ConsensusResiduals(len(work.shared))
-        for name in work.robots:
-            mean = work.consensus.of_agent(name, state.target)
-            gap = work.consensus.masked(name, state.values[name]) - mean
-            residuals.add(work.facts[name].penalty, gap, mean - work.consensus.of_agent(name, before))
+        residuals, _ = work.residuals(state, state.target, before)
         return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
 
     def _order(
