@@ -203,7 +203,9 @@ class _TaskRun:
         value = answer.value
         if answer.raised:
             raise _error_of(value)
-        if task is not None:
+        if task is None:
+            self._deaths.pop(_Starting(name), None)
+        else:
             self._go_on_after(value)
 
     def _go_on_after(self, result: Any) -> None:
@@ -220,18 +222,25 @@ class _TaskRun:
             if name not in self._running:
                 continue
             task = self._running.pop(name)
-            if task is None:
-                if loss.at_work:
-                    raise EngineError(f"a worker ended while it was started again: {loss.reason}")
-                continue
-            self._deaths[task.key] = self._deaths.get(task.key, 0) + loss.at_work
-            if self._deaths[task.key] < DEATHS_ALLOWED:
-                self._waiting.append(task)
-            else:
+            culprit = _Starting(name) if task is None else task.key
+            self._deaths[culprit] = self._deaths.get(culprit, 0) + loss.at_work
+            often = self._deaths[culprit] >= DEATHS_ALLOWED
+            if task is None and often:
+                raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
+            if task is not None and often:
                 self._go_on_after(self._given_up(task))
+            elif task is not None:
+                self._waiting.append(task)
         if lost:
             self._running.update(dict.fromkeys(lost))
             self._engine.build_again(list(lost))
+
+
+@dataclass(frozen=True)
+class _Starting:
+    """In place of a task's key: that a worker was made again."""
+
+    name: str
 
 
 def _error_of(raised: Raised) -> BaseException:

@@ -17,7 +17,9 @@ from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 from pyrobocop_pyomo.execution.sending import build_request
 from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.tasks import Task, run_tasks
 from pyrobocop_pyomo.execution.worker_host import HostedSpec, Lost, Request, WorkerHost
+from pyrobocop_pyomo.modeling.deadline import Deadline
 
 
 class FragileEngine(Engine):
@@ -37,6 +39,9 @@ class FragileEngine(Engine):
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         self.homes = {name: i % 2 for i, name in enumerate(specs)}
+
+    def places(self, most: int) -> int:
+        return min(most, 2)
 
     def submit(self, request: Request) -> None:
         self.submitted.append(request)
@@ -88,6 +93,50 @@ def test_states_are_all_that_is_needed_to_go_on(
     second.restore(states)
     if 0 < rounds < 12:
         assert play(second, 12, first=rounds) == undisturbed[rounds:]
+
+
+class Doubling:
+    """A solver of tasks of which each asks for another, until they are large enough."""
+
+    def solve(self, number: int, *, deadline: Deadline) -> int:
+        return 2 * number
+
+
+def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
+    """Results, and keys of tasks that were given up."""
+    results: set[int] = set()
+    given_up: set[str] = set()
+
+    def take(result: int | str) -> list[Task]:
+        if isinstance(result, str):
+            given_up.add(result)
+            return []
+        assert result not in results
+        results.add(result)
+        return [Task(str(result), (result,))] if result < 60 else []
+
+    tasks = [Task(str(number), (number,)) for number in (1, 3, 5, 7)]
+    run_tasks(
+        tasks, take, make=Doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda task: task.key
+    )
+    return results, given_up
+
+
+@given(deaths=st.tuples(*[st.sets(st.integers(2, 30), max_size=4)] * 2))
+@settings(max_examples=60)
+def test_tasks_are_done_once_whatever_workers_die(deaths: tuple[set[int], set[int]]) -> None:
+    """Each task has its result once, unless two workers died of it, and then it and what would follow have none."""
+    engine = FragileEngine(deaths)
+    expected, none = doubled(None)
+    assert not none
+    try:
+        results, given_up = doubled(engine)
+    except EngineError:  # a worker died twice while it was made again
+        assert sum(map(len, deaths)) >= 2
+        return
+    lost = {2 * int(key) * 2**k for key in given_up for k in range(8)}
+    assert results == expected - lost
+    assert sum(map(len, deaths)) >= 2 * len(given_up)
 
 
 def test_what_was_called_is_done_again() -> None:
