@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -35,15 +34,12 @@ class Checkpoint:
         As `Engine.states` gives them.
     coordinator : mapping of name to array
         What the coordinator has to know.
-    facts : mapping
-        Of the coordinator as well, what fits into JSON: numbers, texts, lists, dicts.
     """
 
     round: int
     fingerprint: str
     states: Mapping[str, Mapping[str, np.ndarray]]
     coordinator: Mapping[str, np.ndarray] = field(default_factory=dict)
-    facts: Mapping[str, Any] = field(default_factory=dict)
 
     def save(self, path: str | Path) -> Path:
         """Write it, at once or not at all: whoever reads meanwhile finds the file before or this one.
@@ -61,7 +57,7 @@ class Checkpoint:
         Raises
         ------
         CheckpointError
-            When something in it is neither an array of numbers or texts nor JSON.
+            When something in it is no array of numbers or texts.
         """
         groups = {f"agent{i}": dict(state) for i, state in enumerate(self.states.values())}
         groups["coordinator"] = dict(self.coordinator)
@@ -75,12 +71,7 @@ class Checkpoint:
             "round": int(self.round),
             "fingerprint": self.fingerprint,
             "agents": list(self.states),
-            "facts": dict(self.facts),
         }
-        try:
-            json.dumps(facts)
-        except (TypeError, ValueError) as error:
-            raise CheckpointError(f"{path}: the facts of the coordinator cannot be saved: {error}.") from error
         return write_archive(path, facts, groups)
 
     @classmethod
@@ -114,7 +105,7 @@ class Checkpoint:
             )
         try:
             states = {name: groups[f"agent{i}"] for i, name in enumerate(facts["agents"])}
-            found = cls(int(facts["round"]), str(facts["fingerprint"]), states, groups["coordinator"], facts["facts"])
+            found = cls(int(facts["round"]), str(facts["fingerprint"]), states, groups["coordinator"])
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError(f"{path}: no checkpoint can be read from it ({error!r}).") from error
         if fingerprint is not None and found.fingerprint != fingerprint:

@@ -11,15 +11,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import KeepApart, Shared
 from .consensus import Consensus
-from .engine import AgentFailure, Engine
+from .consensus_residuals import ConsensusResiduals
 from .messages import Order, ProblemFacts, Report
 from .rounds import PlanScore, Round
-from .spread import Spread
 from .team_schedules import BarrierRounds, PenaltyRounds
 
 logger = logging.getLogger(__name__)
@@ -200,7 +200,13 @@ class Coordination:
                 )
 
     def end_round(
-        self, state: TeamState, spread: Spread, barrier: BarrierRounds, penalties: PenaltyRounds, *, scored: bool
+        self,
+        state: TeamState,
+        residuals: ConsensusResiduals,
+        barrier: BarrierRounds,
+        penalties: PenaltyRounds,
+        *,
+        scored: bool,
     ) -> Round:
         """Record the round, with its score where it is wanted, and move the schedules on."""
         score = None
@@ -213,9 +219,9 @@ class Coordination:
         record = Round(
             state.round,
             state.mu,
-            spread.disagreement,
-            spread.change,
-            spread.scaled,
+            residuals.disagreement,
+            residuals.change,
+            residuals.scaled,
             state.factors.copy(),
             float(sum(self._objectives.values())),
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
@@ -227,11 +233,20 @@ class Coordination:
             self.hub,
         )
         self.rounds.append(record)
-        state.factors = penalties.after(state.factors, state.mu, spread)
+        state.factors = penalties.after(state.factors, state.mu, residuals)
         if state.mu is not None:
             state.mu = barrier.after(state.mu, record.disagreement, state.slowness)
         state.round += 1
         return record
+
+    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[ConsensusResiduals, dict[str, Array]]:
+        """How far the robots are from what is agreed on now, which has moved since before; and each robot's gap."""
+        residuals, gaps = ConsensusResiduals(len(self.shared)), {}
+        for name in self.robots:
+            own = self.consensus.of_agent(name, agreed)
+            gaps[name] = self.consensus.masked(name, state.values[name]) - own
+            residuals.add(self.facts[name].penalty, gaps[name], own - self.consensus.of_agent(name, before))
+        return residuals, gaps
 
     def as_seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
         """Another agent's values in the order of the first one's; its own where the other does not hold a value."""

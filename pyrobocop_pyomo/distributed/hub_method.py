@@ -11,8 +11,7 @@ from pyrobocop_pyomo.numerics import Array
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
 from .rounds import Round, check_ending
-from .spread import Spread
-from .team_schedules import BarrierPath, BarrierRounds, PenaltyRounds, Reopening, TargetedPenalties
+from .team_schedules import BarrierPath, BarrierRounds, PenaltyRestart, PenaltyRounds, TargetedPenalties
 
 _FIRST_ITERATIONS = 300
 _HUB_ITERATIONS = 300
@@ -50,7 +49,7 @@ class Hub:
         Limit of Ipopt's iterations per solve after the first round.
     score_below : float
         The plan is scored from this mu on.
-    reopening : Reopening
+    restart : PenaltyRestart
         What happens where a contact mode froze too early.
 
     Raises
@@ -79,7 +78,7 @@ class Hub:
     early: float = 4.0
     iterations: int = 150
     score_below: float = 2e-3
-    reopening: Reopening = field(default_factory=Reopening)
+    restart: PenaltyRestart = field(default_factory=PenaltyRestart)
 
     def __post_init__(self) -> None:
         """Refuse rounds without an end."""
@@ -119,17 +118,12 @@ class Hub:
         before = state.target
         state.target = self._hub_values(work, state, with_plan=scored)
         hub = _name_of(work)
-        spread = Spread(len(work.shared))
-        proposal = _of_team(work, hub, state.target)
-        earlier = _of_team(work, hub, before)
+        residuals, gaps = work.residuals(state, _of_team(work, hub, state.target), _of_team(work, hub, before))
         for name in work.robots:
-            penalty = work.facts[name].penalty
-            own = work.consensus.of_agent(name, proposal)
-            gap = work.consensus.masked(name, state.values[name]) - own
-            spread.add(penalty, gap, own - work.consensus.of_agent(name, earlier))
             if name in reports:  # the multipliers of a robot without a new plan stay
-                state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, gap)
-        return work.end_round(state, spread, self.barrier, self.penalties, scored=scored)
+                pull = work.facts[name].penalty.times(state.factors, gaps[name])
+                state.multipliers[name] = state.multipliers[name] + pull
+        return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
         others = work.others(state.positions)

@@ -12,14 +12,13 @@ from .coordination import Coordination, TeamState
 from .local_problem import DELTA_PER_MU
 from .messages import Order
 from .rounds import Round, check_ending
-from .spread import Spread
 from .team_schedules import (
     BarrierPath,
     BarrierRounds,
     ConstantBarrier,
     ConstantPenalties,
+    PenaltyRestart,
     PenaltyRounds,
-    Reopening,
     TargetedPenalties,
 )
 
@@ -51,7 +50,7 @@ class Sova:
         Limit of Ipopt's iterations per solve.
     score_below : float
         The plan is scored from this mu on.
-    reopening : Reopening
+    restart : PenaltyRestart
         What happens where a contact mode froze too early.
     follow_barrier : bool
         Whether a round solves the barrier problem of its mu, warm in primal and dual. Otherwise each round solves the
@@ -75,7 +74,7 @@ class Sova:
     regularisation: float = 0.1
     iterations: int = 300
     score_below: float = 2e-3
-    reopening: Reopening = field(default_factory=Reopening)
+    restart: PenaltyRestart = field(default_factory=PenaltyRestart)
     follow_barrier: bool = True
 
     def __post_init__(self) -> None:
@@ -134,12 +133,8 @@ class Sova:
                 apart += state.values[name] - work.as_seen_by(name, other, state.values)
             apart = work.consensus.masked(name, apart)
             state.multipliers[name] = state.multipliers[name] + penalty.times(state.factors, apart)
-        spread = Spread(len(work.shared))
-        for name in work.robots:
-            mean = work.consensus.of_agent(name, state.target)
-            gap = work.consensus.masked(name, state.values[name]) - mean
-            spread.add(work.facts[name].penalty, gap, mean - work.consensus.of_agent(name, before))
-        return work.end_round(state, spread, self.barrier, self.penalties, scored=scored)
+        residuals, _ = work.residuals(state, state.target, before)
+        return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
 
     def _order(
         self,

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from pyrobocop_pyomo.errors import CheckpointError, TeamError
+from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import networkx
 from pyrobocop_pyomo.solving.progress import Progress
@@ -16,8 +18,6 @@ from pyrobocop_pyomo.solving.progress import Progress
 from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint, fingerprint
 from .coordination import Coordination, Physics, TeamState
-from .engine import Engine
-from .engines import find_engine
 from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents
@@ -25,7 +25,7 @@ from .messages import ProblemFacts
 from .rounds import PlanScore, Round, is_success
 from .sova import Sova
 from .team_result import TeamResult
-from .team_schedules import Reopening
+from .team_schedules import PenaltyRestart
 
 logger = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ class Method(Protocol):
         ...
 
     @property
-    def reopening(self) -> Reopening:
+    def restart(self) -> PenaltyRestart:
         """What happens where a contact mode froze too early."""
         ...
 
@@ -330,8 +330,8 @@ class _Rounds:
     def __init__(self, method: Method, work: Coordination, progress: Progress, on_round: Any) -> None:
         self._method, self._work, self._progress, self._on_round = method, work, progress, on_round
         self._kept: tuple[dict[str, Any], dict[str, Array]] | None = None
-        self._reopenings = 0
-        self._since = 0  # number of rounds before the last reopening
+        self._restarts = 0
+        self._since = 0  # number of rounds before the last restart
         self._best: tuple[tuple[float, ...], int, PlanScore | None, dict[str, Any]] | None = None
 
     def run(self, team: Team, path: Path | None, mark: str) -> TeamResult:
@@ -347,7 +347,7 @@ class _Rounds:
                 self._keep_best(record)
                 done = self._is_done(record)
                 self._progress.live(self._line(record))
-                state = self._reopened(state)
+                state = self._restarted(state)
                 if path is not None:
                     self._save(path, mark, state)
                 if self._on_round is not None and self._on_round(record) is False:
@@ -359,11 +359,11 @@ class _Rounds:
         self._progress.line(self._line(work.rounds[-1]))
         return self._result(team, state)
 
-    def _reopened(self, state: TeamState) -> TeamState:
+    def _restarted(self, state: TeamState) -> TeamState:
         """The state, or an earlier one with everything that belongs to it, where the rounds came to a stop too
         early."""
-        rule, engine = self._method.reopening, self._work.engine
-        if state.mu is None or self._work.physics is None or self._reopenings >= rule.times:
+        rule, engine = self._method.restart, self._work.engine
+        if state.mu is None or self._work.physics is None or self._restarts >= rule.times:
             return state
         if self._kept is None and state.mu <= rule.at:
             self._kept = engine.states(), state.arrays()
@@ -374,7 +374,7 @@ class _Rounds:
         engine.restore({name: kept for name, kept in states.items() if name not in self._work.frozen})
         earlier = TeamState.of_arrays(arrays)
         earlier.round, earlier.slowness = state.round, 2.0 * state.slowness
-        self._reopenings += 1
+        self._restarts += 1
         self._since = len(self._work.rounds)
         return earlier
 
@@ -419,7 +419,7 @@ class _Rounds:
             first += len(quantity.keys)
         return TeamResult(
             plans, dict(state.values), agreed, work.rounds, number, score, agreement, names, dict(work.frozen),
-            dict(work.engine.deaths), self._reopenings, team.physics,
+            dict(work.engine.deaths), self._restarts, team.physics,
         )  # fmt: skip
 
     # ---------------------------------------------------------------- checkpoints

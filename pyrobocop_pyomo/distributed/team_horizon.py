@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
+from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import Shared
 from .coordination import TeamState
-from .engine import AgentFailure, Engine
-from .engines import find_engine
 from .hub_method import Hub
 from .messages import ProblemFacts
 from .rounds import Round, is_success
@@ -30,7 +30,7 @@ Measured = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
-class TeamTick:
+class PlanningStep:
     """What one step of a team's receding horizon gave.
 
     Attributes
@@ -123,12 +123,12 @@ class TeamHorizon:
             raise
         self._state: TeamState | None = None
 
-    def plan(self) -> TeamTick:
+    def plan(self) -> PlanningStep:
         """Make the first plan, with all rounds of the method.
 
         Returns
         -------
-        TeamTick
+        PlanningStep
 
         Raises
         ------
@@ -142,9 +142,9 @@ class TeamHorizon:
             records.append(method.round(self._work, self._state))
         if self._state.mu is not None:
             self._state.mu = self._mu
-        return TeamTick(0, records, time.perf_counter() - started)
+        return PlanningStep(0, records, time.perf_counter() - started)
 
-    def step(self, measured: Measured, elements: int = 1) -> TeamTick:
+    def step(self, measured: Measured, elements: int = 1) -> PlanningStep:
         """Plan from where the team is after so many elements of its plan.
 
         Parameters
@@ -157,7 +157,7 @@ class TeamHorizon:
 
         Returns
         -------
-        TeamTick
+        PlanningStep
 
         Raises
         ------
@@ -183,7 +183,7 @@ class TeamHorizon:
             state.target = work.consensus.mean(state.values)
         records = [self._in_steps.round(work, state) for _ in range(self._in_steps.rounds)]
         self._number += 1
-        return TeamTick(self._number, records, time.perf_counter() - started)
+        return PlanningStep(self._number, records, time.perf_counter() - started)
 
     def predicted(self, elements: int = 1) -> dict[str, dict[str, float]]:
         """Where the plan says that each agent is after so many elements.

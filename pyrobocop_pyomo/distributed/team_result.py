@@ -46,7 +46,7 @@ class TeamResult(Presented):
         Agents that stood still from some round on, and why.
     deaths : mapping of agent to int
         How often a worker was lost.
-    reopened : int
+    restarts : int
         How often the rounds were taken up again from an earlier round.
     physics : object or None
         What scored the plans.
@@ -62,7 +62,7 @@ class TeamResult(Presented):
     shared: tuple[str, ...]
     frozen: Mapping[str, str]
     deaths: Mapping[str, int]
-    reopened: int
+    restarts: int
     physics: Any = None
 
     @property
@@ -142,8 +142,8 @@ class TeamResult(Presented):
             f"({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
             f"disagreement: {apart}",
         ]
-        if self.reopened:
-            lines.append(f"taken up again from an earlier round: {self.reopened} times")
+        if self.restarts:
+            lines.append(f"taken up again from an earlier round: {self.restarts} times")
         lines += [f"'{name}' was frozen: {reason}" for name, reason in self.frozen.items()]
         if self.score is not None:
             lines.append(str(self.score))

@@ -11,8 +11,8 @@ import numpy as np
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 
+from .consensus_residuals import ConsensusResiduals
 from .rounds import Round
-from .spread import Spread
 
 
 class BarrierRounds(Protocol):
@@ -40,7 +40,7 @@ class BarrierRounds(Protocol):
 class PenaltyRounds(Protocol):
     """Factors on the penalties of each round, one for each `Shared`."""
 
-    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
         """Return the factors of the next round.
 
         Parameters
@@ -126,7 +126,7 @@ class ConstantBarrier:
 class ConstantPenalties:
     """Penalties stay as they are given."""
 
-    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
         """Return the factors as they are."""
         return factors
 
@@ -154,7 +154,7 @@ class GrowingPenalties:
         if (np.asarray(self.factor) < 1).any() or (np.asarray(self.largest) < 1).any():
             raise TeamError(f"{self!r}: factor and largest must be at least 1.")
 
-    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
         """Return the factors of the next round."""
         if mu is not None and mu > self.below:
             return factors
@@ -188,11 +188,11 @@ class BalancedPenalties:
     largest: float = 30.0
     below: float = 1.5e-3
 
-    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
         """Return the factors of the next round."""
         if mu is not None and mu > self.below:
             return factors
-        primal, dual = spread.means()
+        primal, dual = residuals.means()
         grown: Array = np.where(primal > self.ratio * dual, np.minimum(self.largest, factors * self.factor), factors)
         return grown
 
@@ -232,17 +232,17 @@ class TargetedPenalties:
         if not (self.accuracy > 0 and self.factor >= 1 and 0 < self.fall <= 1 and self.largest >= 1):
             raise TeamError(f"{self!r}: expected accuracy > 0, factor >= 1, 0 < fall <= 1 and largest >= 1.")
 
-    def after(self, factors: Array, mu: float | None, spread: Spread) -> Array:
+    def after(self, factors: Array, mu: float | None, residuals: ConsensusResiduals) -> Array:
         """Return the factors of the next round."""
         if mu is not None and mu > self.below:
             return factors
-        up, down = spread.scaled > self.accuracy, spread.scaled < self.ease * self.accuracy
+        up, down = residuals.scaled > self.accuracy, residuals.scaled < self.ease * self.accuracy
         moved: Array = np.where(up, factors * self.factor, np.where(down, factors * self.fall, factors))
         return np.clip(moved, 1.0, self.largest)
 
 
 @dataclass(frozen=True)
-class Reopening:
+class PenaltyRestart:
     """When the rounds are taken up again from an earlier one, because a contact mode froze before the agents agreed.
 
     Small mu freezes who pushes where. Where a robot cannot arrive in time for what the others expect of it, the
@@ -267,7 +267,7 @@ class Reopening:
     improvement: float = 0.8
 
     def is_frozen(self, rounds: Sequence[Round]) -> bool:
-        """Whether the rounds since the last reopening came to a stop before the plan was practical.
+        """Whether the rounds since the last restart came to a stop before the plan was practical.
 
         Parameters
         ----------

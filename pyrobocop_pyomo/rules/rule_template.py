@@ -155,8 +155,8 @@ class RuleTemplate:
     Parameters
     ----------
     rule : callable
-        ``rule(block, t, *more)``. Each further argument has a method ``template(position)``, which gives what stands for
-        it at all times, made of `Reading`s of ``place.more[position]``. A rule of this package with the attribute
+        ``rule(block, t, *more)``. Each further argument has a method ``template(position)``, which gives what stands
+        for it at all times, made of `Reading`s of ``place.more[position]``. A rule of this package with the attribute
         ``skips_points`` is a formula that it states at some points only; with ``needs_the_time`` it is no template.
 
     Attributes

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
-from pyrobocop_pyomo.solving import Quality, SolveResult
+from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Tolerances
 from pyrobocop_pyomo.solving.persistent_solve import PersistentSolve, is_certified
@@ -189,7 +189,9 @@ class CaseSolver:
             put_mapping(self.model, data)
         return self._state
 
-    def solve(self, case: SweepCase, near: tuple[int, Values] | None, deadline: Deadline) -> SweepOutcome:
+    def solve(
+        self, case: SweepCase, near: tuple[int, Values] | None, limit: float | None, *, deadline: Deadline
+    ) -> SweepOutcome | None:
         """Solve a case; whatever goes wrong is in the outcome.
 
         Parameters
@@ -197,13 +199,26 @@ class CaseSolver:
         case : SweepCase
         near : (int, list), optional
             Number of another case, and its solution.
+        limit : float, optional
+            Seconds for this case.
         deadline : Deadline
+            Of the whole sweep.
+
+        Returns
+        -------
+        SweepOutcome or None
+            None where the end of the sweep's time or Ctrl-C cut it short.
 
         Raises
         ------
         SolverNotFoundError
             When there is no Ipopt, so that no case can be solved.
         """
+        outcome = self._outcome(case, near, deadline.within(limit))
+        interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
+        return None if interrupted or (outcome.cut_short and deadline.has_passed) else outcome
+
+    def _outcome(self, case: SweepCase, near: tuple[int, Values] | None, deadline: Deadline) -> SweepOutcome:
         started = time.perf_counter()
         try:
             state = self.put(case.data)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -13,6 +13,9 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
+from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.sending import check_picklable
+from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
@@ -23,7 +26,6 @@ from pyrobocop_pyomo.solving.progress import Progress
 
 from .named_data import by_component
 from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, result_or_error, seconds_left, table_row
-from .worker_pool import Task, check_picklable, common_to_tasks, number_of_workers, run_in_processes
 
 logger = logging.getLogger(__name__)
 
@@ -76,10 +78,6 @@ class MultistartResult(StudyResult[StartOutcome]):
         note_outcome(self._model, chosen.result.outcome)
         return chosen.result
 
-    def __str__(self) -> str:
-        undone = f"\n{len(self.remaining)} starts were left undone" if self.remaining else ""
-        return self.table() + undone
-
 
 def multistart(
     model: Any,
@@ -88,6 +86,7 @@ def multistart(
     seed: int = 0,
     spread: float | Mapping[str, float] | Iterable[tuple[Any, float]] = 1.0,
     workers: int | str = 1,
+    engine: str | Engine | None = None,
     time_limit: float | None = None,
     progress: bool | None = None,
     **options: Any,
@@ -112,6 +111,9 @@ def multistart(
         Number of processes, or one on each core; with 1 all is done in this one. The outcomes are the same. More need a
         model that can be pickled; where it cannot, a warning says why, and all is done in this process. A script has
         to keep its work under ``if __name__ == "__main__":``, since each process imports it.
+    engine : str or Engine, optional
+        Where the starts are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.engines`, as for
+        teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     time_limit : float, optional
         Seconds, for all starts together.
     progress : bool, optional
@@ -128,59 +130,49 @@ def multistart(
     ------
     ModelError
         When the arguments or the model make no sense.
+    EngineError
+        When the engine is not installed, or none of its workers starts.
     SolverNotFoundError
         When there is no Ipopt.
     """
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise ModelError(f"starts = {starts!r}; expected a number of starting points of at least 1.")
-    processes = min(number_of_workers(workers), starts)
+    running = study_engine(workers, engine)
+    running = None if starts == 1 else running
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
     values = VariableValues.of_free(model)
     make = partial(_StartSolver, model, seed, spread if starts > 1 else None, options)
     solver = make()
-    if processes > 1:
+    if running is not None:
         best_backend()  # raises with the remedies where there is none, once and not for every start
         try:
             check_picklable({"the model": model, "the options": dict(options)}, by_value=True)
         except ModelError as error:
             logger.warning("'%s': all starts are solved in this process: %s", model.name, error)
-            processes = 1
-    bar = Progress(progress)
+            running = None
+    bar = Progress(progress if running is None or running.writes_files else False)
+    solver.progress = lambda number: bar.within(f"{number} of {starts} starts done")
     columns = (*MultistartResult.own_columns, *COMMON_COLUMNS)
     outcomes: list[StartOutcome] = []
 
-    def take(outcome: StartOutcome | None) -> tuple[Task, ...]:
-        if outcome is not None:
-            outcomes.append(outcome)
-            bar.line(f"start {table_row(columns, outcome, len(outcomes))}")
-            if len(outcomes) < starts:
-                bar.live(f"{len(outcomes)} of {starts} starts done")
-        return ()
+    def take(outcome: StartOutcome) -> tuple[Task, ...] | None:
+        outcomes.append(outcome)
+        bar.line(f"start {table_row(columns, outcome, len(outcomes))}")
+        if len(outcomes) < starts:
+            bar.live(f"{len(outcomes)} of {starts} starts done")
+        return None if outcome.cut_short else ()
 
-    def given_up(task: Task) -> tuple[Task, ...]:
-        return take(StartOutcome(task.key, error="its process ended abruptly, several times"))
-
-    if processes > 1:
-        tasks = [Task(number, _solve_in_worker, (number, time_limit, time.time())) for number in range(starts)]
-        values.write(values.taken)
-        run_in_processes(tasks, take, workers=processes, deadline=deadline, given_up=given_up, common=make)
-        outcomes.sort(key=lambda outcome: outcome.start)
-        if not outcomes:
-            if not deadline.has_passed:
-                raise KeyboardInterrupt
-            take(solver.solve(0, deadline))  # which says what the initial guess is worth
-    else:
-        try:
-            for number in range(starts):
-                if outcomes and deadline.has_passed:
-                    break
-                take(solver.solve(number, deadline, bar.within(f"{number} of {starts} starts done")))
-                if outcomes[-1].cut_short:
-                    break
-        except KeyboardInterrupt:
-            if not outcomes:
-                values.write(values.taken)
-                raise
+    run_tasks(
+        [Task(number, (number,)) for number in range(starts)], take,
+        make=make if running is not None else lambda: solver, engine=running, most=starts, deadline=deadline,
+        given_up=lambda task: StartOutcome(task.key, error=GIVEN_UP),
+    )  # fmt: skip
+    values.write(values.taken)
+    outcomes.sort(key=lambda outcome: outcome.start)
+    if not outcomes:
+        if not deadline.has_passed:
+            raise KeyboardInterrupt
+        take(solver.solve(0, deadline=deadline))  # which says what the initial guess is worth
     bar.live("")
     order = ranked(outcomes)
     values.write(order[0].values if order[0].result is not None else values.taken)
@@ -199,36 +191,22 @@ class _StartSolver:
     def __init__(self, model: Any, seed: int, spread: Any, options: Mapping[str, Any]) -> None:
         self._model, self._options, self._values = model, options, VariableValues.of_free(model)
         self._random = None if spread is None else RandomStarts(model, seed, spread)
+        self.progress: Callable[[int], Progress | bool] = lambda number: False
 
-    def solve(self, number: int, deadline: Deadline, progress: Progress | bool = False) -> StartOutcome:
+    def solve(self, number: int, *, deadline: Deadline) -> StartOutcome:
         started = time.perf_counter()
         self._values.write(self._values.taken)
         if self._random is not None and number:
             self._random.put(number)
         try:
             options = {**self._options, "time_limit": seconds_left(deadline)}
-            result, error = result_or_error(self._model, options, progress)
+            result, error = result_or_error(self._model, options, self.progress(number))
         except Exception as raised:
             if hasattr(raised, "add_note"):
                 raised.add_note(f"'{self._model.name}': raised by start {number}.")
             raise
         seconds, found = time.perf_counter() - started, [] if result is None else self._values.read()
         return StartOutcome(number, result=result, error=error, seconds=seconds, values=found)
-
-
-class _SolverOfStarts:
-    """The solver of a worker process: its model is read once."""
-
-    solver: _StartSolver | None = None
-
-
-def _solve_in_worker(number: int, time_limit: float | None, began: float) -> StartOutcome | None:
-    """The outcome of a start in a worker process; None where no time is left for it."""
-    if _SolverOfStarts.solver is None:
-        _SolverOfStarts.solver = common_to_tasks()()
-    # Clocks of processes have no common zero, except that of the day.
-    deadline = Deadline.after(None if time_limit is None else time_limit - (time.time() - began))
-    return None if deadline.has_passed and number else _SolverOfStarts.solver.solve(number, deadline)
 
 
 class RandomStarts:

@@ -36,6 +36,8 @@ class OutcomeFile:
         Made where it does not exist, together with its folder.
     sweep : mapping
         What a sweep that goes on has to share with the one that made the file: facts that fit into JSON.
+    writes : bool
+        Whether this process writes it; with MPI one rank does, and the others only read what is there.
 
     Attributes
     ----------
@@ -48,13 +50,13 @@ class OutcomeFile:
         When the file is something else, or of another sweep.
     """
 
-    def __init__(self, path: str | Path, sweep: Mapping[str, Any]) -> None:
-        self._path = Path(path)
+    def __init__(self, path: str | Path, sweep: Mapping[str, Any], *, writes: bool = True) -> None:
+        self._path, self._writes = Path(path), writes
         self.records: dict[str, Mapping[str, Any]] = {}
         head = {"kind": _KIND, "format": _FORMAT, **sweep}
         if self._path.exists() and self._path.stat().st_size:
             self._read(head)
-        else:
+        elif writes:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._append(head)
 
@@ -75,7 +77,7 @@ class OutcomeFile:
                 f"{self._path}: is of another sweep: {different[0]!r} is {found.get(different[0])!r} there and "
                 f"{head.get(different[0])!r} here. Remove the file, or name another one."
             )
-        if whole < len(content):
+        if whole < len(content) and self._writes:
             with self._path.open("rb+") as file:
                 file.truncate(whole)
         if not lines:
@@ -87,6 +89,8 @@ class OutcomeFile:
         self._append({"key": key, **record})
 
     def _append(self, facts: Mapping[str, Any]) -> None:
+        if not self._writes:
+            return
         text = json.dumps(facts)
         line = (json.dumps({**facts, _CHECKSUM: zlib.crc32(text.encode())}) + "\n").encode()
         descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)

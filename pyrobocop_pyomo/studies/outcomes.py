@@ -205,9 +205,10 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         SolveFailed
             When no outcome has a point.
         """
-        if self.outcomes and self.outcomes[0].result is not None:
-            return self.outcomes[0]
-        why = self.outcomes[0].reason if self.outcomes else "Nothing was tried."
+        order = self._best_first()
+        if order and order[0].result is not None:
+            return order[0]
+        why = order[0].reason if order else "Nothing was tried."
         raise SolveFailed(f"'{self.name}': no {self.item} could be solved. {why}", self)
 
     @property
@@ -269,6 +270,10 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
     def __iter__(self) -> Iterator[OutcomeType]:
         return iter(self.outcomes)
 
+    def _best_first(self) -> Sequence[OutcomeType]:
+        """Where outcomes are in the order of a ranking, as they are."""
+        return self.outcomes
+
     def _summary(self) -> str:
         solved = sum(outcome.result is not None and outcome.result.solved for outcome in self.outcomes)
         count, left = len(self.outcomes), len(self.remaining)
@@ -284,7 +289,8 @@ class StudyResult(Presented, Sequence[OutcomeType], Generic[OutcomeType]):
         return [table(header, rows)]
 
     def __str__(self) -> str:
-        return self.table()
+        undone = f"\n{len(self.remaining)} {self.item}s were left undone" if self.remaining else ""
+        return self.table() + undone
 
 
 def table_header(columns: Sequence[Column], numbered_by: str) -> str:

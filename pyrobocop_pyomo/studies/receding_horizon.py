@@ -29,8 +29,8 @@ from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .moved_plans import MovedPlans, PlaceInProgram
 from .outcomes import seconds_left
+from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
 
@@ -134,7 +134,7 @@ class RecedingHorizon:
                 block.initialize()
         warn_of_clocks_that_start_anew(blocks)
         self._verified = [*blocks, *containments(model)] if verify else []
-        self._moved = MovedPlans(phase, self._values)
+        self._moved = ShiftedPlan(phase, self._values)
         self._program = PersistentNLP(model, options)
         self._place: PlaceInProgram | None = None
 

@@ -9,6 +9,9 @@ from functools import cached_property, partial
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, SolverNotFoundError
+from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.sending import check_picklable
+from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
@@ -19,7 +22,6 @@ from pyrobocop_pyomo.solving.iterate_log import ModelCheck
 from pyrobocop_pyomo.solving.progress import Progress
 
 from .outcomes import Column, Outcome, StudyResult, ranked, seconds_left
-from .worker_pool import Task, check_picklable, number_of_workers, run_in_processes
 
 ModeSequence = tuple[str, ...]
 Allowed = Callable[[str, str], bool] | Mapping[str, Iterable[str]]
@@ -190,8 +192,6 @@ class SequenceRanking(StudyResult[SequenceOutcome]):
 
 
 Build = Callable[[ModeSequence], Any]
-SolveOne = Callable[..., "SequenceOutcome | None"]
-Take = Callable[[SequenceOutcome], bool]
 
 
 def solve_sequences(
@@ -199,6 +199,7 @@ def solve_sequences(
     sequences: Iterable[Iterable[str]],
     *,
     workers: int | str = 1,
+    engine: str | Engine | None = None,
     time_limit: float | None = None,
     time_limit_per_sequence: float | None = None,
     progress: bool | None = None,
@@ -218,6 +219,9 @@ def solve_sequences(
         Number of processes, or one on each core; with 1 all is done in this one. More need a ``build`` that stands
         at the top level of a module (or a `functools.partial` of such), and a script whose work stands under
         ``if __name__ == "__main__":``, since each process imports it.
+    engine : str or Engine, optional
+        Where the sequences are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.engines`, as
+        for teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     time_limit : float, optional
         Seconds, for all sequences together.
     time_limit_per_sequence : float, optional
@@ -236,44 +240,38 @@ def solve_sequences(
     ------
     ModelError
         When the arguments make no sense.
+    EngineError
+        When the engine is not installed, or none of its workers starts.
     SolverNotFoundError
         When there is no Ipopt.
     """
     tasks = [(sequence,) if isinstance(sequence, str) else tuple(sequence) for sequence in sequences]
     if not tasks:
         raise ModelError("no sequences to solve; mode_sequences(...) makes them.")
-    workers = number_of_workers(workers)
+    running = study_engine(workers, engine)
     best_backend()  # raises with the remedies where there is none, once and not for every sequence
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
-    bar = Progress(progress)
+    bar = Progress(progress if running is None or running.writes_files else False)
     done: dict[int, SequenceOutcome] = {}
 
-    def take(outcome: SequenceOutcome) -> bool:
-        """Keep an outcome that Ctrl-C did not cut short."""
-        if outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED:
-            return False
+    def take(outcome: SequenceOutcome) -> tuple[Task, ...]:
         done[outcome.number] = outcome
-        found = f"objective {outcome.objective:.7g}" if outcome.feasible else outcome.reason
-        bar.line(f"{len(done)}/{len(tasks)} {outcome.name}: {outcome.verdict}, {found}")
+        objective = f"objective {outcome.objective:.7g}" if outcome.feasible else outcome.reason
+        bar.line(f"{len(done)}/{len(tasks)} {outcome.name}: {outcome.verdict}, {objective}")
         if len(done) < len(tasks):
             bar.live(f"{len(tasks) - len(done)} left")
-        return True
+        return ()
 
-    solve_one = partial(
-        _solve_one, build=build, options=options, deadline=deadline, time_limit_per_sequence=time_limit_per_sequence
-    )
-    if workers == 1:
-        _solve_here(solve_one, tasks, take, bar)
-    else:
+    make = partial(_SequenceSolver, build, options, time_limit_per_sequence)
+    solver = make()
+    solver.progress = lambda number: bar.within(f"{number} of {len(tasks)} sequences done")
+    if running is not None:
         check_picklable({"build": build, "the options": dict(options)})
-
-        def take_any(outcome: SequenceOutcome | None) -> tuple[Task, ...]:
-            if outcome is not None:
-                take(outcome)
-            return ()
-
-        calls = [Task(number, solve_one, (number, task)) for number, task in enumerate(tasks)]
-        run_in_processes(calls, take_any, workers=min(workers, len(tasks)), deadline=deadline)
+    run_tasks(
+        [Task(number, (number, sequence)) for number, sequence in enumerate(tasks)], take,
+        make=make if running is not None else lambda: solver, engine=running, most=len(tasks), deadline=deadline,
+        given_up=lambda task: SequenceOutcome(tasks[task.key], task.key, error=GIVEN_UP),
+    )  # fmt: skip
     bar.live("")
     return SequenceRanking(
         name="sequences",
@@ -284,40 +282,28 @@ def solve_sequences(
     )
 
 
-def _solve_one(
-    number: int,
-    sequence: ModeSequence,
-    *,
-    build: Build,
-    options: Mapping[str, Any],
-    deadline: Deadline,
-    time_limit_per_sequence: float | None,
-    progress: Progress | bool = False,
-) -> SequenceOutcome | None:
-    """The outcome of a sequence; None where no time is left for it."""
-    if deadline.has_passed and number:
-        return None
-    started = time.perf_counter()
-    try:
-        model = build(sequence)
-        limit = seconds_left(deadline.within(time_limit_per_sequence))
-        result = solve(model, **{"progress": progress, **options, "time_limit": limit})
-    except SolverNotFoundError:
-        raise
-    except Exception as error:  # whatever goes wrong with one sequence must not lose the others
-        seconds = time.perf_counter() - started
-        return SequenceOutcome(sequence, number, error=f"{type(error).__name__}: {error}", seconds=seconds)
-    return SequenceOutcome(
-        sequence, number, result=result, seconds=time.perf_counter() - started,
-        values=VariableValues.of_all(model).taken,
-    )  # fmt: skip
+class _SequenceSolver:
+    """Builds and solves one sequence after the other."""
 
+    def __init__(self, build: Build, options: Mapping[str, Any], time_limit: float | None) -> None:
+        self._build, self._options, self._time_limit = build, options, time_limit
+        self.progress: Callable[[int], Progress | bool] = lambda number: False
 
-def _solve_here(solve_one: SolveOne, tasks: list[ModeSequence], take: Take, bar: Progress) -> None:
-    try:
-        for number, task in enumerate(tasks):
-            outcome = solve_one(number, task, progress=bar.within(f"{number} of {len(tasks)} sequences done"))
-            if outcome is None or not take(outcome):
-                return
-    except KeyboardInterrupt:
-        return
+    def solve(self, number: int, sequence: ModeSequence, *, deadline: Deadline) -> SequenceOutcome | None:
+        """The outcome of a sequence; None where Ctrl-C cut it short."""
+        started = time.perf_counter()
+        try:
+            model = self._build(sequence)
+            limit = seconds_left(deadline.within(self._time_limit))
+            result = solve(model, **{"progress": self.progress(number), **self._options, "time_limit": limit})
+        except SolverNotFoundError:
+            raise
+        except Exception as error:  # whatever goes wrong with one sequence must not lose the others
+            seconds = time.perf_counter() - started
+            return SequenceOutcome(sequence, number, error=f"{type(error).__name__}: {error}", seconds=seconds)
+        if result.stop_reason is StopReason.INTERRUPTED:
+            return None
+        return SequenceOutcome(
+            sequence, number, result=result, seconds=time.perf_counter() - started,
+            values=VariableValues.of_all(model).taken,
+        )  # fmt: skip

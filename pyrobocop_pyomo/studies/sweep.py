@@ -12,6 +12,9 @@ from typing import Any
 from pyomo.core.base.block import BlockData
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
+from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.sending import check_picklable
+from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import Values
@@ -23,7 +26,6 @@ from .case_solver import CaseSolver, Put, Read, SweepOutcome, own_numbers
 from .outcome_file import OutcomeFile, result_from_json, result_to_json, values_from_text, values_to_text
 from .outcomes import Column, StudyResult, ranked
 from .sweep_cases import SweepCase, key_of, numbers_of, read_cases, starting_cases
-from .worker_pool import Task, check_picklable, common_to_tasks, number_of_workers, run_in_processes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,20 +55,8 @@ class SweepResult(StudyResult[SweepOutcome]):
             given = (Column("name", width, lambda outcome: outcome.name),)
         return (*given, *own_numbers(self.outcomes), *super().columns)
 
-    @property
-    def best(self) -> SweepOutcome:
-        """The best case of all.
-
-        Raises
-        ------
-        SolveFailed
-            When no case has a point.
-        """
-        order = ranked(self.outcomes)
-        if order and order[0].result is not None:
-            return order[0]
-        why = order[0].reason if order else "Nothing was tried."
-        raise SolveFailed(f"'{self.name}': no case could be solved. {why}", self)
+    def _best_first(self) -> tuple[SweepOutcome, ...]:
+        return ranked(self.outcomes)
 
     @property
     def reached(self) -> bool:
@@ -117,10 +107,6 @@ class SweepResult(StudyResult[SweepOutcome]):
         note_outcome(self._solver.model, chosen.result.outcome)
         return chosen.result
 
-    def __str__(self) -> str:
-        undone = f"\n{len(self.remaining)} cases were left undone" if self.remaining else ""
-        return self.table() + undone
-
 
 def sweep(
     model: Any,
@@ -130,6 +116,7 @@ def sweep(
     read: Read | None = None,
     start_from: str | Callable[[int], int | None] | None = "nearest",
     workers: int | str = 1,
+    engine: str | Engine | None = None,
     file: str | Path | None = None,
     time_limit: float | None = None,
     time_limit_per_case: float | None = None,
@@ -166,6 +153,9 @@ def sweep(
         or a builder that stands at the top level of a module (or a `functools.partial` of such), the same for `put` and
         `read`, and a script whose work stands under ``if __name__ == "__main__":``. In a notebook these functions have
         to be imported from a file.
+    engine : str or Engine, optional
+        Where the cases are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.engines`, as for
+        teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     file : str or Path, optional
         Where outcomes are written as they come. A sweep that finds its file goes on behind what is in it, also after a
         crash, and gives the same table.
@@ -187,10 +177,12 @@ def sweep(
         When the arguments make no sense; nothing was solved then.
     CheckpointError
         When the file is of another sweep.
+    EngineError
+        When the engine is not installed, or none of its workers starts.
     SolverNotFoundError
         When there is no Ipopt.
     """
-    workers = number_of_workers(workers)
+    running = study_engine(workers, engine)
     listed = read_cases(cases)
     if not isinstance(model, BlockData) and not callable(model):
         raise ModelError(f"expected a model or a function that builds one, not {type(model).__name__}.")
@@ -198,18 +190,20 @@ def sweep(
         raise ModelError("time_limit and progress are the sweep's own.")
     parents = starting_cases(listed, start_from)
     best_backend()  # raises with the remedies where there is none, once and not for every case
-    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, Progress(progress), file, options)
-    local = CaseSolver(model, put, read, options) if workers == 1 or isinstance(model, BlockData) else None
+    writes_files = running is None or running.writes_files
+    bar = Progress(progress if writes_files else False)
+    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, bar, file, writes_files, options)
+    local = CaseSolver(model, put, read, options) if running is None or isinstance(model, BlockData) else None
     try:
         if local is not None:
             for case in listed:
                 local.check(case.data)
-        if workers == 1:
+        if running is None:
             assert local is not None
-            study.run_here(local)
+            study.run(lambda: local, None)
         else:
             check_picklable({"the model": model, "put": put, "read": read, "the options": options})
-            study.run_in_processes(partial(CaseSolver, model, put, read, options), min(workers, len(listed)))
+            study.run(partial(_WorkerCaseSolver, model, put, read, options), running)
     finally:
         if local is not None:
             local.close()
@@ -229,6 +223,7 @@ class _Sweep:
         limit: float | None,
         progress: Progress,
         file: str | Path | None,
+        writes_file: bool,
         options: Mapping[str, Any],
     ) -> None:
         self._cases, self._parents, self._deadline, self._limit = cases, parents, deadline, limit
@@ -238,7 +233,7 @@ class _Sweep:
         self._file: OutcomeFile | None = None
         if file is not None:
             self._keys = [f"{key_of(case.data)}.{case.number}" for case in cases]
-            self._file = OutcomeFile(file, {"options": key_of({**options})})
+            self._file = OutcomeFile(file, {"options": key_of({**options})}, writes=writes_file)
             for case, key in zip(cases, self._keys, strict=True):
                 if key in self._file.records:
                     self._done[case.number] = _outcome_from_json(case, self._file.records[key])
@@ -272,43 +267,18 @@ class _Sweep:
             parent = self._parents[parent]
         return None
 
-    def run_here(self, solver: CaseSolver) -> None:
-        """Solve in this process, until all is done, the time is over or somebody presses Ctrl-C."""
-        waiting = self._ready(None)
-        try:
-            while waiting:
-                number = waiting.pop(0)
-                if self._done and self._deadline.has_passed:
-                    return
-                outcome = solver.solve(self._cases[number], self._near(number), self._deadline.within(self._limit))
-                if not self._take(outcome):
-                    return
-                waiting = [*self._ready(number), *waiting]
-        except KeyboardInterrupt:
-            return
+    def run(self, make: Callable[[], CaseSolver], engine: Engine | None) -> None:
+        """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
+        run_tasks(
+            self._tasks(None), self._take, make=make, engine=engine, most=len(self._cases), deadline=self._deadline,
+            given_up=lambda task: SweepOutcome(case=self._cases[task.key], error=GIVEN_UP),
+        )  # fmt: skip
 
-    def run_in_processes(self, make: Callable[[], CaseSolver], workers: int) -> None:
-        """Solve in several processes, each case as soon as its neighbour is done."""
+    def _tasks(self, after: int | None) -> list[Task]:
+        return [Task(number, (self._cases[number], self._near(number), self._limit)) for number in self._ready(after)]
 
-        def task(number: int) -> Task:
-            call = (self._cases[number], self._near(number), self._deadline.left, self._limit)
-            return Task(number, solve_in_worker, call)
-
-        def take(outcome: SweepOutcome | None) -> list[Task]:
-            if outcome is None or not self._take(outcome):
-                return []
-            return [task(number) for number in self._ready(outcome.case.number)]
-
-        def given_up(task_of: Task) -> list[Task]:
-            return take(SweepOutcome(case=self._cases[task_of.key], error="its process ended abruptly, several times"))
-
-        first = [task(number) for number in self._ready(None)]
-        run_in_processes(first, take, workers=workers, deadline=self._deadline, given_up=given_up, common=make)
-
-    def _take(self, outcome: SweepOutcome) -> bool:
-        """Keep an outcome that nobody cut short; returns whether to go on."""
-        if outcome.cut_short and (self._deadline.has_passed or outcome.result.stop_reason.name == "INTERRUPTED"):  # type: ignore[union-attr]
-            return False
+    def _take(self, outcome: SweepOutcome) -> list[Task]:
+        """Keep an outcome."""
         self._done[outcome.case.number] = outcome
         if self._file is not None:
             self._file.append(self._keys[outcome.case.number], _outcome_to_json(outcome))
@@ -319,7 +289,7 @@ class _Sweep:
         failures = sum(1 for each in self._done.values() if each.result is None or not each.result.solved)
         left = elapsed / done * (count - done)
         self._progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
-        return True
+        return self._tasks(outcome.case.number)
 
     def result(self, name: str, solver: CaseSolver | None) -> SweepResult:
         """What was found."""
@@ -337,24 +307,15 @@ def _given_number(name: str, outcome: SweepOutcome) -> float:
     return numbers_of(outcome.case.data)[name]
 
 
-class _SolverHere:
-    """The solver of a worker process: its model is built, or sent, once."""
+class _WorkerCaseSolver(CaseSolver):
+    """Sends less back: neither multipliers nor pairs are worth their way; the sides stand on the model."""
 
-    solver: CaseSolver | None = None
-
-
-def solve_in_worker(
-    case: SweepCase,
-    near: tuple[int, Values] | None,
-    left: float | None,
-    limit: float | None,
-) -> SweepOutcome:
-    """Solve a case in a worker process."""
-    if _SolverHere.solver is None:
-        _SolverHere.solver = common_to_tasks()()
-    outcome = _SolverHere.solver.solve(case, near, Deadline.after(left).within(limit))
-    # Neither multipliers nor pairs are worth their way; the sides stand on the model.
-    return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, rounds=()))
+    def solve(self, *arguments: Any, deadline: Deadline) -> SweepOutcome | None:
+        """Solve a case in a worker."""
+        outcome = super().solve(*arguments, deadline=deadline)
+        if outcome is None or outcome.result is None:
+            return outcome
+        return replace(outcome, result=replace(outcome.result, rounds=()))
 
 
 def _outcome_to_json(outcome: SweepOutcome) -> dict[str, Any]:

@@ -12,7 +12,8 @@ ORDER = [
     "errors", "optional_imports", "native", "presentation", "modeling", "rules", "numerics", "linear_solver",
     "geometry", "plotting", "complementarity", "catalogue", "trajectories", "transcription", "continuous", "phases",
     "links", "motion", "car_paths", "obstacles", "robots", "mechanics", "problem_classes", "discretisation",
-    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "studies", "estimation", "distributed",
+    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "execution", "studies", "estimation",
+    "distributed",
 ]  # fmt: skip
 IMPORTS = (ast.Import, ast.ImportFrom)
 

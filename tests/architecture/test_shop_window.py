@@ -69,8 +69,8 @@ PUBLIC = {
     "teams": """
         BalancedPenalties BarrierPath BarrierRounds ConstantBarrier ConstantPenalties Coordination GrowingPenalties Hub
         LocalProblem MergedModel Method Order PenaltyMatrix PenaltyRounds Physics ProblemFacts ProblemSpec QuantityFacts
-        Report Reopening Round PlanScore Sova Spread TargetedPenalties TeamHorizon TeamResult TeamState TeamTick
-        merge_agents
+        Report PenaltyRestart Round PlanScore Sova ConsensusResiduals TargetedPenalties TeamHorizon TeamResult
+        TeamState PlanningStep merge_agents
     """,
     "robots": "DescribedRobot from_urdf",
     "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",

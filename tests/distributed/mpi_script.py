@@ -12,7 +12,7 @@ import numpy as np
 from tiny_agents import SPECS, TinyOrder, play
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint, fingerprint
-from pyrobocop_pyomo.distributed.mpi_engine import MpiEngine
+from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
 
 
 def main(folder: Path, death: int) -> None:

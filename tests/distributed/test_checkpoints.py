@@ -19,8 +19,8 @@ from hypothesis.extra import numpy as hnp
 from tiny_agents import SPECS, TinySpec, missing_data, play
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint, fingerprint
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
 from pyrobocop_pyomo.errors import CheckpointError
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 ARRAYS = hnp.arrays(
     st.sampled_from([np.float64, np.int64, np.bool_]), hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
@@ -39,20 +39,15 @@ def same(one: dict, other: dict) -> bool:
     number=st.integers(0, 1000),
     states=st.dictionaries(st.text(max_size=12), GROUPS, max_size=3),
     coordinator=GROUPS,
-    facts=st.dictionaries(
-        st.text(max_size=5), st.lists(st.integers() | st.booleans() | st.text(max_size=4)), max_size=3
-    ),
 )
 @settings(max_examples=25)
-def test_round_trip(
-    tmp_path_factory: pytest.TempPathFactory, number: int, states: dict, coordinator: dict, facts: dict
-) -> None:
+def test_round_trip(tmp_path_factory: pytest.TempPathFactory, number: int, states: dict, coordinator: dict) -> None:
     """Any names, types and shapes."""
     path = tmp_path_factory.getbasetemp() / "round_trip.npz"
-    saved = Checkpoint(number, "f" * 64, states, coordinator, facts)
+    saved = Checkpoint(number, "f" * 64, states, coordinator)
     assert saved.save(path) == path
     read = Checkpoint.load(path, "f" * 64)
-    assert (read.round, read.fingerprint, read.facts) == (number, "f" * 64, facts)
+    assert (read.round, read.fingerprint) == (number, "f" * 64)
     assert list(read.states) == list(states)
     assert all(same(read.states[name], states[name]) for name in states)
     assert same(read.coordinator, coordinator)
@@ -76,10 +71,7 @@ def test_a_run_goes_on_from_its_file(tmp_path: Path) -> None:
 
 def test_a_file_is_replaced_at_once_or_not_at_all(tmp_path: Path) -> None:
     path = Checkpoint(1, "a", {"x": {"v": np.ones(3)}}).save(tmp_path / "team.npz")
-    for broken in (
-        Checkpoint(2, "a", {"x": {"v": np.array([{}], dtype=object)}}),
-        Checkpoint(2, "a", {}, facts={"graph": object()}),
-    ):
+    for broken in (Checkpoint(2, "a", {"x": {"v": np.array([{}], dtype=object)}}),):
         with pytest.raises(CheckpointError, match="cannot be saved"):
             broken.save(path)
     assert Checkpoint.load(path).round == 1

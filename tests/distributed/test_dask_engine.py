@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, missing_data, play
 
-from pyrobocop_pyomo.distributed.dask_engine import DaskEngine
-from pyrobocop_pyomo.distributed.engine import AgentFailure
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
 from pyrobocop_pyomo.errors import EngineError
+from pyrobocop_pyomo.execution.dask_engine import DaskEngine
+from pyrobocop_pyomo.execution.engine import AgentFailure
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

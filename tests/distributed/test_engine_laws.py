@@ -11,13 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missing_data, play
 
-from pyrobocop_pyomo.distributed.engine import AgentFailure, Engine, Exchange
-from pyrobocop_pyomo.distributed.engines import find_engine
-from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
-from pyrobocop_pyomo.distributed.sending import build_request
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
-from pyrobocop_pyomo.distributed.worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
 from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.execution.engine import AgentFailure, Engine, Exchange
+from pyrobocop_pyomo.execution.engines import find_engine
+from pyrobocop_pyomo.execution.process_engine import ProcessEngine
+from pyrobocop_pyomo.execution.sending import build_request
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.tasks import Task, run_tasks
+from pyrobocop_pyomo.execution.worker_host import HostedSpec, Lost, Request, WorkerHost
+from pyrobocop_pyomo.modeling.deadline import Deadline
 
 
 class FragileEngine(Engine):
@@ -30,6 +32,7 @@ class FragileEngine(Engine):
         self.fatal = [set(times) for times in deaths]
         self.asked = [0, 0]
         self.hosts = [WorkerHost(), WorkerHost()]
+        self.submitted: list[Request] = []
 
     def _build_request(self, spec: HostedSpec) -> Request:
         return build_request(spec, main_is_known=True)
@@ -37,21 +40,22 @@ class FragileEngine(Engine):
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
         self.homes = {name: i % 2 for i, name in enumerate(specs)}
 
-    def _exchange(self, requests: Sequence[Request]) -> Exchange:
-        answers: dict[str, Answer] = {}
-        lost: dict[str, Lost] = {}
-        for request in requests:
-            home = self.homes[request.agent]
-            if request.agent in lost:
-                continue
-            self.asked[home] += 1
-            if self.asked[home] in self.fatal[home]:
-                self.hosts[home] = WorkerHost()
-                of_home = [name for name in self.homes if self.homes[name] == home]
-                lost.update({name: Lost("on request", at_work=name == request.agent) for name in of_home})
-            else:
-                answers[request.agent] = self.hosts[home].answer(request)
-        return answers, lost
+    def places(self, most: int) -> int:
+        return min(most, 2)
+
+    def submit(self, request: Request) -> None:
+        self.submitted.append(request)
+
+    def wait(self, timeout: float | None = None) -> Exchange:
+        request = self.submitted.pop(0)
+        home = self.homes[request.agent]
+        self.asked[home] += 1
+        if self.asked[home] not in self.fatal[home]:
+            return {request.agent: self.hosts[home].answer(request)}, {}
+        self.hosts[home] = WorkerHost()
+        of_home = [name for name in self.homes if self.homes[name] == home]
+        self.submitted = [other for other in self.submitted if other.agent not in of_home]
+        return {}, {name: Lost("on request", at_work=name == request.agent) for name in of_home}
 
     def _close(self) -> None:
         pass
@@ -89,6 +93,50 @@ def test_states_are_all_that_is_needed_to_go_on(
     second.restore(states)
     if 0 < rounds < 12:
         assert play(second, 12, first=rounds) == undisturbed[rounds:]
+
+
+class Doubling:
+    """A solver of tasks of which each asks for another, until they are large enough."""
+
+    def solve(self, number: int, *, deadline: Deadline) -> int:
+        return 2 * number
+
+
+def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
+    """Results, and keys of tasks that were given up."""
+    results: set[int] = set()
+    given_up: set[str] = set()
+
+    def take(result: int | str) -> list[Task]:
+        if isinstance(result, str):
+            given_up.add(result)
+            return []
+        assert result not in results
+        results.add(result)
+        return [Task(str(result), (result,))] if result < 60 else []
+
+    tasks = [Task(str(number), (number,)) for number in (1, 3, 5, 7)]
+    run_tasks(
+        tasks, take, make=Doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda task: task.key
+    )
+    return results, given_up
+
+
+@given(deaths=st.tuples(*[st.sets(st.integers(2, 30), max_size=4)] * 2))
+@settings(max_examples=60)
+def test_tasks_are_done_once_whatever_workers_die(deaths: tuple[set[int], set[int]]) -> None:
+    """Each task has its result once, unless two workers died of it, and then it and what would follow have none."""
+    engine = FragileEngine(deaths)
+    expected, none = doubled(None)
+    assert not none
+    try:
+        results, given_up = doubled(engine)
+    except EngineError:  # a worker died twice while it was made again
+        assert sum(map(len, deaths)) >= 2
+        return
+    lost = {2 * int(key) * 2**k for key in given_up for k in range(8)}
+    assert results == expected - lost
+    assert sum(map(len, deaths)) >= 2 * len(given_up)
 
 
 def test_what_was_called_is_done_again() -> None:
@@ -261,6 +309,6 @@ def test_unknown_agents_methods_and_engines() -> None:
 @pytest.mark.parametrize(("engine", "extra"), [("dask", r"\[dask\]"), ("mpi", r"\[mpi\]")])
 def test_an_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, engine: str, extra: str) -> None:
     module, available = {"dask": ("dask_engine", "distributed"), "mpi": ("mpi_engine", "mpi")}[engine]
-    monkeypatch.setattr(f"pyrobocop_pyomo.distributed.{module}.{available}_available", False)
+    monkeypatch.setattr(f"pyrobocop_pyomo.execution.{module}.{available}_available", False)
     with pytest.raises(EngineError, match=f"engine '{engine}': .* not installed. Run: .*{extra}"):
         find_engine(engine)

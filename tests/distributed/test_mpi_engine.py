@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tiny_agents import SPECS, play
 
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 pytest.importorskip("mpi4py")
 MPIEXEC = Path(sys.executable).with_name("mpiexec")

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, play
 
-from pyrobocop_pyomo.distributed.engine import AgentFailure
-from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
-from pyrobocop_pyomo.distributed.serial_engine import SerialEngine
 from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.execution.engine import AgentFailure
+from pyrobocop_pyomo.execution.process_engine import ProcessEngine
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 pytestmark = [
     pytest.mark.slow,
@@ -110,7 +110,7 @@ def test_workers_end_with_a_coordinator_that_is_killed(tmp_path: Path) -> None:
         script("""
             import numpy as np
             from tiny_agents import SPECS, TinyOrder
-            from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
+            from pyrobocop_pyomo.execution.process_engine import ProcessEngine
             if __name__ == "__main__":
                 engine = ProcessEngine(workers=2)
                 engine.start(SPECS)
@@ -131,7 +131,7 @@ def test_a_script_that_does_not_protect_its_start_is_told(tmp_path: Path) -> Non
     path.write_text(
         script("""
             from tiny_agents import SPECS
-            from pyrobocop_pyomo.distributed.process_engine import ProcessEngine
+            from pyrobocop_pyomo.execution.process_engine import ProcessEngine
             ProcessEngine(workers=1).start(SPECS)
         """)
     )

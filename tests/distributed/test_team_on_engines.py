@@ -16,8 +16,8 @@ import pytest
 from pushing_team import pushing_team
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.engine import Engine
 from pyrobocop_pyomo.distributed.messages import Order
+from pyrobocop_pyomo.execution.engine import Engine
 
 pytestmark = [pytest.mark.slow, pytest.mark.casadi]
 METHOD = rcp.teams.Hub(rounds=8)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.distributed.engine import Engine
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.execution.engine import Engine
 
 
 def noise(seed: int, size: int) -> np.ndarray:

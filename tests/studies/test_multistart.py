@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
+from pyrobocop_pyomo.execution import sending, tasks
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.studies import worker_pool
 from pyrobocop_pyomo.studies.multistart import RandomStarts
 
 # The function of the same name hides its module from an import statement.
@@ -221,21 +221,10 @@ def test_arguments_that_make_no_sense(arguments, message):
 
 
 @pytest.mark.casadi
-def test_several_processes_give_the_outcomes_of_one_in_their_order() -> None:
-    one, two = two_valleys(), two_valleys()
-    here = rcp.studies.multistart(one, starts=3, progress=False, **QUICK)
-    there = rcp.studies.multistart(two, starts=3, workers=2, progress=False, **QUICK)
-    assert [outcome.start for outcome in there.outcomes] == [outcome.start for outcome in here.outcomes]
-    assert [outcome.values for outcome in there.outcomes] == [outcome.values for outcome in here.outcomes]
-    assert there.remaining == here.remaining == ()
-    assert (two.x.value, two.y.value) == (one.x.value, one.y.value)
-
-
-@pytest.mark.casadi
 def test_a_model_that_cannot_be_sent_is_solved_here_and_the_log_says_why(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(worker_pool, "cloudpickle_available", False)
+    monkeypatch.setattr(sending, "cloudpickle_available", False)
     model = two_valleys()
     model.note = lambda: None
     found = rcp.studies.multistart(model, starts=2, workers=2, progress=False, **QUICK)
@@ -256,8 +245,8 @@ def test_an_exception_names_the_start_that_raised_it(monkeypatch: pytest.MonkeyP
 
 
 def test_all_means_the_cores_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_pool, "available_cores", lambda: 3)
-    assert worker_pool.number_of_workers("all") == 3
+    monkeypatch.setattr(tasks, "available_cores", lambda: 3)
+    assert tasks.number_of_workers("all") == 3
     for wrong in (0, -1, True, 1.5, "some", None):
         with pytest.raises(ModelError, match="workers = .*; expected a number of processes of at least 1, or 'all'"):
-            worker_pool.number_of_workers(wrong)
+            tasks.number_of_workers(wrong)

@@ -155,18 +155,6 @@ def test_the_table_tells_everything(serial: rcp.studies.SequenceRanking) -> None
 
 
 @pytest.mark.casadi
-def test_several_processes_give_what_one_gives(serial: rcp.studies.SequenceRanking) -> None:
-    parallel = rcp.studies.solve_sequences(build, rcp.studies.mode_sequences(GAINS, range(1, 3)), workers=2)
-    assert [outcome.sequence for outcome in parallel] == [outcome.sequence for outcome in serial]
-    for one, other in zip(parallel, serial, strict=True):
-        assert one.verdict == other.verdict
-        assert one.objective == pytest.approx(other.objective, rel=1e-9, nan_ok=True)
-        assert one.result.iterations == other.result.iterations
-        assert one.values == pytest.approx(other.values, abs=1e-9)
-    assert pyo.value(parallel.best_model.effort) == pytest.approx(0.125, rel=1e-6)
-
-
-@pytest.mark.casadi
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_error_is_kept_as_the_reason_and_ranks_last(workers: int) -> None:
     ranking = rcp.studies.solve_sequences(
@@ -321,7 +309,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
     script.write_text(body)
     ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
     assert ended.returncode != 0
-    assert "a worker process ended abruptly. A script must keep its work under 'if __name__" in ended.stderr
+    assert "put the call under 'if __name__" in ended.stderr
 
 
 @pytest.mark.casadi

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -241,23 +240,6 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- several processes
-
-
-def put_pull(m: Any, pull: float) -> None:
-    if pull == 0.123:
-        os.kill(os.getpid(), signal.SIGKILL)
-    m.pull = pull
-
-
-@pytest.mark.casadi
-@pytest.mark.slow
-def test_processes_give_the_same_and_one_that_dies_takes_no_other_case_with_it() -> None:
-    pulls = [*PULLS, 0.123]
-    found = rcp.sweep(spring, pulls, put=put_pull, read=numbers, workers=2, start_from=lambda n: 0 if n else None)
-    here = rcp.sweep(spring, PULLS, put=put_pull, read=numbers, start_from=lambda n: 0 if n else None)
-    assert [outcome.objective for outcome in found][:4] == [outcome.objective for outcome in here]
-    assert [outcome.iterations for outcome in found][:4] == [outcome.iterations for outcome in here]
-    assert found[4].reason == "its process ended abruptly, several times"
 
 
 def test_what_cannot_be_sent_to_a_process_is_said() -> None:

@@ -20,7 +20,7 @@ Move = Callable[[Array], Array]
 KEPT = 8
 
 
-class MovedPlans:
+class ShiftedPlan:
     """Values of a phase read later: what `PhaseValues.sampled` gives for its own trajectory, at other times.
 
     Parameters

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Mapping
 
 from .engine import Engine, Exchange
 from .worker_host import HostedSpec, Request, WorkerHost
@@ -20,13 +21,19 @@ class SerialEngine(Engine):
 
     def __init__(self) -> None:
         super().__init__()
-        self._host = WorkerHost()
+        self._host, self._submitted = WorkerHost(), deque[Request]()
+
+    def submit(self, request: Request) -> None:
+        """Let a request wait for its turn."""
+        self._submitted.append(request)
+
+    def wait(self, timeout: float | None = None) -> Exchange:
+        """Answer the first request."""
+        request = self._submitted.popleft()
+        return {request.agent: self._host.answer(request)}, {}
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        self._host = WorkerHost(specs)
-
-    def _exchange(self, requests: Sequence[Request]) -> Exchange:
-        return {request.agent: self._host.answer(request) for request in requests}, {}
+        self._host, self._submitted = WorkerHost(specs), deque()
 
     def _close(self) -> None:
-        self._host = WorkerHost()
+        self._host, self._submitted = WorkerHost(), deque()

@@ -8,10 +8,6 @@ from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
 from pyrobocop_pyomo.optional_imports import highs_bindings, scipy
 
-from . import multistart, sequences, sweep
-
-__all__ = ["multistart", "sequences", "sweep"]
-
 # Libraries are loaded here, and nothing is solved: a copy is to find no state of any solver.
 with contextlib.suppress(ImportError, OSError, PyRobocopError):
     _ = scipy.optimize.milp, scipy.sparse.csr_array

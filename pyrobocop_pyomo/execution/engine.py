@@ -1,4 +1,4 @@
-"""`Engine`: where the agents of a team live and solve, and how they come back when a worker dies."""
+"""`Engine`: where agents of a team and solvers of a study live, and how they come back when a worker dies."""
 
 from __future__ import annotations
 
@@ -47,6 +47,9 @@ class AgentFailure:
 
 class Engine(ABC):
     """Where the agents of a team live: the same orders give the same reports on every engine.
+
+    Tasks of a study are done there too: then the agents are solvers that differ in nothing but their names
+    (`run_tasks`).
 
     An agent is built where it is solved, and stays there; only orders, reports and states travel. Use an engine as a
     context, or call `stop`: no process outlives it.
@@ -109,15 +112,34 @@ class Engine(ABC):
         """Make homes for these agents."""
 
     @abstractmethod
-    def _exchange(self, requests: Sequence[Request]) -> Exchange:
-        """Have requests answered, at most one per agent, side by side.
+    def submit(self, request: Request) -> None:
+        """Begin with a request, or let it wait where its agent's home is at work; at most one for each agent."""
 
-        Gives the answers, and all agents whose homes have ended: those that were asked and did not answer, those that
-        had answered before, and those that were not asked. One of each home was at work.
+    @abstractmethod
+    def wait(self, timeout: float | None = None) -> Exchange:
+        """Wait until something has come of the requests; both are empty when that takes longer than so many seconds.
+
+        Returns
+        -------
+        tuple of dicts
+            Answers, by agent; and all agents whose homes have ended, also those that had answered before and those that
+            were not asked. One of each home was at work.
         """
 
-    def _rehouse(self, agents: Sequence[str]) -> None:  # noqa: B027  # an engine that loses nobody needs none
+    def respawn(self, agents: Sequence[str]) -> None:  # noqa: B027  # an engine that loses nobody needs none
         """Make new homes for agents that were lost."""
+
+    def interrupt(self) -> Exchange:
+        """Let all solves end as Ctrl-C would, and wait for what they have; nothing where that is not possible."""
+        return {}, {}
+
+    def places(self, most: int) -> int:
+        """How many agents can solve side by side, at most so many."""
+        return 1
+
+    def agreed(self, decision: bool) -> bool:
+        """What is decided by all processes that run the same script, where one asks its own clock."""
+        return decision
 
     @abstractmethod
     def _close(self) -> None:
@@ -249,6 +271,12 @@ class Engine(ABC):
             for name, reply in self._ask(requests).items()
         }
 
+    def build_again(self, agents: Sequence[str]) -> None:
+        """Begin to build agents that were lost as they were first; whoever waits next hears of it."""
+        self.respawn(agents)
+        for name in agents:
+            self.submit(Request(name, "build", self._specs[name]))
+
     def stop(self) -> None:
         """End all workers. What was counted can still be read."""
         self._specs = {}
@@ -299,7 +327,7 @@ class Engine(ABC):
                 else:
                     _LOGGER.warning("agent '%s' is built again: %s", name, loss.reason)
             names = [name for name in lost if name not in given_up]
-            self._rehouse(names)
+            self.respawn(names)
             requests = [
                 Request.of(name, "rebuild", self._specs[name], self._snapshots.get(name), self._asked_since[name])
                 for name in names
@@ -341,7 +369,14 @@ class Engine(ABC):
             return {}, {}
         for request in requests:
             self._count(self.bytes_down, request.agent, len(request.payload))
-        answers, lost = self._exchange(requests)
+        answers: dict[str, Answer] = {}
+        lost: dict[str, Lost] = {}
+        for request in requests:
+            self.submit(request)
+        while any(request.agent not in answers and request.agent not in lost for request in requests):
+            more, gone = self.wait()
+            answers.update(more)
+            lost.update(gone)
         for name, answer in answers.items():
             self._count(self.bytes_up, name, answer.size)
         return answers, lost
@@ -369,9 +404,8 @@ class Engine(ABC):
         value = _opened(reply)
         if not isinstance(value, Raised):
             return value
-        if value.error is not None:
-            error: PyRobocopError = pickle.loads(value.error)
-        else:
+        error = value.original()
+        if not isinstance(error, PyRobocopError):
             error = EngineError(f"agent '{name}' {what}: {value.reason}")
         raise error from RuntimeError(f"in agent '{name}'\n{value.traceback}")
 

@@ -1,4 +1,4 @@
-"""Whether a worker will find what it is sent: builders travel by their names, not by their code."""
+"""Whether a worker will find what it is sent: by name, or by value where cloudpickle is installed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
-from pyrobocop_pyomo.errors import EngineError
+from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.optional_imports import cloudpickle, cloudpickle_available
 
 from .worker_host import HostedSpec, Request
 
@@ -104,3 +105,41 @@ def _parts(value: Any) -> list[tuple[str, Any]]:
         else:
             parts.append((field.name, held))
     return parts
+
+
+def pickled_by_value(thing: Any) -> bytes:
+    """A pickle that holds functions where cloudpickle is installed, and their names where it is not."""
+    return bytes(cloudpickle.dumps(thing)) if cloudpickle_available else pickle.dumps(thing)
+
+
+def check_picklable(things: Mapping[str, Any], *, by_value: bool = False) -> None:
+    """Refuse what cannot be sent to another process.
+
+    Parameters
+    ----------
+    things : mapping of what it is to the thing
+    by_value : bool
+        Whether they are sent by `pickled_by_value`.
+
+    Raises
+    ------
+    ModelError
+        Naming the first that cannot.
+    """
+    with_cloudpickle = ", or install cloudpickle" if by_value and not cloudpickle_available else ""
+    for label, sent in things.items():
+        try:
+            (pickled_by_value if by_value else pickle.dumps)(sent)
+        except Exception as error:
+            raise ModelError(
+                f"{label} cannot be sent to another process ({error}). Define functions at the top level of a module "
+                f"(functools.partial fills in arguments){with_cloudpickle}, or use workers=1."
+            ) from error
+        function = getattr(sent, "func", sent)
+        if by_value and cloudpickle_available:
+            continue
+        if getattr(function, "__module__", "") == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
+            raise ModelError(
+                f"{label} is defined in a notebook or at a prompt, which other processes cannot import. Write it into "
+                "a file next to the notebook and import it from there, or use workers=1."
+            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
@@ -43,34 +43,48 @@ class MpiEngine(Engine):
             )
         self.communicator = mpi.COMM_WORLD if communicator is None else communicator
         self._owners: dict[str, int] = {}
-        self._host = WorkerHost()
+        self._host, self._submitted = WorkerHost(), list[Request]()
 
     @property
     def writes_files(self) -> bool:  # type: ignore[override]
         """Whether this rank is the one that writes files and tells the user."""
         return bool(self.communicator.rank == 0)
 
-    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        self._owners = {name: i % self.communicator.size for i, name in enumerate(specs)}
-        self._host = WorkerHost(specs)
+    def places(self, most: int) -> int:
+        """How many agents can solve side by side: one on each rank."""
+        return min(most, int(self.communicator.size))
 
-    def _exchange(self, requests: Sequence[Request]) -> Exchange:
+    def agreed(self, decision: bool) -> bool:
+        """What rank 0 decides."""
+        return bool(self.communicator.bcast(decision))
+
+    def submit(self, request: Request) -> None:
+        """Let a request wait for those that are answered together with it."""
+        self._submitted.append(request)
+
+    def wait(self, timeout: float | None = None) -> Exchange:
+        """Have all requests answered, those of this rank's agents here. Ranks never differ in what they have heard."""
+        requests, self._submitted = self._submitted, []
         asked = [(request.agent, request.task) for request in requests]
-        answers = {
+        own = {
             request.agent: self._host.answer(request)
             for request in requests
             if self._owners[request.agent] == self.communicator.rank
         }
         gathered: list[tuple[list[tuple[str, str]], dict[str, Answer]]]
-        gathered = self.communicator.allgather((asked, answers))
+        gathered = self.communicator.allgather((asked, own))
         for rank, (theirs, _) in enumerate(gathered):
             if theirs != gathered[0][0]:
                 raise EngineError(
                     f"engine 'mpi': rank 0 asks for {gathered[0][0]}, rank {rank} for {theirs}. All ranks have to "
                     "run the same script with the same data, and nothing in it may depend on time or chance."
                 )
-        found = {name: answer for _, answers in gathered for name, answer in answers.items()}
-        return {request.agent: found[request.agent] for request in requests}, {}
+        answers = {name: answer for _, of_rank in gathered for name, answer in of_rank.items()}
+        return {request.agent: answers[request.agent] for request in requests}, {}
+
+    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
+        self._owners = {name: i % self.communicator.size for i, name in enumerate(specs)}
+        self._host, self._submitted = WorkerHost(specs), []
 
     def _close(self) -> None:
-        self._host = WorkerHost()
+        self._host, self._submitted = WorkerHost(), []

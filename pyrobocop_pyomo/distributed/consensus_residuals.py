@@ -9,7 +9,7 @@ from pyrobocop_pyomo.numerics import Array
 from .messages import PenaltyMatrix
 
 
-class Spread:
+class ConsensusResiduals:
     """How far the agents are apart, and how far what they agree on has moved, for each `Shared`.
 
     Parameters

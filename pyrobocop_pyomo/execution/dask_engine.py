@@ -15,16 +15,15 @@ from uuid import uuid4
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import distributed, distributed_available
-from pyrobocop_pyomo.studies.worker_pool import available_cores
 
 from .engine import Engine, Exchange
-from .process_engine import UNPROTECTED
 from .sending import build_request
 from .worker_host import Answer, HostedSpec, Lost, Request, WorkerHost
+from .worker_process import UNPROTECTED, available_cores
 
 _SECONDS_FOR_HOME = 30.0  # for a worker to appear, and for an actor to be made on it
 _SECONDS_FOR_NEW_WORKER = 3.0  # a nanny starts a new worker in about two
-_SECONDS_BETWEEN_LOOKS = 1.0
+_SECONDS_BETWEEN_LOOKS = 0.1
 _SILENT = logging.CRITICAL
 
 
@@ -86,6 +85,7 @@ class DaskEngine(Engine):
         self._actors: dict[str, Any] = {}
         self._futures: dict[str, Any] = {}  # Dask ends an actor whose future nobody holds
         self._homes: dict[str, str] = {}
+        self._pending: dict[str, Any] = {}  # of agents that were asked: the future, or why there is none
         self._worker_count = 0
 
     @property
@@ -98,17 +98,28 @@ class DaskEngine(Engine):
         return build_request(spec, main_is_known=self.address is None)
 
     def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        if self._given_client is not None:
-            self._client = self._given_client
-        elif self.address is not None:
-            self._client = self._connect(self.address)
-        else:
-            self._cluster = self._local_cluster(min(len(specs), self.workers or available_cores()))
+        self._find_client()
+        if self._client is None:
+            self._cluster = self._local_cluster(self.places(len(specs)))
             self._client = distributed.Client(self._cluster, set_as_default=False)
         workers = self._workers(deadline=time.monotonic() + _SECONDS_FOR_HOME)
         self._worker_count = len(workers)
         self._check_versions()
         self._make_actors({name: workers[i % len(workers)] for i, name in enumerate(specs)})
+
+    def _find_client(self) -> None:
+        """Take the client that was given, or connect to the address that was."""
+        if self._given_client is not None:
+            self._client = self._given_client
+        elif self.address is not None and self._client is None:
+            self._client = self._connect(self.address)
+
+    def places(self, most: int) -> int:
+        """How many agents can solve side by side: one on each worker."""
+        self._find_client()
+        if self._client is None:
+            return min(most, self.workers or available_cores())
+        return min(most, len(self._workers(deadline=time.monotonic() + _SECONDS_FOR_HOME)))
 
     def _connect(self, address: str) -> Any:
         try:
@@ -127,7 +138,7 @@ class DaskEngine(Engine):
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",  # none would take a port that another cluster may have
                 silence_logs=_SILENT,
-                preload=["pyrobocop_pyomo.distributed.dask_worker"],
+                preload=["pyrobocop_pyomo.execution.dask_worker"],
             )
         except (RuntimeError, OSError, TimeoutError) as error:
             raise EngineError(f"engine 'dask': no workers could be started here: {error}. {UNPROTECTED}") from error
@@ -174,41 +185,63 @@ class DaskEngine(Engine):
             except Exception:  # its worker has died meanwhile; the next request finds out
                 self._actors.pop(name, None)
 
-    def _exchange(self, requests: Sequence[Request]) -> Exchange:
-        waiting: dict[str, Any] = {}
+    def submit(self, request: Request) -> None:
+        """Send a request to its agent's worker."""
+        with self._client.as_current():  # where an actor looks for its client when it is first called
+            try:
+                self._pending[request.agent] = self._actors[request.agent].answer(request)
+            except Exception as error:  # a method of a lost actor cannot be called; the type is up to Dask
+                self._pending[request.agent] = error
+
+    def wait(self, timeout: float | None = None) -> Exchange:
+        """Wait for answers and losses."""
+        end = None if timeout is None else time.monotonic() + timeout
         answers: dict[str, Answer] = {}
         lost: dict[str, Lost] = {}
-        with self._client.as_current():  # where an actor looks for its client when it is first called
-            for request in requests:
-                try:
-                    waiting[request.agent] = self._actors[request.agent].answer(request)
-                except Exception as error:  # a method of a lost actor cannot be called; the type is up to Dask
-                    self._lose_home_of(request.agent, error, lost)
-        # A host answers whatever its agent raises, so every exception here is the loss of a worker. Agents of one
-        # worker are solved in the order of their requests: the first one without an answer was at work.
-        for name, future in waiting.items():
-            while name not in answers:
-                try:
-                    answers[name] = future.result(timeout=_SECONDS_BETWEEN_LOOKS)
-                except (TimeoutError, multiprocessing.TimeoutError) as error:
-                    # A worker that is gone, or an actor: of some losses Dask does not tell who waits.
-                    living = self._homes[name] in self._client.nthreads()
-                    if not living or self._futures[name].status != "finished":
-                        self._lose_home_of(name, error, lost)
-                        break
-                except Exception as error:
-                    self._lose_home_of(name, error, lost)
-                    break
+        while self._pending and not answers and not lost:
+            self._look(answers, lost)
+            if end is not None and time.monotonic() > end:
+                break
         return answers, lost
 
-    def _lose_home_of(self, name: str, error: Exception, lost: dict[str, Lost]) -> None:
-        if name not in lost:
-            home = self._homes[name]
-            reason = f"worker {home} was lost ({type(error).__name__}: {error})"
-            of_home = [other for other in self._homes if self._homes[other] == home]
-            lost.update({other: Lost(reason, at_work=other == name) for other in of_home})
+    def _look(self, answers: dict[str, Answer], lost: dict[str, Lost]) -> None:
+        """Take what has come; if there is nothing, wait a moment for the first agent, and look who is still there.
 
-    def _rehouse(self, agents: Sequence[str]) -> None:
+        A host answers whatever its agent raises, so every exception here is the loss of a worker. Agents of one worker
+        are solved in the order of their requests: the first one without an answer was at work.
+        """
+        first = next(iter(self._pending))
+        for name, future in list(self._pending.items()):
+            if name in lost:
+                continue
+            try:
+                if isinstance(future, Exception):
+                    raise future
+                if name == first or future.done():
+                    answers[name] = future.result(timeout=_SECONDS_BETWEEN_LOOKS)
+                    del self._pending[name]
+            except (TimeoutError, multiprocessing.TimeoutError):
+                continue
+            except Exception as error:
+                self._lose_home_of(name, error, lost)
+        if not answers and not lost:
+            # A worker that is gone, or an actor: of some losses Dask does not tell who waits.
+            living = self._client.nthreads()
+            for name in list(self._pending):
+                if name in self._pending and (
+                    self._homes[name] not in living or self._futures[name].status != "finished"
+                ):
+                    self._lose_home_of(name, TimeoutError("no answer"), lost)
+
+    def _lose_home_of(self, name: str, error: Exception, lost: dict[str, Lost]) -> None:
+        home = self._homes[name]
+        reason = f"worker {home} was lost ({type(error).__name__}: {error})"
+        for other in [other for other in self._homes if self._homes[other] == home]:
+            lost.setdefault(other, Lost(reason, at_work=other == name))
+            self._pending.pop(other, None)
+
+    def respawn(self, agents: Sequence[str]) -> None:
+        """Make actors on workers that live, new ones if they come soon."""
         dead = frozenset(self._homes[name] for name in agents)
         for name in agents:
             self._actors.pop(name, None)
@@ -224,7 +257,7 @@ class DaskEngine(Engine):
         self._make_actors(homes)
 
     def _close(self) -> None:
-        self._actors, self._futures, self._homes = {}, {}, {}
+        self._actors, self._futures, self._homes, self._pending = {}, {}, {}, {}
         client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
         if client is not None and client is not self._given_client:
             with contextlib.suppress(Exception):

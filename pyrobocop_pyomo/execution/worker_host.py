@@ -10,8 +10,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pyrobocop_pyomo.errors import PyRobocopError
-
 PROTOCOL = 5  # of pickle: the same everywhere, so that counted bytes can be compared
 
 
@@ -121,7 +119,7 @@ class Raised:
         Its type and its text.
     traceback : str
     error : bytes or None
-        The exception itself, pickled, where it is one of this package's and can be.
+        The exception itself, pickled, where it can be.
     """
 
     reason: str
@@ -131,14 +129,19 @@ class Raised:
     @classmethod
     def of(cls, error: Exception) -> Raised:
         """The form of an exception that is being handled."""
-        packed = None
-        if isinstance(error, PyRobocopError):
-            try:
-                packed = pickle.dumps(error, PROTOCOL)
-                pickle.loads(packed)  # an exception whose arguments are not those of its class fails here only
-            except Exception:
-                packed = None
+        try:
+            packed = pickle.dumps(error, PROTOCOL)
+            pickle.loads(packed)  # an exception whose arguments are not those of its class fails here only
+        except Exception:
+            packed = None
         return cls(f"{type(error).__name__}: {error}", traceback.format_exc(), packed)
+
+    def original(self) -> Exception | None:
+        """The exception itself, where it could be sent and is known here."""
+        try:
+            return None if self.error is None else pickle.loads(self.error)
+        except Exception:
+            return None
 
 
 class WorkerHost:

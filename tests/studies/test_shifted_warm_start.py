@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.studies.moved_plans import MovedPlans
+from pyrobocop_pyomo.studies.shifted_warm_start import ShiftedPlan
 
 
 @pytest.mark.parametrize("scheme", ["radau", "gauss"])
@@ -30,7 +30,7 @@ def test_kept_weights_are_the_polynomials(scheme: str, parametrization: str, adv
     found = {name: random.normal(size=len(nodes.times)) for name, nodes in values.nodes.items()}
     plan = values.trajectory(found, evaluate=False)
     expected = values.sampled(plan, lambda t: t + advance)
-    moved = MovedPlans(b, values)
+    moved = ShiftedPlan(b, values)
     for _ in range(2):  # the second time from what was kept
         ahead = moved.ahead(found, advance)
         assert list(ahead) == list(found)

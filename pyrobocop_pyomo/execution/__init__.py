@@ -1,0 +1,1 @@
+"""Where work is done: engines in this process, in others, on clusters; for teams and for studies."""

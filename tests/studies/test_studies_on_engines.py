@@ -1,0 +1,137 @@
+"""Studies give the same results wherever their solves are done, and survive the death of a worker there."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import EngineError, ModelError
+from pyrobocop_pyomo.execution.tasks import GIVEN_UP
+
+MPIEXEC = Path(sys.executable).with_name("mpiexec")
+PULLS = [0.2, 0.7, 1.4, 2.0]
+posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
+
+
+def spring(pull: float = 1.0) -> pyo.ConcreteModel:
+    """A mass that is pulled against a wall at 1."""
+    m = pyo.ConcreteModel(name="spring")
+    m.pull = pyo.Param(initialize=pull, mutable=True, within=pyo.Reals)
+    m.x = pyo.Var(initialize=0.3, bounds=(-10, 10))
+    m.wall = pyo.Var(initialize=0.2, bounds=(0, None))
+    m.balance = pyo.Constraint(expr=m.x + m.wall == m.pull)
+    m.contact = rcp.Complementarity(expr=rcp.complements(m.wall >= 0, 1 - m.x >= 0))
+    m.cost = pyo.Objective(expr=(m.x - 0.5) ** 2)
+    return m
+
+
+def put_and_die(folder: str | None, times: int, m: Any, pull: float) -> None:
+    """Put a case on the model; the second case takes its worker down, so many times."""
+    m.pull = pull
+    if folder is not None and pull == PULLS[1]:
+        died = len(list(Path(folder).iterdir()))
+        if died < times:
+            (Path(folder) / str(died)).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def read(m: Any, result: Any) -> dict[str, float]:
+    return {"x": m.x.value, "wall": m.wall.value}
+
+
+def swept(engine: Any, folder: str | None = None, deaths: int = 0) -> list[Any]:
+    found = rcp.sweep(spring, PULLS, put=partial(put_and_die, folder, deaths), read=read, engine=engine, progress=False)
+    return [[o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from] for o in found]
+
+
+def started(engine: Any) -> list[Any]:
+    m = spring()
+    found = rcp.studies.multistart(m, 3, seed=2, engine=engine, strategies="tight", progress=False)
+    assert m.x.value == found.best.values[0]
+    assert found.remaining == ()
+    return [[o.start, o.verdict, o.objective, o.values, o.iterations] for o in found]
+
+
+def built(sequence: tuple[str, ...]) -> pyo.ConcreteModel:
+    return spring(float(sequence[0]))
+
+
+def sequenced(engine: Any) -> list[Any]:
+    found = rcp.studies.solve_sequences(built, [("0.2",), ("0.9",), ("3.0",)], engine=engine, progress=False)
+    return [[o.name, o.verdict, o.objective, o.values, o.iterations] for o in found]
+
+
+@pytest.fixture(scope="module")
+def serial() -> list[Any]:
+    return [swept("serial"), started("serial"), sequenced("serial")]
+
+
+def engine_of(name: str) -> rcp.engines.Engine:
+    if name == "dask":
+        pytest.importorskip("distributed")
+        return rcp.engines.DaskEngine(workers=2)
+    return rcp.engines.ProcessEngine(workers=2)
+
+
+@pytest.mark.casadi
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["process", "dask"])
+def test_results_are_those_of_one_process(serial: list[Any], name: str) -> None:
+    engine = engine_of(name)  # which starts anew for each study
+    assert [swept(engine), started(engine), sequenced(engine)] == serial
+
+
+@posix
+@pytest.mark.casadi
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["process", "dask"])
+def test_the_death_of_a_worker_changes_nothing_and_deaths_without_end_one_case(
+    serial: list[Any], name: str, tmp_path: Path
+) -> None:
+    assert swept(engine_of(name), str(tmp_path), deaths=1) == serial[0]
+    (tmp_path / "second").mkdir()
+    lost = swept(engine_of(name), str(tmp_path / "second"), deaths=1000)
+    assert [verdict for _, verdict, *_ in lost] == ["optimal", "error", "optimal", "optimal"]
+    assert [row[:4] for row in lost[:1]] == [row[:4] for row in serial[0][:1]]
+
+
+@posix
+@pytest.mark.casadi
+@pytest.mark.slow
+def test_a_task_that_is_given_up_says_why(tmp_path: Path) -> None:
+    put = partial(put_and_die, str(tmp_path), 1000)
+    found = rcp.sweep(spring, PULLS[:2], put=put, workers=2, start_from=None, progress=False)
+    assert found[1].reason == GIVEN_UP
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.casadi
+@pytest.mark.slow
+@pytest.mark.skipif(not MPIEXEC.exists(), reason="needs the mpiexec of the wheel of MPICH")
+def test_every_rank_of_mpi_has_the_results_of_one_process(serial: list[Any], tmp_path: Path) -> None:
+    pytest.importorskip("mpi4py")
+    script = Path(__file__).with_name("mpi_studies.py")
+    command = [str(MPIEXEC), "-n", "2", sys.executable, "-m", "mpi4py", str(script), str(tmp_path)]
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=300, check=True)
+    for rank in range(2):
+        told = json.loads((tmp_path / f"rank{rank}.json").read_text())
+        assert told == json.loads(json.dumps([*serial, serial[0]]))
+    assert len((tmp_path / "outcomes.jsonl").read_text().splitlines()) == 1 + len(PULLS)
+
+
+def test_an_engine_and_a_number_of_workers_are_one_too_many() -> None:
+    with pytest.raises(ModelError, match="workers = 3 and an engine: give one of them"):
+        rcp.studies.multistart(spring(), 2, workers=3, engine="process")
+    with pytest.raises(EngineError, match="engine = 'ray'; expected 'serial'"):
+        rcp.sweep(spring(), [{"pull": 1.0}], engine="ray")
