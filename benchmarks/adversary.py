@@ -10,63 +10,28 @@ listed with their seeds. With ``--seed`` one of them is repeated in full. The ex
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections import Counter, defaultdict
 from pathlib import Path
 
-from table import Table, show_progress
+from spoilt_trials import chosen_seeds, tabulated
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from adversary.spoilers import SPOILERS
-from adversary.trial import Trial, Verdict, executable_found, tried
+from adversary.trial import Verdict, executable_found, tried
 
-TRIALS, QUICK = 2000, ("scaled_objective", "row_said_twice", "contradiction")
-COLUMNS = [("spoilt by", "<32s"), ("trials", ">6d"), *((verdict.value, ">10d") for verdict in Verdict)]
+QUICK = ("scaled_objective", "row_said_twice", "contradiction")
 
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="two trials of three spoilers")
-    parser.add_argument("--trials", type=int, default=TRIALS, metavar="N", help=f"{TRIALS} by default")
-    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the trials; 0 by default")
-    parser.add_argument("--only", nargs="+", choices=SPOILERS, metavar="SPOILER", help="some of the spoilers")
-    parser.add_argument("--seed", type=int, help="one trial, told in full")
-    arguments = parser.parse_args()
-    if not executable_found():
+    if not executable_found() and not {"-h", "--help"} & set(sys.argv):
         sys.exit("the judge needs the executable of Ipopt: python -m pyrobocop_pyomo build-asl")
-    if arguments.seed is not None:
-        trial = tried(arguments.seed)
-        print(trial)
-        sys.exit(trial.verdict is Verdict.FAULT)
-    chosen = arguments.only or (QUICK if arguments.quick else list(SPOILERS))
-    trials = 2 * len(SPOILERS) if arguments.quick else arguments.trials
-    turn = list(SPOILERS)
-    seeds = range(arguments.first, arguments.first + trials)
-    faults = report([seed for seed in seeds if turn[seed % len(turn)] in chosen])
+    seeds = chosen_seeds(__doc__, SPOILERS, QUICK, tried, Verdict.FAULT)
+    _, faults = tabulated(seeds, tried, SPOILERS, Verdict.FAULT)
+    print(f"\n{len(faults)} faults in {len(seeds)} trials")
     for fault in faults:
         print(" ".join(str(fault).split())[:300])
     sys.exit(bool(faults))
-
-
-def report(seeds: list[int]) -> list[Trial]:
-    """Try them, print the table, and give the faults."""
-    found: dict[str, Counter[Verdict]] = defaultdict(Counter)
-    faults = []
-    for done, seed in enumerate(seeds):
-        show_progress(f"{done} of {len(seeds)}, {len(faults)} faults")
-        trial = tried(seed)
-        found[trial.spoiler][trial.verdict] += 1
-        if trial.verdict is Verdict.FAULT:
-            faults.append(trial)
-    show_progress("")
-    table = Table(COLUMNS)
-    table.header()
-    for name in (name for name in SPOILERS if name in found):
-        table.add(name, found[name].total(), *(found[name][verdict] for verdict in Verdict))
-    print(f"\n{len(faults)} faults in {len(seeds)} trials")
-    return faults
 
 
 if __name__ == "__main__":

@@ -27,6 +27,8 @@ from scipy.interpolate import BarycentricInterpolator
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import PyRobocopError
 
+from .outcome import Trial
+
 RADIUS, CLEARANCE = 0.05, 0.05
 # What a proof may miss of the clearance, and what rounding and the judge's integration may.
 TOLERANCE = 0.01 * CLEARANCE + 1e-6
@@ -72,19 +74,6 @@ class Motion:
     breaks: list[float] = field(default_factory=list)
     delay: float = 0.0
     later: Callable[[], None] = lambda: None
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A seed, and what came of it."""
-
-    seed: int
-    spoiler: str
-    verdict: Verdict
-    told: str
-
-    def __str__(self) -> str:
-        return f"seed {self.seed}: {self.spoiler}: {self.verdict.value}: {self.told}"
 
 
 # ---------------------------------------------------------------------------------------- models

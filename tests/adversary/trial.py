@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import logging
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from pyrobocop_pyomo.errors import PyRobocopError
 
 from .judge import BETTER, Judge
 from .models import PROBLEMS, Problem, objective_of
+from .outcome import Trial
 from .spoilers import SPOILERS, Law, Spoilt
 
 
@@ -26,29 +26,6 @@ class Verdict(enum.Enum):
     NAMED = "named"
     AGREED = "agreed"
     FAULT = "fault"
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A seed, and what came of it.
-
-    Attributes
-    ----------
-    seed : int
-    spoiler, problem : str
-    verdict : Verdict
-    told : str
-        What the package says, or what is wrong with its answer.
-    """
-
-    seed: int
-    spoiler: str
-    problem: str
-    verdict: Verdict
-    told: str
-
-    def __str__(self) -> str:
-        return f"seed {self.seed}: {self.problem}, {self.spoiler}: {self.verdict.value}: {self.told}"
 
 
 def spoilt_by(seed: int) -> tuple[str, Problem, Spoilt | PyRobocopError]:
@@ -80,7 +57,7 @@ def tried(seed: int) -> Trial:
         )
     finally:
         logging.disable(level)
-    return Trial(seed, name, problem.name, verdict, told)
+    return Trial(seed, name, verdict, told, problem.name)
 
 
 def _judged(problem: Problem, spoilt: Spoilt, seed: int) -> tuple[Verdict, str]:
