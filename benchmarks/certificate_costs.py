@@ -22,11 +22,11 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from known_mpccs import mpcc_problems
 from nonsmooth_problems import PROBLEMS
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problems
 from pyrobocop_pyomo.mpcc import active_set
 from pyrobocop_pyomo.solving import in_process_session, polish
 

@@ -24,11 +24,11 @@ from pathlib import Path
 from typing import Any
 
 import pyomo.environ as pyo
+from known_mpccs import mpcc_problem
 from nonsmooth_problems import PROBLEMS
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 from pyrobocop_pyomo.solving.in_process_session import InProcessSession

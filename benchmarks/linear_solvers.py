@@ -24,12 +24,12 @@ from pathlib import Path
 
 import pyomo.environ as pyo
 from cart_pole_ways import stated_as_phase, stated_with_pyomo_dae, transcribed_by_pyomo_dae
+from known_mpccs import mpcc_problem
 from nonsmooth_problems import PROBLEMS as NONSMOOTH
 from table import Table, show_progress
 from textbook_problems import PROBLEMS as TEXTBOOK
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 
 COLUMNS = [
     ("problem", "<28"), ("iterations", ">10d"), ("ldl", ">6d"), ("systems, s", ">10.3f"), ("ldl", ">8.3f"),

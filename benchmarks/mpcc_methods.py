@@ -32,11 +32,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from known_mpccs import MpccProblem, mpcc_problems
 from mpcc_ways import METHODS, Effort
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problems
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mpcc_catalogue.point_check import Point, PointCheck

@@ -201,7 +201,7 @@ class RuleTemplate:
         return self._asked(block, more) is not None
 
     def _asked(self, block: Any, more: tuple[Any, ...]) -> _Formulas | None:
-        home = home_of(block)
+        home = block_behind(block)
         grid = getattr(getattr(home, "record", None), "grid", None)
         if self._home() is not home or self._grid is not grid:
             # What a rule says may hold variables of its model, and points of its mesh.
@@ -216,14 +216,14 @@ _QUESTIONS_OF_TYPES = frozenset({"isinstance", "type", "issubclass"})
 _COMPARED = 2
 
 
-def home_of(block: Any) -> Any:
+def block_behind(block: Any) -> Any:
     """The block itself, also of a proxy."""
     return block._block if isinstance(block, BlockProxy) else block
 
 
 def is_on_indices(block: Any) -> bool:
     """Whether ``t`` is an index on a block, or on a proxy of one, because the time is to be found."""
-    return getattr(getattr(home_of(block), "record", None), "normalised", False) is True
+    return getattr(getattr(block_behind(block), "record", None), "normalised", False) is True
 
 
 def templated(rule: Callable[..., Any] | None) -> RuleTemplate | None:

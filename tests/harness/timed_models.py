@@ -12,10 +12,10 @@ from types import ModuleType
 from typing import Any
 
 import pyomo.environ as pyo
+from known_mpccs import mpcc_problem
+from known_mpccs.generated import _crossed
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
-from pyrobocop_pyomo.catalogue.generated import _crossed
 from pyrobocop_pyomo.errors import HomotopyStalled, SensitivityError
 
 from .belt_drive import belt_drive

@@ -9,8 +9,8 @@ import pyomo.environ as pyo
 import pytest
 from harness.dense_inertia import check
 from harness.random_matrices import Matrix
+from known_mpccs import mpcc_problems
 
-from pyrobocop_pyomo.catalogue import mpcc_problems
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram

@@ -13,7 +13,6 @@ PROGRAM = """
     import logging
     import pyomo.environ as pyo
     import pyrobocop_pyomo as rcp
-    from pyrobocop_pyomo.catalogue import mpcc_problem
     from pyrobocop_pyomo.linear_solver import find_linear_solver
 
     assert find_linear_solver() is None
@@ -36,7 +35,10 @@ PROGRAM = """
     motion.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     assert abs(rcp.solve(motion, progress=False).objective - 12.0) < 1e-6
 
-    pairs = mpcc_problem("ralph1").build()
+    pairs = pyo.ConcreteModel()
+    pairs.x, pairs.y = pyo.Var(bounds=(0, None), initialize=1.0), pyo.Var(bounds=(0, None), initialize=1.0)
+    pairs.pair = rcp.Complementarity(rule=rcp.complements(pairs.x >= 0, pairs.y >= 0))
+    pairs.cost = pyo.Objective(expr=(pairs.x - 1) ** 2 + (pairs.y - 2) ** 2)
     assert rcp.solve(pairs, progress=False).solved
 """
 

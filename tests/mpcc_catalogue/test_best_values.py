@@ -6,11 +6,11 @@ import math
 
 import pyomo.environ as pyo
 import pytest
+from known_mpccs import MpccProblem, mpcc_problem, mpcc_problems
+from known_mpccs.equilibrium import FIRMS
 from scipy.optimize import brentq, minimize_scalar
 
 import pyrobocop_pyomo.ipopt.in_process  # noqa: F401  (registers the solver)
-from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problem, mpcc_problems
-from pyrobocop_pyomo.catalogue.equilibrium import FIRMS
 
 from .branches import Branching, branch_and_bound, enumerate_branches
 from .point_check import PointCheck, read_pairs

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pyomo.environ as pyo
 import pytest
-
-from pyrobocop_pyomo.catalogue import MpccProblem, mpcc_problem, mpcc_problems
+from known_mpccs import MpccProblem, mpcc_problem, mpcc_problems
 
 from .point_check import PointCheck, read_pairs
 
@@ -71,10 +67,3 @@ def test_an_entry_cannot_contradict_itself() -> None:
         MpccProblem("odd", pyo.ConcreteModel, None)
     with pytest.raises(ValueError, match=r"feasible is False and best is 1\.0"):
         MpccProblem("odd", pyo.ConcreteModel, 1.0, feasible=False)
-
-
-@pytest.mark.heavy
-def test_the_package_does_not_import_the_catalogue() -> None:
-    code = "import sys, pyrobocop_pyomo; print('pyrobocop_pyomo.catalogue' in sys.modules)"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert ended.stdout.strip() == "False"

@@ -17,9 +17,9 @@ from harness.observed_runs import (
     use_processor_time,
 )
 from harness.timed_models import crossed_pairs
+from known_mpccs import mpcc_problem
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving.polish import EXPLORED_SECONDS

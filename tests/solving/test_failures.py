@@ -14,11 +14,11 @@ import pyomo.environ as pyo
 import pytest
 from harness.belt_drive import belt_drive
 from harness.observed_runs import LinearProgram, before_linear_programs, interrupt_run, observe_options
+from known_mpccs import mpcc_problem
 from test_interruptions import swing
 from test_robust_procedure import LOOSE, RANK, Broken, without_derivative
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 from pyrobocop_pyomo.errors import HomotopyStalled
 
 solve = partial(rcp.solve, progress=False)

@@ -8,11 +8,11 @@ import pyomo.environ as pyo
 import pytest
 from harness.observed_runs import interrupt_run
 from harness.timed_models import sequence_of_pushes
+from known_mpccs import mpcc_problem
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import TerminationCondition
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.solving import PersistentNLP
 

@@ -14,9 +14,9 @@ import pytest
 from harness.belt_drive import belt_drive
 from harness.expression_zoo import cart_pole
 from harness.timed_models import crossed_pairs, example
+from known_mpccs import mpcc_problem
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError
 from pyrobocop_pyomo.ipopt import ipopt_run
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus

@@ -8,9 +8,9 @@ import pyomo.environ as pyo
 import pytest
 from harness.observed_runs import Options, observe_options
 from harness.scenes import avoiding, turning_move
+from known_mpccs import mpcc_problem
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.catalogue import mpcc_problem
 
 BACKENDS = [
     pytest.param("asl", marks=pytest.mark.asl),

@@ -1,8 +1,8 @@
 """Mathematical programs with complementarity constraints whose solutions are known, for tests and benchmarks.
 
-Not imported by the package itself::
+For scripts of this folder, and for tests::
 
-    from pyrobocop_pyomo.catalogue import mpcc_problem, mpcc_problems
+    from known_mpccs import mpcc_problem, mpcc_problems
 
     problem = mpcc_problem("ralph1")
     model = problem.build()
