@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.expr.numvalue import native_types, value
 
 from .expression_nodes import (
     CALL,
@@ -93,13 +93,13 @@ class StraightLine:
         pending = [expression]
         while pending:
             node = pending[-1]
-            if node.__class__ in native_numeric_types or id(node) in self._names:
+            if node.__class__ in native_types or id(node) in self._names:
                 pending.pop()
                 continue
             leaf = self._is_leaf(node)
             arguments = () if leaf else node.args
             self._kept.append(arguments)  # nodes are known by their ids: they have to live on
-            unknown = [a for a in arguments if a.__class__ not in native_numeric_types and id(a) not in self._names]
+            unknown = [a for a in arguments if a.__class__ not in native_types and id(a) not in self._names]
             if unknown:
                 pending += reversed(unknown)
                 continue
@@ -114,7 +114,7 @@ class StraightLine:
         return kind_of_node(node.__class__) == LEAF
 
     def _known_name(self, node: Any) -> str:
-        return self._number(node) if node.__class__ in native_numeric_types else self._names[id(node)]
+        return self._number(node) if node.__class__ in native_types else self._names[id(node)]
 
     def _number(self, given: Any) -> str:
         number = float(given)

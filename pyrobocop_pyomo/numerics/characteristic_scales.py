@@ -118,7 +118,8 @@ def row_scales(scales: Array, entries: GroupedEntries, right_hand_sides: Array) 
     -------
     float array, shape (groups of rows,)
     """
-    terms = np.abs(entries.values) * scales[entries.column_groups[entries.columns]]
+    with np.errstate(over="ignore"):  # what is not finite does not count
+        terms = np.abs(entries.values) * scales[entries.column_groups[entries.columns]]
     largest = np.zeros(entries.row_groups.size)
     for at_point in terms:
         good = np.isfinite(at_point)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pyomo.core.expr.relational_expr import RelationalExpression
 
-from pyrobocop_pyomo.errors import TranscriptionError
+from pyrobocop_pyomo.errors import TrajectoryError, TranscriptionError
 from pyrobocop_pyomo.modeling.blocks import snapshot_of
 from pyrobocop_pyomo.modeling.copied_rules import copied_rule
 from pyrobocop_pyomo.modeling.expression_arrays import array
@@ -41,6 +41,10 @@ class Statement:
 
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time; where it is a template it is called once."""
+        if self.rule is None:
+            raise TrajectoryError(
+                f"the rule '{self.name}' did not survive pickling. Define it at the top level of a module."
+            )
         return self._template(block, t, *more)
 
     def is_template(self, block: Any, *more: Any) -> bool:

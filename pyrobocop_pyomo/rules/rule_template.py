@@ -177,9 +177,9 @@ class RuleTemplate:
     def __call__(self, block: Any, t: Any, *more: Any) -> Any:
         """What the rule says at a time, on the model or on a proxy of it."""
         formulas = self._asked(block, more)
-        if t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
-            t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
         on_model = not isinstance(block, BlockProxy)
+        if on_model and t.__class__ in numvalue.native_numeric_types and is_on_indices(block):
+            t = TimeIndex(t, f"the rule '{getattr(self.rule, '__name__', type(self.rule).__name__)}'", block)
         if formulas is None or (on_model and getattr(self.rule, "skips_points", False)):
             return self.rule(block, t, *more)
         try:

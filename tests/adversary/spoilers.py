@@ -352,22 +352,6 @@ def no_number(problem: Problem, random: Random) -> Spoilt | None:
     return Spoilt(m, Law.DOUBTED)
 
 
-def index_taken_for_time(problem: Problem, random: Random) -> Spoilt | None:
-    """The index ``t`` of a phase with a free duration, which runs from 0 to 1, is used as the time."""
-
-    def changed(kind: str, rule: Any) -> Any:
-        def later(b: Any, t: Any) -> Any:
-            if not b.has_free_duration:
-                return rule(b, t)
-            return {state: rate * (1 + 0.2 * t) for state, rate in rule(b, t).items()}
-
-        return later
-
-    with _rules(changed, "ode"):
-        m = problem.build()
-    return Spoilt(m, Law.DOUBTED) if any(b.has_free_duration for b in rcp.phases_of(m)) else None
-
-
 SPOILERS: dict[str, Spoiler] = {
     spoiler.__name__: spoiler
     for spoiler in (
@@ -375,7 +359,7 @@ SPOILERS: dict[str, Spoiler] = {
         row_dropped, component_dropped, other_name_read, index_shifted, other_phase_read, negated_cost, bound_forgotten,
         unbounded, start_forgotten, cost_forgotten_for_a_part, contradiction, start_beyond_a_bound,
         start_beyond_a_path_constraint, start_inside_the_floor, phases_not_joined, not_discretised, pairs_not_relaxed,
-        other_model_read, no_number, index_taken_for_time,
+        other_model_read, no_number,
     )
 }  # fmt: skip
 

@@ -233,10 +233,10 @@ def an_initial_value_that_is_set_later(m: Any, followed: bool) -> None:
         b.x.initial = 0.2
 
 
-@refused("ode 'o'", "uses t as a number", "index that runs from 0 to 1", "b.time_at(t)")
-def an_index_taken_for_the_time(m: Any, followed: bool) -> None:
+@refused("ode 'o'", "uses t as a number", "In formulas of Pyomo's functions t is the time", "pyo.sin(t)")
+def a_number_of_a_time_that_is_to_be_found(m: Any, followed: bool) -> None:
     b = cart(m, duration=rcp.Duration(bounds=(1, 3), initial_guess=2))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + pyo.sin(b.time_at(t) if followed else t)}, name="o")
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + (pyo.sin(t) if followed else math.sin(t))}, name="o")
 
 
 @refused("ode 'o'", "reads 'p.v' of another model, 'leader'", "Put both into one model")

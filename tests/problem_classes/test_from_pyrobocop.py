@@ -207,9 +207,9 @@ def test_shape_and_pose_give_the_corners_back(problem):
 
 
 def test_poses_are_affine_where_they_can_be():
-    kinds = [type(body.pose).__name__ for body in bodies_of(SwappingBoxes).values()]
+    kinds = [type(body.pose.rule).__name__ for body in bodies_of(SwappingBoxes).values()]
     assert kinds == ["AffinePose", "AffinePose"]
-    assert type(bodies_of(Links)["object1"].pose).__name__ == "PoseOfCorners"
+    assert type(bodies_of(Links)["object1"].pose.rule).__name__ == "PoseOfCorners"
 
 
 # -------------------------------------------------------------------- what is refused
