@@ -149,7 +149,8 @@ def test_step_maps_are_templates_with_the_states_before() -> None:
 def test_a_copy_reads_the_copy() -> None:
     b = phase()
     b.ode(lambda _, t: {"x": b.model().p.k * b.u[t]})
-    twin = copy.deepcopy(b.model()).p
+    copied = copy.deepcopy(b.model())
+    twin = copied.p
     for model in (b, twin):
         model.u.set_values(dict.fromkeys(model.u, 1.0))
         model.v.set_values(dict.fromkeys(model.v, 0.0))
