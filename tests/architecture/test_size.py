@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
 import pytest
 from code_lines import c_code_lines, code_lines, python_code_lines
 
+from .sources import ROOT as PACKAGE_ROOT
+from .sources import trees
+
 ROOT = Path(__file__).parents[2]
+LARGEST_SHARE = 0.12
 
 PACKAGE = {
     ".": 482, "car_paths": 1333, "complementarity": 2694, "continuous": 2271, "diagnosis": 1398,
@@ -19,7 +24,7 @@ PACKAGE = {
     "solving": 4319, "studies": 2395, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
-    ".": 83, "adversary": 1073, "architecture": 474, "benchmarks": 255, "car_paths": 623, "catalogue": 910,
+    ".": 83, "adversary": 1073, "architecture": 485, "benchmarks": 255, "car_paths": 623, "catalogue": 910,
     "complementarity": 3091, "continuous": 1209, "diagnosis": 427, "discretisation": 436, "distributed": 1357,
     "docs": 1731, "estimation": 305, "examples": 803, "extension_templates": 181, "geometry": 963, "harness": 841,
     "ipopt": 1115, "linear_solver": 531, "mechanics": 1620, "mistakes": 554, "modeling": 918, "motion": 1652,
@@ -51,6 +56,16 @@ def test_a_budget_that_is_no_longer_needed_is_lowered(part: str) -> None:
         if lines.get(folder, 0) < 0.97 * budget - 10
     }
     assert not loose, f"folder: (budget, lines) {loose}"
+
+
+def test_no_folder_holds_more_than_its_share_of_the_lines() -> None:
+    """Then it holds more than one subject: divide it."""
+    lines: Counter[str] = Counter()
+    for path in trees():
+        lines[path.parts[0]] += len((PACKAGE_ROOT / path).read_text(encoding="utf-8").splitlines())
+    shares = {folder: count / lines.total() for folder, count in lines.most_common()}
+    too_large = {folder: f"{share:.1%}" for folder, share in shares.items() if share > LARGEST_SHARE}
+    assert not too_large, f"more than {LARGEST_SHARE:.0%} of {lines.total()} lines: {too_large}"
 
 
 def test_docstrings_comments_and_blank_lines_do_not_count() -> None:
