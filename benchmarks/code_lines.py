@@ -1,6 +1,6 @@
 """Lines of code per folder: without docstrings, comments and blank lines, C included.
 
-    python benchmarks/code_lines.py [--root FOLDER]
+    python benchmarks/code_lines.py [--root FOLDER] [--quick]
 
 `tests/architecture/test_size.py` holds each folder of the package and of the tests below its budget, which only falls.
 """
@@ -55,9 +55,10 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--root", type=Path, default=ROOT, help="a checkout, such as one of another commit")
-    root = parser.parse_args().root
-    for part in ("pyrobocop_pyomo", "tests", "benchmarks", "examples"):
-        lines = code_lines(root / part)
+    parser.add_argument("--quick", action="store_true", help="the package only")
+    arguments = parser.parse_args()
+    for part in ("pyrobocop_pyomo",) if arguments.quick else ("pyrobocop_pyomo", "tests", "benchmarks", "examples"):
+        lines = code_lines(arguments.root / part)
         print(f"{part:20} {sum(lines.values()):7,d}")
         for name, number in sorted(lines.items(), key=lambda item: -item[1]):
             print(f"    {name:16} {number:7,d}")

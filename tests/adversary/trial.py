@@ -28,12 +28,13 @@ class Verdict(enum.Enum):
     FAULT = "fault"
 
 
-def spoilt_by(seed: int) -> tuple[str, Problem, Spoilt | PyRobocopError]:
+def spoilt_by(seed: int, spoiler: str | None = None) -> tuple[str, Problem, Spoilt | PyRobocopError]:
     """What a seed stands for: the spoiler, the problem, and the model or its refusal.
 
-    The spoilers take turns; the problem is the first, in an order by chance, that has what is to be spoilt.
+    The spoilers take turns unless one is named, and a named one has the same case when another joins the list. The
+    problem is the first, in an order by chance, that has what is to be spoilt.
     """
-    name = list(SPOILERS)[seed % len(SPOILERS)]
+    name = spoiler or list(SPOILERS)[seed % len(SPOILERS)]
     random = np.random.default_rng(seed)
     for place in random.permutation(len(PROBLEMS)):
         problem = list(PROBLEMS.values())[place]
@@ -46,12 +47,12 @@ def spoilt_by(seed: int) -> tuple[str, Problem, Spoilt | PyRobocopError]:
     raise AssertionError(f"no problem has anything for '{name}'")
 
 
-def tried(seed: int) -> Trial:
+def tried(seed: int, spoiler: str | None = None) -> Trial:
     """Spoil, solve and judge."""
     level = logging.root.manager.disable
     logging.disable(logging.ERROR)  # Pyomo tells of each value out of bounds, and of each model that it cannot write
     try:
-        name, problem, spoilt = spoilt_by(seed)
+        name, problem, spoilt = spoilt_by(seed, spoiler)
         verdict, told = (
             (Verdict.REFUSED, str(spoilt)) if isinstance(spoilt, PyRobocopError) else _judged(problem, spoilt, seed)
         )

@@ -30,6 +30,18 @@ def run_quick(name: str, *arguments: str) -> str:
     return ended.stdout
 
 
+def test_import_costs_seconds_and_modules() -> None:
+    row = run_quick("import_time").splitlines()[-1].split()
+    assert row[0] == "pyrobocop_pyomo"
+    assert float(row[1]) > 0.0
+    assert int(row[2]) > 0
+
+
+def test_code_lines_of_each_folder() -> None:
+    rows = run_quick("code_lines").splitlines()
+    assert any(row.split()[0] == "phases" for row in rows if row.split())
+
+
 def test_treatments_of_planar_pushing() -> None:
     table = run_quick("planar_pushing_treatments")
     for treatment in ("(i) ", "(ii) ", "(iii) ", "(iv) ", "(v) ", "default of rcp.solve"):

@@ -43,7 +43,7 @@ def test_every_namespace_is_in_the_table() -> None:
     assert [name for name in namespaces if f"`rcp.{name}`" not in table] == []
 
 
-@pytest.mark.parametrize("folder", ["complementarity", "mpcc", "solving", "catalogue"])
+@pytest.mark.parametrize("folder", ["complementarity", "mpcc", "solving"])
 def test_every_name_that_a_folder_offers_is_in_the_reference(folder: str) -> None:
     shown = {path.rpartition(".")[2] for path in shown_paths()}
     assert set(importlib.import_module(f"pyrobocop_pyomo.{folder}").__all__) <= shown
