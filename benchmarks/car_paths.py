@@ -31,7 +31,7 @@ def starts(case: str, count: int) -> list[tuple[float, float, float]]:
         turn = 0.25 if len(found) % 2 else math.pi
         pose = (float(rng.uniform(-10, 10)), float(rng.uniform(6.5, 9.5)), float(rng.uniform(-turn, turn)))
         shapes = CASES[case]["obstacles"].values()
-        distances = [rcp.geometry.signed_distance(CAR, shape, rcp.planar_pose(*pose)).distance for shape in shapes]
+        distances = [rcp.scenes.signed_distance(CAR, shape, rcp.planar_pose(*pose)).distance for shape in shapes]
         if min(distances) >= CLEARANCE:
             found.append(pose)
     return found
@@ -48,7 +48,7 @@ def main() -> None:
     for case, scene in CASES.items():
         for start in starts(case, count):
             began = time.process_time()
-            path = rcp.initial_guesses.hybrid_a_star(
+            path = rcp.scenes.hybrid_a_star(
                 start, scene["goal"], body=CAR, obstacles=scene["obstacles"], wheelbase=WHEELBASE,
                 steering_limit=STEERING, bounds=BOX, clearance=CLEARANCE, time_limit=600.0,
             )  # fmt: skip

@@ -40,7 +40,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 import planar_pushing
 
-PATH = rcp.schedules.Geometric(first=1.0, factor=0.1, last=1e-8)
+PATH = rcp.relaxations.Geometric(first=1.0, factor=0.1, last=1e-8)
 OPTIONS = IpoptOptions(default={"max_iter": 500, "bound_relax_factor": 0.0})
 CATALOGUE = ("kth3", "bard2", "oligopoly 1.1, 60", "crossed qpec 4x12", "gripper", "string over a floor 31",
              "planted qpec 8x30", "membrane 12x12")  # fmt: skip

@@ -32,7 +32,7 @@ CENTRES = 4842
 Measured = tuple[float, float, float, int, float]  # build, solve, megabytes, iterations, objective
 
 
-def written_out(mean: rcp.learning.GaussianProcessMean) -> Any:
+def written_out(mean: rcp.GaussianProcessMean) -> Any:
     """The mean as an expression in Pyomo."""
     weights = (mean.signal**2 * mean.weights).tolist()
     centres, lengths = mean.centres.tolist(), mean.length_scales.tolist()

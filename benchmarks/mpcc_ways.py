@@ -121,7 +121,7 @@ def cold_continuation(model: Any, backend: str, limit: float) -> Effort:
     until = time.perf_counter() + limit
     iterations = 0
     with _relaxed(model, delta=1.0) as delta:
-        for step in rcp.schedules.Geometric(1.0, 0.1, 1e-8).steps():
+        for step in rcp.relaxations.Geometric(1.0, 0.1, 1e-8).steps():
             delta.set_value(step)
             effort = ipopt(model, backend, max(0.1, until - time.perf_counter()), {"bound_relax_factor": 0.0})
             iterations += effort.iterations
@@ -130,12 +130,12 @@ def cold_continuation(model: Any, backend: str, limit: float) -> Effort:
 
 def warm_continuation(model: Any, backend: str, limit: float) -> Effort:
     """The same path, warm-started with multipliers, by ``rcp.solve``."""
-    return _solve(model, backend, limit, schedule=rcp.schedules.Geometric())
+    return _solve(model, backend, limit, schedule=rcp.relaxations.Geometric())
 
 
 def tight(model: Any, backend: str, limit: float) -> Effort:
     """One solve with delta = 1e-8 from the given start."""
-    return _solve(model, backend, limit, schedule=rcp.schedules.Fixed(1e-8))
+    return _solve(model, backend, limit, schedule=rcp.relaxations.Fixed(1e-8))
 
 
 def _solve(model: Any, backend: str, limit: float, **choices: Any) -> Effort:
@@ -155,7 +155,7 @@ def _relaxed(model: Any, delta: float) -> Iterator[Any]:
 
 def _with_relaxation(word: str) -> Callable[..., Effort]:
     def method(model: Any, backend: str, limit: float) -> Effort:
-        return _solve(model, backend, limit, relaxation=word, schedule=rcp.schedules.Geometric())
+        return _solve(model, backend, limit, relaxation=word, schedule=rcp.relaxations.Geometric())
 
     return method
 

@@ -31,14 +31,14 @@ from pyrobocop_pyomo.complementarity.schedules import Superlinear
 WAYS: dict[str, dict[str, Any]] = {
     "default": {},
     "barrier": {"strategies": "barrier"},
-    "x 0.1": {"schedule": rcp.schedules.Geometric(first=1.0, factor=0.1, last=1e-8)},
+    "x 0.1": {"schedule": rcp.relaxations.Geometric(first=1.0, factor=0.1, last=1e-8)},
     "superlinear": {"schedule": Superlinear(first=1.0, last=1e-8)},
-    "1e-8": {"schedule": rcp.schedules.Fixed(1e-8)},
+    "1e-8": {"schedule": rcp.relaxations.Fixed(1e-8)},
 }
 # Name: how the model is built, grouping.
 WRITINGS: dict[str, tuple[dict[str, bool], Any]] = {
     "pair": ({}, "pair"),
-    "crossed": ({"moving": True}, rcp.groupings.Crossed(left_end="first")),
+    "crossed": ({"moving": True}, rcp.relaxations.Crossed(left_end="first")),
     "detected": ({"detect": True}, "pair"),
 }
 

@@ -24,7 +24,7 @@ import pyrobocop_pyomo as rcp
 
 Points = list[tuple[float, float]]
 Pose = tuple[float, float, float]
-CAR = rcp.parking.ParkingCar()
+CAR = rcp.scenes.ParkingCar()
 LENGTH, WIDTH = CAR.wheelbase + CAR.front_overhang + CAR.rear_overhang, CAR.width
 
 
@@ -79,7 +79,7 @@ def clutter(seed: int, number: int, *, size: float = 30.0, concave: bool = False
         if concave and len(obstacles) % 3 == 0:
             shape = bracket(float(x), float(y), 1.6, float(rng.uniform(0, 6)))
         hull = rcp.Polytope.hull(shape)
-        if all(rcp.geometry.signed_distance(hull, rcp.Polytope.hull(other)).distance > 1.5 for other in keep):
+        if all(rcp.scenes.signed_distance(hull, rcp.Polytope.hull(other)).distance > 1.5 for other in keep):
             obstacles.append(shape)
     return start, goal, obstacles
 
@@ -216,8 +216,8 @@ def main() -> None:
         if numbers and number not in numbers:
             continue
         began = time.process_time()
-        case = rcp.parking.ParkingCase.from_numbers(make(), name=name)
-        m = rcp.parking.parking_model(case)
+        case = rcp.scenes.ParkingCase.from_numbers(make(), name=name)
+        m = rcp.scenes.parking_model(case)
         built = time.process_time() - began
         result = rcp.solve(m, time_limit=120.0)
         seconds.append(time.process_time() - began)

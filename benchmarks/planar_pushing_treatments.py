@@ -23,18 +23,18 @@ import pyrobocop_pyomo as rcp
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from planar_pushing import GOALS, build
 
-FOLLOW_MU = rcp.schedules.FollowBarrier(factor=1.0)
-CONTINUED = rcp.schedules.Geometric(first=1e-4, factor=0.1, last=1e-8)
+FOLLOW_MU = rcp.relaxations.FollowBarrier(factor=1.0)
+CONTINUED = rcp.relaxations.Geometric(first=1e-4, factor=0.1, last=1e-8)
 
 TREATMENTS = {
-    "(i)   pair, 1e-4": {"grouping": "pair", "schedule": rcp.schedules.Fixed(1e-4)},
+    "(i)   pair, 1e-4": {"grouping": "pair", "schedule": rcp.relaxations.Fixed(1e-4)},
     "(i)   pair, 1e-4 to 1e-8": {"grouping": "pair", "schedule": CONTINUED},
-    "(ii)  element, 1e-4": {"grouping": "element", "schedule": rcp.schedules.Fixed(1e-4)},
+    "(ii)  element, 1e-4": {"grouping": "element", "schedule": rcp.relaxations.Fixed(1e-4)},
     "(ii)  element, 1e-4 to 1e-8": {"grouping": "element", "schedule": CONTINUED},
     "(iii) pair, delta = mu": {"grouping": "pair", "schedule": FOLLOW_MU},
     "(iv)  element, delta = mu": {"grouping": "element", "schedule": FOLLOW_MU},
-    "(v)   penalty, weight 1e4": {"relaxation": "penalty", "schedule": rcp.schedules.Fixed(1e-4)},
-    "(v)   penalty, weight 10": {"relaxation": "penalty", "schedule": rcp.schedules.Fixed(0.1)},
+    "(v)   penalty, weight 1e4": {"relaxation": "penalty", "schedule": rcp.relaxations.Fixed(1e-4)},
+    "(v)   penalty, weight 10": {"relaxation": "penalty", "schedule": rcp.relaxations.Fixed(0.1)},
     "default of rcp.solve": {},
 }
 

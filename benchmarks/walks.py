@@ -181,13 +181,13 @@ def walk_of_delta() -> set[str]:
     """The number of `Fixed`."""
     delta = float("1.2345e-7")  # an object that nothing else is
     with watched(delta) as files:
-        rcp.solve(lift(), schedule=rcp.schedules.Fixed(delta), progress=False)
+        rcp.solve(lift(), schedule=rcp.relaxations.Fixed(delta), progress=False)
     return files
 
 
 def walk_of_schedule() -> set[str]:
     """A `Fixed`."""
-    schedule = rcp.schedules.Fixed(1e-7)
+    schedule = rcp.relaxations.Fixed(1e-7)
     with watched(schedule) as files:
         rcp.solve(lift(), schedule=schedule, progress=False)
     return files

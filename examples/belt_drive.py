@@ -244,7 +244,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
         if first:
             lower = np.column_stack([getattr(trajectory, f"lower_{AXES[i]}") for i in seen])
         left, right = row.subfigures(1, 2)
-        rcp.drawing.draw_linkage(
+        rcp.scenes.draw_linkage(
             trajectory.time, np.stack([lower, upper], axis=1), title=f"{m.name}: {phase.local_name} task", figure=left
         )
         left.axes[0].set(xlabel=f"{across} [m]", ylabel="z [m]")

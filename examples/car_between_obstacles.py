@@ -87,7 +87,7 @@ def build(case: str = "one", elements: int | None = None, between: str | None = 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """The car among the obstacles."""
-    rcp.drawing.draw_avoidance(m.drive.avoid, title=m.name, figure=figure)
+    rcp.scenes.draw_avoidance(m.drive.avoid, title=m.name, figure=figure)
 
 
 if __name__ == "__main__":

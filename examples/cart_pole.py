@@ -59,9 +59,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     cart = np.stack([trajectory.position, np.zeros_like(trajectory.position)], axis=-1)
     tip = cart + LENGTH * np.stack([np.sin(trajectory.theta), -np.cos(trajectory.theta)], axis=-1)
     left, right = figure.subfigures(1, 2)
-    rcp.drawing.draw_linkage(
-        trajectory.time, np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title=m.name, figure=left
-    )
+    rcp.scenes.draw_linkage(trajectory.time, np.stack([cart, tip], axis=1), cart=(0.3, 0.15), title=m.name, figure=left)
     trajectory.plot({"position": "cart [m]", "theta": "angle [rad]", "force": "force [N]"}, figure=right)
 
 

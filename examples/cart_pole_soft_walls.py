@@ -97,7 +97,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     cart = np.stack([trajectory.x, np.zeros_like(trajectory.x)], axis=-1)
     tip = cart + LENGTH * np.stack([-np.sin(trajectory.theta), np.cos(trajectory.theta)], axis=-1)
     above, below = figure.subfigures(2, 1, height_ratios=(1.2, 1))
-    rcp.drawing.draw_linkage(
+    rcp.scenes.draw_linkage(
         trajectory.time, np.stack([cart, tip], axis=1), cart=(0.1, 0.05), title=m.name, figure=above
     )
     for wall in (-WALL, WALL):

@@ -95,7 +95,7 @@ def pose_of(car: str):
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """Both cars, and their speeds over time."""
     left, right = figure.subfigures(1, 2, width_ratios=(1.4, 1))
-    rcp.drawing.draw_avoidance(m.traffic.avoid, snapshots=9, title=m.name, figure=left)
+    rcp.scenes.draw_avoidance(m.traffic.avoid, snapshots=9, title=m.name, figure=left)
     m.traffic.trajectory().plot({f"v_{car}": f"speed {car} [m/s]" for car in ROUTES}, figure=right)
 
 

@@ -264,7 +264,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     plans = plans_of(m)
     time, bodies = m.score.paths(plans)
     above, below = figure.subfigures(2, 1, height_ratios=(2.4, 1))
-    rcp.drawing.draw_scene(time, bodies, snapshots=14, title=m.name, view=((-3.1, -2.0), (3.1, 2.0)), figure=above)
+    rcp.scenes.draw_scene(time, bodies, snapshots=14, title=m.name, view=((-3.1, -2.0), (3.1, 2.0)), figure=above)
     field = above.axes[0]
     for (left, right), (low, high) in HOMES.values():
         field.plot([left, right, right, left, left], [low, low, high, high, low], color="0.6", linewidth=1, zorder=0)

@@ -95,7 +95,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     joined = rcp.join_trajectories(m.pushes.values())
     touched = [contact(FACES[face], push.place.value) for (_, face), push in m.pushes.items()]
     above, below = figure.subfigures(2, 1, height_ratios=(1.7, 1))
-    rcp.drawing.draw_planar_pushing(
+    rcp.scenes.draw_planar_pushing(
         joined.time,
         np.column_stack([joined.x, joined.y, joined.theta]),
         np.concatenate(

@@ -73,7 +73,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     for phase, snapshots, (above, below) in zip((m.first, m.second), (10, 5), places.T, strict=True):
         trajectory = phase.trajectory()
         pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
-        rcp.drawing.draw_planar_pushing(
+        rcp.scenes.draw_planar_pushing(
             trajectory.time,
             pose,
             np.tile(CONTACTS[phase.local_name], (len(pose), 1)),

@@ -62,7 +62,7 @@ def build(
 ) -> pyo.ConcreteModel:
     """From the street into the slot in little time."""
     goal, obstacles = CASES[case]["goal"], CASES[case]["obstacles"]
-    path = rcp.initial_guesses.hybrid_a_star(
+    path = rcp.scenes.hybrid_a_star(
         start,
         goal,
         body=CAR,
@@ -108,7 +108,7 @@ def build(
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """The car on its way into the slot, with speed and steering below."""
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
-    rcp.drawing.draw_avoidance(m.drive.avoid, snapshots=14, title=m.name, figure=above)
+    rcp.scenes.draw_avoidance(m.drive.avoid, snapshots=14, title=m.name, figure=above)
     m.drive.trajectory().plot({"v": "speed [m/s]", "steering": "steering [rad]"}, figure=below)
 
 

@@ -47,7 +47,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     trajectory = m.swing.trajectory()
     tip = LENGTH * np.stack([np.sin(trajectory.theta), -np.cos(trajectory.theta)], axis=-1)
     left, right = figure.subfigures(1, 2)
-    rcp.drawing.draw_linkage(trajectory.time, np.stack([np.zeros_like(tip), tip], axis=1), title=m.name, figure=left)
+    rcp.scenes.draw_linkage(trajectory.time, np.stack([np.zeros_like(tip), tip], axis=1), title=m.name, figure=left)
     trajectory.plot({"theta": "angle [rad]", "omega": "rate [rad/s]", "torque": "torque [N m]"}, figure=right)
 
 

@@ -66,7 +66,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     pose = np.column_stack([trajectory.x, trajectory.y, trajectory.theta])
     contact = SLIDER.half_side * np.column_stack([-np.ones_like(trajectory.contact), trajectory.contact])
     above, below = figure.subfigures(2, 1, height_ratios=(2.2, 1))
-    rcp.drawing.draw_planar_pushing(
+    rcp.scenes.draw_planar_pushing(
         trajectory.time, pose, contact, half_side=SLIDER.half_side, title=m.name, figure=above
     )
     trajectory.plot({"contact": "contact [-]", "normal": "normal [N]"}, figure=below)

@@ -71,8 +71,8 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     rotation = flip @ np.array([turned(*row) for row in angles]) @ flip
     place = np.column_stack([trajectory.x, trajectory.y, trajectory.z]) @ flip
     left, right = figure.subfigures(1, 2, width_ratios=(1.3, 1))
-    path = rcp.drawing.BodyPath(BODY, rotation, place, "quadrotor")
-    rcp.drawing.draw_scene(trajectory.time, [path], snapshots=9, title=m.name, figure=left)
+    path = rcp.scenes.BodyPath(BODY, rotation, place, "quadrotor")
+    rcp.scenes.draw_scene(trajectory.time, [path], snapshots=9, title=m.name, figure=left)
     labels = {"roll": "roll [rad]", "pitch": "pitch [rad]", "thrust": "thrust [N]", "pitch_torque": "pitch [N m]"}
     trajectory.plot(labels, figure=right)
 

@@ -113,7 +113,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     """The flight, and the angles over time."""
     above, below = figure.subfigures(2, 1, height_ratios=(2.4, 1))
     view = [(-2, -1.2, -1.2), (2, 1.2, 1.2)]
-    rcp.drawing.draw_avoidance(m.flight.avoid, snapshots=8, view=view, title=m.name, figure=above)
+    rcp.scenes.draw_avoidance(m.flight.avoid, snapshots=8, view=view, title=m.name, figure=above)
     m.flight.trajectory().plot({"roll": "roll [rad]", "pitch": "pitch [rad]"}, figure=below)
 
 

@@ -44,7 +44,7 @@ def build(elements: int = 16) -> pyo.ConcreteModel:
     """From rest to rest in two seconds."""
     m = pyo.ConcreteModel(name="robot arm")
     m.reach = b = rcp.PhaseBlock(duration=2.0, elements=elements, stages=2)
-    robot = rcp.robots.from_urdf(URDF, {joint: joint for joint in START})
+    robot = rcp.scenes.from_urdf(URDF, {joint: joint for joint in START})
     for joint, limits in robot.limits.items():
         setattr(b, joint, rcp.State(initial=START[joint], final=GOAL[joint], bounds=limits))
         setattr(b, f"{joint}_rate", rcp.State(initial=0, final=0, bounds=(-2, 2)))
@@ -68,7 +68,7 @@ def build(elements: int = 16) -> pyo.ConcreteModel:
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """The arm over the box, and the joints over time."""
     left, right = figure.subfigures(1, 2, width_ratios=[3, 2])
-    rcp.drawing.draw_avoidance(m.reach.avoid, snapshots=6, title=m.name, figure=left)
+    rcp.scenes.draw_avoidance(m.reach.avoid, snapshots=6, title=m.name, figure=left)
     degrees = {joint: f"{joint} [rad]" for joint in START}
     m.reach.trajectory().plot(degrees, figure=right)
 

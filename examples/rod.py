@@ -200,7 +200,7 @@ def draw_plans(figure, score: planar.Score, plans: Mapping[str, Mapping[str, np.
     time, bodies = score.paths(plans)
     above, below = figure.subfigures(2, 1, height_ratios=(2.0, 1))
     snapshots = 7 if len(bodies) < 10 else 4
-    rcp.drawing.draw_scene(time, bodies, snapshots=snapshots, title=title, figure=above)
+    rcp.scenes.draw_scene(time, bodies, snapshots=snapshots, title=title, figure=above)
     normal, tangential = below.subplots(1, 2, sharex=True)
     for name, plan in plans.items():
         if "me.c" in plan and plan["me.c"].max() > 0.1:

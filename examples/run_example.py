@@ -83,7 +83,7 @@ def run_example(
         for avoid in model.block_data_objects(active=True):
             if arguments.animate and isinstance(avoid, ObstacleAvoidanceBlockData):
                 film = arguments.output / f"{source.stem}_{name}.gif"
-                print(f"animation: {rcp.drawing.animate_avoidance(avoid, film, title=model.name)}")
+                print(f"animation: {rcp.scenes.animate_avoidance(avoid, film, title=model.name)}")
         if arguments.animate and animate is not None:
             print(f"animation: {animate(model, arguments.output / f'{source.stem}_{name}.gif')}")
         print()
@@ -100,7 +100,7 @@ def run_example(
 
 
 def facts_of(
-    m: pyo.ConcreteModel, result: rcp.SolveResult | rcp.teams.TeamResult, checks: Sequence[rcp.results.Verification]
+    m: pyo.ConcreteModel, result: rcp.SolveResult | rcp.teams.TeamResult, checks: Sequence[rcp.Verification]
 ) -> dict[str, Any]:
     """Size of a solved model and what came out, as numbers and words; given the checks of its phases.
 

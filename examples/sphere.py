@@ -214,7 +214,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     plans = plans_of(m)
     time, bodies = m.score.paths(plans)
     above, below = figure.subfigures(2, 1, height_ratios=(2.0, 1))
-    rcp.drawing.draw_scene(time, bodies, snapshots=3, title=m.name, figure=above)
+    rcp.scenes.draw_scene(time, bodies, snapshots=3, title=m.name, figure=above)
     height, force = below.subplots(1, 2)
     height.plot(time, bodies[0].translation[:, 2], color="black")
     height.set_ylabel("height of the ball [m]")

@@ -77,7 +77,7 @@ def accelerations(q2, dq1, dq2, shoulder, elbow):
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """Both links around the box, and the joints over time."""
     left, right = figure.subfigures(1, 2)
-    rcp.drawing.draw_avoidance(m.reach.avoid, snapshots=10, title=m.name, figure=left)
+    rcp.scenes.draw_avoidance(m.reach.avoid, snapshots=10, title=m.name, figure=left)
     labels = {"q1": "q1 [rad]", "q2": "q2 [rad]", "shoulder": "shoulder [N m]", "elbow": "elbow [N m]"}
     m.reach.trajectory().plot(labels, figure=right)
 

@@ -1,15 +1,14 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
-What nearly every script uses is here. The rest is in namespaces: `drawing`, `engines`, `errors`, `estimation`,
-`formulations`, `geometry`, `groupings`, `initial_guesses`, `ipopt`, `learning`, `mechanics`, `parking`, `relaxations`,
-`results`, `robots`, `schedules`, `schemes` and `studies`.
+What nearly every script uses is here. The rest is in namespaces: `errors`, `estimation`, `ipopt`, `mechanics`,
+`relaxations`, `scenes`, `schemes`, `studies` and `teams`.
 """
 
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pyrobocop_pyomo import errors, groupings, relaxations, schedules, schemes, solvers_on_demand
+from pyrobocop_pyomo import errors, relaxations, schemes, solvers_on_demand
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements, either_zero
 from pyrobocop_pyomo.continuous import dae_trajectory
@@ -33,68 +32,49 @@ from pyrobocop_pyomo.phases import (
 from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
 
 if TYPE_CHECKING:
-    from pyrobocop_pyomo import (
-        drawing,
-        engines,
-        estimation,
-        formulations,
-        geometry,
-        initial_guesses,
-        ipopt,
-        learning,
-        mechanics,
-        parking,
-        results,
-        robots,
-        studies,
-        teams,
-    )
-    from pyrobocop_pyomo.diagnosis import diagnose
+    from pyrobocop_pyomo import estimation, ipopt, mechanics, scenes, studies, teams
+    from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
     from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
     from pyrobocop_pyomo.distributed.team import Team
     from pyrobocop_pyomo.estimation.estimate import estimate
     from pyrobocop_pyomo.geometry import Polytope, planar_pose, spatial_pose
-    from pyrobocop_pyomo.motion import Body, TablePath
+    from pyrobocop_pyomo.motion import Body, SafetyReport, TablePath
+    from pyrobocop_pyomo.mpcc import Certificate, Stationarity
+    from pyrobocop_pyomo.numerics.gaussian_process import GaussianProcessMean
     from pyrobocop_pyomo.obstacles import Containment, FreeClearance, ObstacleAvoidanceBlock, verify_motion
+    from pyrobocop_pyomo.phases import Verification
     from pyrobocop_pyomo.planning import solve
     from pyrobocop_pyomo.problem_classes import from_pyrobocop, solution_arrays
-    from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason, Strategy
+    from pyrobocop_pyomo.solving import ActiveSide, PairReport, Quality, SolveResult, StopReason, Strategy
     from pyrobocop_pyomo.studies.sweep import sweep
 
 # What states a problem is loaded at once; what reads obstacles, solves, studies or draws, when it is first used: a
 # program that only builds models starts in half the time. The solvers' names are known to Pyomo all the same.
 solvers_on_demand.register()
-_NAMESPACES_ON_DEMAND = {
-    "drawing",
-    "engines",
-    "estimation",
-    "formulations",
-    "geometry",
-    "initial_guesses",
-    "ipopt",
-    "learning",
-    "mechanics",
-    "parking",
-    "results",
-    "robots",
-    "studies",
-    "teams",
-}
+_NAMESPACES_ON_DEMAND = {"estimation", "ipopt", "mechanics", "scenes", "studies", "teams"}
 _HOMES_ON_DEMAND = {
+    "ActiveSide": "solving",
     "Agent": "distributed.agents",
     "Body": "motion",
+    "Certificate": "mpcc",
     "Containment": "obstacles",
+    "Diagnosis": "diagnosis",
     "FreeClearance": "obstacles",
+    "GaussianProcessMean": "numerics.gaussian_process",
     "KeepApart": "distributed.agents",
     "ObstacleAvoidanceBlock": "obstacles",
+    "PairReport": "solving",
     "Polytope": "geometry",
     "Quality": "solving",
+    "SafetyReport": "motion",
     "Shared": "distributed.agents",
     "SolveResult": "solving",
+    "Stationarity": "mpcc",
     "StopReason": "solving",
     "Strategy": "solving",
     "TablePath": "motion",
     "Team": "distributed.team",
+    "Verification": "phases",
     "diagnose": "diagnosis",
     "estimate": "estimation.estimate",
     "from_pyrobocop": "problem_classes",
@@ -107,62 +87,60 @@ _HOMES_ON_DEMAND = {
 }
 
 __all__ = [
+    "ActiveSide",
     "Agent",
     "Algebraic",
     "Body",
+    "Certificate",
     "Complementarity",
     "Containment",
     "Control",
+    "Diagnosis",
     "Duration",
     "FreeClearance",
     "Function",
+    "GaussianProcessMean",
     "KeepApart",
     "Link",
     "ObstacleAvoidanceBlock",
+    "PairReport",
     "Parameter",
     "PhaseBlock",
     "Polytope",
     "Quality",
+    "SafetyReport",
     "Shared",
     "SolveResult",
     "Start",
     "State",
+    "Stationarity",
     "StopReason",
     "Strategy",
     "Table",
     "TablePath",
     "Team",
     "Trajectory",
+    "Verification",
     "__version__",
     "active_pairs",
     "array",
     "complements",
     "dae_trajectory",
     "diagnose",
-    "drawing",
     "either_zero",
-    "engines",
     "errors",
     "estimate",
     "estimation",
-    "formulations",
     "from_pyrobocop",
-    "geometry",
-    "groupings",
-    "initial_guesses",
     "ipopt",
     "join_trajectories",
     "label_measurements",
-    "learning",
     "mechanics",
-    "parking",
     "phases_of",
     "planar_pose",
     "relaxations",
     "remesh_phases",
-    "results",
-    "robots",
-    "schedules",
+    "scenes",
     "schemes",
     "solution_arrays",
     "solve",

@@ -1,15 +1,25 @@
-"""How a complementarity pair is relaxed: values of `relaxation=`, and protocols for relaxations of your own.
+"""How complementarity pairs are relaxed, grouped into rows, and driven to zero: values of three options, and protocols.
 
 ::
 
     pyrobocop_pyomo.solve(model, relaxation=pyrobocop_pyomo.relaxations.FischerBurmeister())
+
+The names of this module are values of `relaxation=`, of `grouping=` (which products share one row) and of `schedule=`
+(how the relaxation parameter delta shrinks), and the protocols for your own.
 """
 
 from pyrobocop_pyomo.complementarity import (
+    AllPairs,
     AugmentedLagrangian,
+    BarrierSchedule,
     ChenHarkerKanzowSmale,
+    Crossed,
     Elastic,
     FischerBurmeister,
+    Fixed,
+    FollowBarrier,
+    Geometric,
+    Grouping,
     Kadrani,
     KanzowSchwartz,
     KeepsBounds,
@@ -17,17 +27,29 @@ from pyrobocop_pyomo.complementarity import (
     LinFukushima,
     ObjectiveTerm,
     Penalty,
+    PerElement,
+    PerPair,
+    PerPhase,
     Relaxation,
+    Schedule,
     Scholtes,
     SteffensenUlbrich,
+    Superlinear,
     TwoSided,
 )
 
 __all__ = [
+    "AllPairs",
     "AugmentedLagrangian",
+    "BarrierSchedule",
     "ChenHarkerKanzowSmale",
+    "Crossed",
     "Elastic",
     "FischerBurmeister",
+    "Fixed",
+    "FollowBarrier",
+    "Geometric",
+    "Grouping",
     "Kadrani",
     "KanzowSchwartz",
     "KeepsBounds",
@@ -35,8 +57,13 @@ __all__ = [
     "LinFukushima",
     "ObjectiveTerm",
     "Penalty",
+    "PerElement",
+    "PerPair",
+    "PerPhase",
     "Relaxation",
+    "Schedule",
     "Scholtes",
     "SteffensenUlbrich",
+    "Superlinear",
     "TwoSided",
 ]

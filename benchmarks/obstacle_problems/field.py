@@ -54,7 +54,7 @@ def near_pairs(obstacles: int = 20, seed: int = 0, length: float = 1.0) -> list[
     line = rcp.Polytope.from_vertices([START[:2], GOAL[:2]], allow_flat=True).padded(BODY.reach)
     shapes = _shapes(obstacles, seed)
     return [
-        ("body", name) for name, shape in shapes.items() if rcp.geometry.signed_distance(line, shape).distance < length
+        ("body", name) for name, shape in shapes.items() if rcp.scenes.signed_distance(line, shape).distance < length
     ]
 
 
@@ -67,11 +67,11 @@ def _shapes(obstacles: int, seed: int) -> dict[str, rcp.Polytope]:
         size, turn = rng.uniform(0.3, 0.8), rng.uniform(0, 2 * np.pi)
         shape = rcp.Polytope.regular_polygon(int(rng.integers(3, 7)), size, center=rng.uniform(0, 10, 2))
         spun = shape.placed(_turned_about(shape.center, turn))
-        if all(rcp.geometry.signed_distance(spun, other).distance > 1.0 for other in [*found.values(), *ends]):
+        if all(rcp.scenes.signed_distance(spun, other).distance > 1.0 for other in [*found.values(), *ends]):
             found[f"obstacle {len(found) + 1}"] = spun
     return found
 
 
-def _turned_about(center: np.ndarray, angle: float) -> rcp.geometry.Pose:
+def _turned_about(center: np.ndarray, angle: float) -> rcp.scenes.Pose:
     to, back = rcp.planar_pose(*center.tolist()), rcp.planar_pose(*(-center).tolist())
     return to @ rcp.planar_pose(0, 0, angle) @ back

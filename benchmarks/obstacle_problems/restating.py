@@ -60,7 +60,7 @@ def sampled_distance(avoid: Any, per_interval: int = 20) -> float:
                 for name, body in scene.bodies.items()
             }
             for p, q in scene.part_pairs():
-                near = rcp.geometry.signed_distance(p.shape, q.shape, poses[p.body], poses[q.body])
+                near = rcp.scenes.signed_distance(p.shape, q.shape, poses[p.body], poses[q.body])
                 smallest = min(smallest, near.distance)
     return float(smallest)
 

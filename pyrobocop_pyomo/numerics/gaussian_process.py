@@ -51,7 +51,7 @@ class GaussianProcessMean:
     Examples
     --------
     >>> import numpy as np
-    >>> from pyrobocop_pyomo.learning import GaussianProcessMean
+    >>> from pyrobocop_pyomo import GaussianProcessMean
     >>> x = np.linspace(0, 6, 30)[:, None]
     >>> mean = GaussianProcessMean.fit(x, np.sin(x[:, 0]), length_scales=[1.5], noise=1e-3)
     >>> sine = mean.as_function("sine")

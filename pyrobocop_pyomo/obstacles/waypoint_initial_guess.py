@@ -41,7 +41,7 @@ def waypoint_initial_guess(
     ::
 
         waypoints = {"x": [0, 2, 4], "y": [0, 1, 0], "theta": [0, 0, 1]}
-        phase.initialize(rcp.initial_guesses.waypoint_initial_guess(phase, waypoints, even_in="xy"))
+        phase.initialize(rcp.scenes.waypoint_initial_guess(phase, waypoints, even_in="xy"))
     """
     fraction = horizon_fraction(phase)
     values = {_name(phase, key): np.array(numbers, dtype=float) for key, numbers in waypoints.items()}

@@ -47,8 +47,8 @@ def colliding_guess(model: Any, guess: VariableValues, blocks: Sequence[Obstacle
     apart = f"overlap {-worst.distance:.3g}" if worst.distance < 0 else f"distance {worst.distance:.3g}"
     return (
         f"The initial guess collides: '{worst.first}' with '{worst.second}', {apart} at t = {worst.time:.3g}. "
-        "Start from a motion that is clear. For a car: path = rcp.initial_guesses.hybrid_a_star(start, goal, "
+        "Start from a motion that is clear. For a car: path = rcp.scenes.hybrid_a_star(start, goal, "
         f"body=..., obstacles=...), then {phase}.initialize(path.initial_guess({phase}, speed=...)). Otherwise "
-        f"{phase}.initialize(rcp.initial_guesses.waypoint_initial_guess({phase}, "
+        f"{phase}.initialize(rcp.scenes.waypoint_initial_guess({phase}, "
         '{"x": [...], "y": [...]})) through points that are clear, or rcp.studies.multistart(model).'
     )

@@ -61,7 +61,7 @@ def advice_on_motion(safety: SafetyReport) -> str:
         return f"The plan keeps its clearances, and what its equations make of it may not. {safety.equations}"
     return (
         f"No motion was found that keeps its clearances; the closest: {safety.worst}. Give an initial "
-        "guess that is clear of obstacles: for a car, rcp.initial_guesses.hybrid_a_star(start, goal, body=..., "
+        "guess that is clear of obstacles: for a car, rcp.scenes.hybrid_a_star(start, goal, body=..., "
         "obstacles=..., ...) finds a path; otherwise rcp.studies.multistart(model) tries several. Or say where to pass "
         "by initialize(directions=...), refine the mesh, or keep a smaller clearance. With between=None nothing is "
         "checked between the points. There may be no such motion."

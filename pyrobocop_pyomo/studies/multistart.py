@@ -112,7 +112,7 @@ def multistart(
         model that can be pickled; where it cannot, a warning says why, and all is done in this process. A script has
         to keep its work under ``if __name__ == "__main__":``, since each process imports it.
     engine : str or Engine, optional
-        Where the starts are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.engines`, as for
+        Where the starts are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as for
         teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     time_limit : float, optional
         Seconds, for all starts together.

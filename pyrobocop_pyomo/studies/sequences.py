@@ -220,7 +220,7 @@ def solve_sequences(
         at the top level of a module (or a `functools.partial` of such), and a script whose work stands under
         ``if __name__ == "__main__":``, since each process imports it.
     engine : str or Engine, optional
-        Where the sequences are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.engines`, as
+        Where the sequences are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as
         for teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     time_limit : float, optional
         Seconds, for all sequences together.

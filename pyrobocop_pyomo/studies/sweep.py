@@ -154,7 +154,7 @@ def sweep(
         `read`, and a script whose work stands under ``if __name__ == "__main__":``. In a notebook these functions have
         to be imported from a file.
     engine : str or Engine, optional
-        Where the cases are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.engines`, as for
+        Where the cases are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as for
         teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
     file : str or Path, optional
         Where outcomes are written as they come. A sweep that finds its file goes on behind what is in it, also after a

@@ -19,34 +19,38 @@ import pyrobocop_pyomo as rcp
 
 ROOT = Path(rcp.__file__).parent
 
-NAMESPACES = """
-    drawing engines errors estimation formulations geometry groupings initial_guesses ipopt learning mechanics
-    parking relaxations results robots schedules schemes studies teams
-"""
+NAMESPACES = "errors estimation ipopt mechanics relaxations scenes schemes studies teams"
 
 PUBLIC = {
     "": """
-        Agent Algebraic Body Complementarity Containment Control Duration FreeClearance Function KeepApart Link
-        ObstacleAvoidanceBlock Parameter PhaseBlock Polytope Quality Shared SolveResult Start State StopReason Strategy
-        Table TablePath Team Trajectory __version__ active_pairs array complements dae_trajectory diagnose either_zero
-        estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose remesh_phases solution_arrays
-        solve spatial_pose sweep verify_motion
+        ActiveSide Agent Algebraic Body Certificate Complementarity Containment Control Diagnosis Duration
+        FreeClearance Function GaussianProcessMean KeepApart Link ObstacleAvoidanceBlock PairReport Parameter
+        PhaseBlock Polytope Quality SafetyReport Shared SolveResult Start State Stationarity StopReason Strategy
+        Table TablePath Team Trajectory Verification __version__ active_pairs array complements dae_trajectory
+        diagnose either_zero estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose
+        remesh_phases solution_arrays solve spatial_pose sweep verify_motion
     """,
-    "drawing": """
-        AnimationFile BodyPath animate_avoidance animate_scene draw_avoidance draw_linkage draw_planar_pushing
-        draw_scene
+    "relaxations": """
+        AllPairs AugmentedLagrangian BarrierSchedule ChenHarkerKanzowSmale Crossed Elastic FischerBurmeister
+        Fixed FollowBarrier Geometric Grouping Kadrani KanzowSchwartz KeepsBounds KeepsMultipliers LinFukushima
+        ObjectiveTerm Penalty PerElement PerPair PerPhase Relaxation Schedule Scholtes SteffensenUlbrich
+        Superlinear TwoSided
     """,
-    "engines": """
-        AgentFailure Checkpoint DaskEngine Engine HostedProblem HostedSpec MpiEngine ProcessEngine SerialEngine
-        find_engine fingerprint
+    "scenes": """
+        AnimationFile BodyPath CarPath CarSearch CarTiming DescribedRobot Dual Formulation Mixed Offset
+        Optimality ParkingCar ParkingCase Plane Pose SignedDistance TurningPlane animate_avoidance animate_scene
+        cover_occupancy_grid cover_point_cloud decompose draw_avoidance draw_linkage draw_planar_pushing
+        draw_scene from_urdf hybrid_a_star parking_model signed_distance waypoint_initial_guess
+    """,
+    "teams": """
+        AgentFailure BalancedPenalties BarrierPath BarrierRounds Checkpoint ConsensusResiduals ConstantBarrier
+        ConstantPenalties Coordination DaskEngine Engine GrowingPenalties HostedProblem HostedSpec Hub
+        LocalProblem MergedModel Method MpiEngine Order PenaltyMatrix PenaltyRestart PenaltyRounds Physics
+        PlanScore PlanningStep ProblemFacts ProblemSpec ProcessEngine QuantityFacts Report Round SerialEngine
+        Sova TargetedPenalties TeamHorizon TeamResult TeamState find_engine fingerprint merge_agents
     """,
     "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
-    "formulations": "Dual Formulation Mixed Offset Optimality Plane TurningPlane",
-    "geometry": "Pose SignedDistance cover_occupancy_grid cover_point_cloud decompose signed_distance",
-    "groupings": "AllPairs Crossed Grouping PerElement PerPair PerPhase",
-    "initial_guesses": "CarPath CarSearch CarTiming hybrid_a_star waypoint_initial_guess",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable linear_solver_options",
-    "learning": "GaussianProcessMean",
     "mechanics": """
         AbsoluteValue CoulombFriction CoulombSlip DeadZone HardWall LimitSurface Maximum Minimum PhysicalScore
         PointContact Saturation ScoreLimits Sign SignalLaw SlidingFriction SoftWall SquareSlider Step StribeckFriction
@@ -56,24 +60,6 @@ PUBLIC = {
         Capsule Contact Disc DiscRobot GroundFriction PlanarGap RigidBody RoundedBox Score ViscousDrag
     """,
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score SpatialGap Sphere SphereRobot",
-    "parking": "ParkingCar ParkingCase parking_model",
-    "relaxations": """
-        AugmentedLagrangian ChenHarkerKanzowSmale Elastic FischerBurmeister Kadrani KanzowSchwartz KeepsBounds
-        KeepsMultipliers LinFukushima ObjectiveTerm Penalty Relaxation Scholtes SteffensenUlbrich TwoSided
-    """,
-    "results": """
-        ActiveSide BodyPairSafety Certificate Diagnosis DiscretisationEstimate Iterate JoinedTrajectory LeastViolation
-        Multipliers Obstruction PairReport PhaseEstimate SafetyReport ScalingRecord Standing Stationarity Verification
-        Violation
-    """,
-    "teams": """
-        BalancedPenalties BarrierPath BarrierRounds ConstantBarrier ConstantPenalties Coordination GrowingPenalties Hub
-        LocalProblem MergedModel Method Order PenaltyMatrix PenaltyRounds Physics ProblemFacts ProblemSpec QuantityFacts
-        Report PenaltyRestart Round PlanScore Sova ConsensusResiduals TargetedPenalties TeamHorizon TeamResult
-        TeamState PlanningStep merge_agents
-    """,
-    "robots": "DescribedRobot from_urdf",
-    "schedules": "BarrierSchedule Fixed FollowBarrier Geometric Schedule Superlinear",
     "schemes": "Grid Mesh Scheme explicit find_scheme gauss_legendre lobatto radau",
     "studies": """
         HomotopyResult HomotopyStep HorizonStep MultistartResult Outcome PersistentNLP RecedingHorizon RefinedResult

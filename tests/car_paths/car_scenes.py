@@ -31,9 +31,7 @@ REVERSE = {"goal": (0.0, 1.3, math.pi / 2), "obstacles": slot(1.3)}
 PARALLEL = {"goal": (-1.35, 4.0, 0.0), "obstacles": {**slot(3.0), "bottom": without_end([[0, 1]], [2.5])}}
 
 
-def park(
-    start: Any = START, scene: Any = REVERSE, clearance: float = 0.1, **options: Any
-) -> rcp.initial_guesses.CarPath:
+def park(start: Any = START, scene: Any = REVERSE, clearance: float = 0.1, **options: Any) -> rcp.scenes.CarPath:
     options = {
         "bounds": ((-15, 15), (1, 10)),
         "wheelbase": WHEELBASE,
@@ -44,18 +42,16 @@ def park(
     return hybrid_a_star(start, **{**scene, **options}, clearance=clearance)
 
 
-def least_distance(
-    path: rcp.initial_guesses.CarPath, obstacles: Any, body: rcp.Polytope = CAR, every: float = 0.02
-) -> float:
+def least_distance(path: rcp.scenes.CarPath, obstacles: Any, body: rcp.Polytope = CAR, every: float = 0.02) -> float:
     """By the exact distance, which shares nothing with the search, at poses along the path's own arcs."""
     shapes = list(obstacles.values() if isinstance(obstacles, dict) else obstacles)
     driven = np.linspace(0.0, path.length, 2 + int(path.length / every))
     poses = [rcp.planar_pose(*pose) for pose in path.poses_at(driven).tolist()]
-    return min(rcp.geometry.signed_distance(body, shape, pose).distance for pose in poses for shape in shapes)
+    return min(rcp.scenes.signed_distance(body, shape, pose).distance for pose in poses for shape in shapes)
 
 
 def is_free(pose: Any, obstacles: Any, clearance: float) -> bool:
     return all(
-        rcp.geometry.signed_distance(CAR, shape, rcp.planar_pose(*pose)).distance >= clearance
+        rcp.scenes.signed_distance(CAR, shape, rcp.planar_pose(*pose)).distance >= clearance
         for shape in obstacles.values()
     )

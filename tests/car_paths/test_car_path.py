@@ -69,7 +69,7 @@ def test_distances_of_many_poses_are_those_of_one(pose: Any, corners: Any) -> No
     ]
     space = FreeSpace.around(CAR, obstacles, 0.25, 30.0)
     exact = [
-        rcp.geometry.signed_distance(CAR, obstacle, rcp.planar_pose(*pose)).distance - 0.25 for obstacle in obstacles
+        rcp.scenes.signed_distance(CAR, obstacle, rcp.planar_pose(*pose)).distance - 0.25 for obstacle in obstacles
     ]
     assert space.distances(np.array([pose]))[0] == pytest.approx(exact, abs=1e-7)
 
@@ -90,7 +90,7 @@ def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, length: flo
         pytest.fail(f"found not clear at a distance of {least}")
 
 
-def simple_path() -> rcp.initial_guesses.CarPath:
+def simple_path() -> rcp.scenes.CarPath:
     return park((0, 2, 0), {"goal": (1, 4, 0.3), "obstacles": []})
 
 

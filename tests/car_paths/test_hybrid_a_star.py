@@ -25,7 +25,7 @@ pytestmark = pytest.mark.heavy
 ROUNDING = 1e-8
 
 
-def assert_drivable(path: rcp.initial_guesses.CarPath) -> None:
+def assert_drivable(path: rcp.scenes.CarPath) -> None:
     """Each segment is the arc that its direction and steering say, recomputed from scratch."""
     assert np.all(np.isin(path.directions, (-1.0, 1.0)))
     assert np.all(np.abs(path.steering) <= STEERING + 1e-12)
@@ -43,7 +43,7 @@ def assert_drivable(path: rcp.initial_guesses.CarPath) -> None:
         assert curvature * chord == pytest.approx(2.0 * math.sin(0.5 * turn), abs=1e-8)
 
 
-def assert_ends(path: rcp.initial_guesses.CarPath, start: Any, goal: Any) -> None:
+def assert_ends(path: rcp.scenes.CarPath, start: Any, goal: Any) -> None:
     assert path.poses[0].tolist() == list(start)
     assert path.poses[-1, :2].tolist() == list(goal[:2])
     turns = (path.poses[-1, 2] - goal[2]) / (2 * math.pi)
@@ -191,7 +191,7 @@ def test_where_there_is_no_path_it_says_so() -> None:
     with pytest.raises(InitialGuessError, match=r"no path was found: from the goal, \d+ poses"):
         park(
             (0.1, 0, math.pi), {"goal": (0, 0, 0), "obstacles": box | {"behind": without_end([[1, 0]], [-3.9])}},
-            bounds=((-2, 5), (-2, 2)), search=rcp.initial_guesses.CarSearch(refinements=0),
+            bounds=((-2, 5), (-2, 2)), search=rcp.scenes.CarSearch(refinements=0),
         )  # fmt: skip
     with pytest.raises(InitialGuessError, match=r"within 1e-06 seconds"):
         park(time_limit=1e-6)
@@ -224,4 +224,4 @@ def test_what_makes_no_sense_is_refused(options: Any, message: str) -> None:
 @pytest.mark.parametrize("options", [{"cell": 0.0}, {"headings": 3}, {"steerings": 4}, {"heuristic_weight": math.inf}])
 def test_a_search_that_makes_no_sense_is_refused(options: Any) -> None:
     with pytest.raises(InitialGuessError, match=f"CarSearch: .*{next(iter(options))} = "):
-        rcp.initial_guesses.CarSearch(**options)
+        rcp.scenes.CarSearch(**options)

@@ -35,7 +35,7 @@ def area(parts: list[rcp.Polytope]) -> Any:
 
 def test_a_file_is_read(tmp_path: Path) -> None:
     (tmp_path / "case_1.csv").write_text(",".join(numbers()) + "\n")
-    case = rcp.parking.ParkingCase.read(tmp_path / "case_1.csv")
+    case = rcp.scenes.ParkingCase.read(tmp_path / "case_1.csv")
     assert (case.name, case.origin) == ("case_1", (1.5, -2.0))
     assert case.start.tolist() == [0.0, 0.0, 0.4]
     np.testing.assert_allclose(case.goal, [7.5, 11.0, -2.0])
@@ -65,7 +65,7 @@ def test_how_a_ring_is_written_does_not_matter(
         other = other[::-1] if reverse else other
         other = [*other, other[0]] if close else other
         stated = shapely.Polygon(ring)
-        shapes = rcp.parking.ParkingCase.from_numbers(numbers([other])).parts.values()
+        shapes = rcp.scenes.ParkingCase.from_numbers(numbers([other])).parts.values()
         found = shapely.affinity.translate(area(list(shapes)), 1.5, -2.0)
         assert found.symmetric_difference(stated).area < 1e-5
         assert len(shapes) == 1 or ring is BRACKET
@@ -73,7 +73,7 @@ def test_how_a_ring_is_written_does_not_matter(
 
 @pytest.mark.parametrize("shift", ["1000000000", "-123456789.125"])
 def test_no_digits_are_lost_far_from_the_origin(shift: str) -> None:
-    here, there = (rcp.parking.ParkingCase.from_numbers(numbers(shift=moved)) for moved in ("0", shift))
+    here, there = (rcp.scenes.ParkingCase.from_numbers(numbers(shift=moved)) for moved in ("0", shift))
     np.testing.assert_array_equal(here.goal, there.goal)
     for name, part in here.parts.items():
         np.testing.assert_array_equal(part.vertices, there.parts[name].vertices)
@@ -81,7 +81,7 @@ def test_no_digits_are_lost_far_from_the_origin(shift: str) -> None:
 
 @pytest.mark.parametrize("turns", [(1, 0), (-2, 0), (0, 3), (2, -2)])
 def test_headings_count_up_to_whole_turns(turns: tuple[int, int]) -> None:
-    case, plain = (rcp.parking.ParkingCase.from_numbers(numbers(turns=given)) for given in (turns, (0, 0)))
+    case, plain = (rcp.scenes.ParkingCase.from_numbers(numbers(turns=given)) for given in (turns, (0, 0)))
     np.testing.assert_allclose(case.start, plain.start, atol=1e-12)
     np.testing.assert_allclose(case.goal, plain.goal, atol=1e-12)
 
@@ -89,7 +89,7 @@ def test_headings_count_up_to_whole_turns(turns: tuple[int, int]) -> None:
 def test_walls_are_cut_off_and_what_is_far_away_is_left_out() -> None:
     wall = [(-1e9, -9), (1e9, -9), (1e9, -8), (-1e9, -8)]
     away = [(1e9, 1e9), (1e9 + 5, 1e9), (1e9, 1e9 + 5)]
-    case = rcp.parking.ParkingCase.from_numbers(numbers([wall, away, BOX]))
+    case = rcp.scenes.ParkingCase.from_numbers(numbers([wall, away, BOX]))
     assert list(case.obstacles) == ["obstacle 1", "obstacle 3"]
     (part,) = case.obstacles["obstacle 1"]
     np.testing.assert_allclose(part.vertices[:, 1].min(), -7.0)
@@ -98,7 +98,7 @@ def test_walls_are_cut_off_and_what_is_far_away_is_left_out() -> None:
 
 
 def test_lines_and_points_are_obstacles_too() -> None:
-    case = rcp.parking.ParkingCase.from_numbers(numbers([[(3, 3), (5, 3)], [(2, 8)]]))
+    case = rcp.scenes.ParkingCase.from_numbers(numbers([[(3, 3), (5, 3)], [(2, 8)]]))
     assert all(part.is_flat for part in case.parts.values())
 
 
@@ -115,20 +115,20 @@ def test_lines_and_points_are_obstacles_too() -> None:
 )
 def test_what_is_no_case_is_refused_with_the_place(given: list[str], message: str) -> None:
     with pytest.raises(GeometryError, match=message):
-        rcp.parking.ParkingCase.from_numbers(given)
+        rcp.scenes.ParkingCase.from_numbers(given)
 
 
 def test_the_car_is_measured_from_its_rear_axle() -> None:
-    car = rcp.parking.ParkingCar()
+    car = rcp.scenes.ParkingCar()
     assert car.shape.vertices[:, 0].min() == pytest.approx(-car.rear_overhang)
     assert car.shape.vertices[:, 0].max() == pytest.approx(car.wheelbase + car.front_overhang)
     assert np.ptp(car.shape.vertices[:, 1]) == pytest.approx(car.width)
     for options in ({"wheelbase": 0.0}, {"speed": math.nan}, {"steering": 1.6}):
         with pytest.raises(GeometryError, match=f"ParkingCar: {next(iter(options))} = "):
-            rcp.parking.ParkingCar(**options)
+            rcp.scenes.ParkingCar(**options)
 
 
 def test_a_car_that_stands_in_an_obstacle_is_refused_with_its_name() -> None:
-    case = rcp.parking.ParkingCase.from_numbers(numbers([[(2, -2), (3, -2), (3, -1)]]))
+    case = rcp.scenes.ParkingCase.from_numbers(numbers([[(2, -2), (3, -2), (3, -1)]]))
     with pytest.raises(rcp.errors.ObstacleError, match="at the start the car overlaps 'obstacle 1' by"):
-        rcp.parking.parking_model(case)
+        rcp.scenes.parking_model(case)

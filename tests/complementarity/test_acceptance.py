@@ -330,7 +330,7 @@ def test_reverting_restores_components_activity_and_the_file_byte_for_byte(relax
 @with_ipopt
 def test_after_the_homotopy_every_pair_and_every_step_is_reported():
     m = existing_model()
-    result = rcp.solve(m, schedule=rcp.schedules.Geometric(first=1e-1, factor=0.1, last=1e-8))
+    result = rcp.solve(m, schedule=rcp.relaxations.Geometric(first=1e-1, factor=0.1, last=1e-8))
     assert [residual.name for residual in result.residuals] == ["cc[1]", "cc[2]"]
     natural = [residual.natural for residual in result.residuals]
     by_hand = [min(m.gap[i].value, m.force[i].value - 1) for i in m.I]

@@ -56,7 +56,7 @@ def program(cost, start):
 def distance(problem, relaxation, delta):
     m, solution = problem()
     result = rcp.solve(
-        m, relaxation=relaxation, schedule=rcp.schedules.Fixed(delta), backend="asl", options=OPTIONS, polish=False
+        m, relaxation=relaxation, schedule=rcp.relaxations.Fixed(delta), backend="asl", options=OPTIONS, polish=False
     )
     assert result.constraint_violation <= 2 * delta + 1e-10
     return math.dist((m.a.value, m.b.value), solution)

@@ -81,7 +81,7 @@ def test_solved_and_back(choice, grouping):
     m = two_elements()
     before = state(m)
     result = rcp.solve(
-        m, relaxation=choice, grouping=grouping, schedule=rcp.schedules.Geometric(), backend="asl", polish=False
+        m, relaxation=choice, grouping=grouping, schedule=rcp.relaxations.Geometric(), backend="asl", polish=False
     )
     # Where a relaxation leaves a pair to its signs alone, the product is as small as the barrier makes it.
     assert result.largest_product <= (1e-6 if choice == "two-sided" else 1e-7)

@@ -15,7 +15,7 @@ import pyrobocop_pyomo as rcp
 
 def main(folder: Path, death: int) -> None:
     """Plan, or go on from the file."""
-    engine = rcp.engines.MpiEngine()
+    engine = rcp.teams.MpiEngine()
 
     def die(record: rcp.teams.Round) -> None:
         if record.number == death and engine.communicator.rank == 1:

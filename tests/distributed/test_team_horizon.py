@@ -60,7 +60,7 @@ def test_disturbances_are_answered() -> None:
 def test_a_dead_worker_changes_nothing(deaths: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
     """Where an agent starts after a step belongs to its state."""
 
-    def play(engine: rcp.engines.Engine) -> tuple[list[list[float]], int]:
+    def play(engine: rcp.teams.Engine) -> tuple[list[list[float]], int]:
         with rcp.teams.TeamHorizon(pulling_team(), rcp.teams.Hub(rounds=4), engine=engine, rounds=2) as horizon:
             horizon.plan()
             history = []
@@ -69,7 +69,7 @@ def test_a_dead_worker_changes_nothing(deaths: tuple[tuple[int, ...], tuple[int,
                 history.append(forces(horizon).ravel().tolist())
             return history, sum(engine.deaths.values())
 
-    serial, none = play(rcp.engines.SerialEngine())
+    serial, none = play(rcp.teams.SerialEngine())
     fragile, dead = play(FragileEngine(deaths, snapshot_every=3))
     assert fragile == serial
     assert none == 0

@@ -44,7 +44,7 @@ def same(one: rcp.teams.TeamResult, other: rcp.teams.TeamResult) -> bool:
 def test_a_killed_worker_changes_nothing(serial: rcp.teams.TeamResult, name: str) -> None:
     if name == "dask":
         pytest.importorskip("distributed")
-    kind = {"process": rcp.engines.ProcessEngine, "dask": rcp.engines.DaskEngine}[name]
+    kind = {"process": rcp.teams.ProcessEngine, "dask": rcp.teams.DaskEngine}[name]
     engine: Engine = kind(workers=2, snapshot_every=2)
     times: list[float] = []
 

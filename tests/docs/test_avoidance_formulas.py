@@ -65,7 +65,7 @@ def test_weak_and_strong_duality(seed: int) -> None:
     shares = nnls(np.vstack([np.hstack([p.T, -q.T]), heavy * sums]), np.array([0, 0, heavy, heavy]))[0]
     a, c = shares[: len(p)], shares[len(p) :]
     primal = float(np.linalg.norm(a @ p / a.sum() - c @ q / c.sum()))
-    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.scenes.signed_distance(first, second, rcp.planar_pose(*t))
     assert gap(random.uniform() * unit(random), p, q) <= primal + 1e-6
     assert max(gap(found.normal, p, q), 0.0) == pytest.approx(primal, abs=1e-5)
 
@@ -75,13 +75,13 @@ def test_depth_is_the_least_translation_that_separates(seed: int, length: float)
     """eq-signed-duality in overlap."""
     random, first, second, t = two_shapes(seed, spread=0.3)
     p, q = first.vertices + t, second.vertices
-    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.scenes.signed_distance(first, second, rcp.planar_pose(*t))
     if found.distance >= 0:
         return
     moved = p - found.distance * found.normal
     assert gap(found.normal, moved, q) == pytest.approx(0.0, abs=1e-9)
     tau = min(length, 0.999) * -found.distance * unit(random)
-    assert rcp.geometry.signed_distance(first, second, rcp.planar_pose(*(t + tau))).distance < 0.0
+    assert rcp.scenes.signed_distance(first, second, rcp.planar_pose(*(t + tau))).distance < 0.0
 
 
 @given(seed=seeds)
@@ -142,7 +142,7 @@ def test_started_separations_prove_the_distance(formulation: str, seed: int) -> 
     m, avoid = kept_block(formulation)
     set_poses(m.move, np.tile(pose, (3, 1)))
     avoid.initialize()
-    sd = rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, 0.0)).distance
+    sd = rcp.scenes.signed_distance(ARROW, WALL, placed(m.move, 0.0)).distance
     index = next(iter(avoid.separations))
     spare = sd - pyo.value(avoid.required[index])
     if sd <= 0:
@@ -200,7 +200,7 @@ def test_pushed_out_facets(seed: int) -> None:
     _, first, second, t = two_shapes(seed)
     proven, twice = offset_values(first, second, t)
     assert proven == pytest.approx(twice, abs=1e-7)
-    sd = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t)).distance
+    sd = rcp.scenes.signed_distance(first, second, rcp.planar_pose(*t)).distance
     assert (sd > 1e-7) == (proven > 1e-7) or abs(sd) < 1e-5
     if sd > 0:
         assert proven <= sd + 1e-9
@@ -212,7 +212,7 @@ def test_pushed_out_facets_of_squares(t: tuple[float, float], share: float) -> N
     square = rcp.Polytope.box(1, 1)
     proven, _ = offset_values(square, square, np.array(t, dtype=float))
     assert proven == pytest.approx(
-        share * rcp.geometry.signed_distance(square, square, rcp.planar_pose(*t)).distance, abs=1e-9
+        share * rcp.scenes.signed_distance(square, square, rcp.planar_pose(*t)).distance, abs=1e-9
     )
 
 
@@ -228,7 +228,7 @@ def test_optimality_errs_on_the_unsafe_side(seed: int, spoiled: float) -> None:
     """eq-optimality and eq-unsafe-side, for points between the nearest ones and any others."""
     random, first, second, t = two_shapes(seed, spread=5.0)
     p, q = first.vertices + t, second.vertices
-    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.scenes.signed_distance(first, second, rcp.planar_pose(*t))
     if found.distance <= 0.01:
         return
     weights = []
@@ -285,7 +285,7 @@ def test_bounded_normals_collapse_in_overlap(seed: int, required: float) -> None
     """eq-collapse."""
     random, first, second, t = two_shapes(seed, spread=0.3)
     p, q = first.vertices + t, second.vertices
-    found = rcp.geometry.signed_distance(first, second, rcp.planar_pose(*t))
+    found = rcp.scenes.signed_distance(first, second, rcp.planar_pose(*t))
     if found.distance >= 0:
         return
     shortfalls = [required - gap(length * unit(random), p, q) for length in random.uniform(0, 1, 50)]

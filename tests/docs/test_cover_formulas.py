@@ -29,9 +29,9 @@ def test_excess_of_ellipsoids() -> None:
 
 def test_excess_of_grids() -> None:
     stairs = np.eye(4, dtype=bool)
-    (part,) = rcp.geometry.cover_occupancy_grid(stairs, 0.5, tolerance=0.5)
+    (part,) = rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.5)
     assert part.excess == pytest.approx(0.5)
-    assert len(rcp.geometry.cover_occupancy_grid(stairs, 0.5, tolerance=0.49)) == 4
+    assert len(rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.49)) == 4
 
 
 def test_rotation_at_constant_rate() -> None:

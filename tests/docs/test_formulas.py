@@ -221,7 +221,7 @@ def test_weights_of_a_phase_are_those_of_the_quadrature():
 
 
 def test_follow():
-    schedule = rcp.schedules.FollowBarrier(floor=1e-8, factor=2.0)
+    schedule = rcp.relaxations.FollowBarrier(floor=1e-8, factor=2.0)
     assert schedule.delta_for(1e-3) == 2e-3
     assert schedule.delta_for(1e-12) == 1e-8
 
@@ -251,7 +251,7 @@ def test_delta_lags_mu_by_one_iteration():
     m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
     m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    schedule = rcp.schedules.FollowBarrier(floor=1e-8, factor=3.0)
+    schedule = rcp.relaxations.FollowBarrier(floor=1e-8, factor=3.0)
     result = rcp.solve(m, schedule=schedule, backend="casadi")
     path = result.steps[0].path
     assert len(path) > 5
@@ -280,7 +280,7 @@ def test_path_through_the_executable():
     m.a, m.b = pyo.Var(bounds=(0, None), initialize=1), pyo.Var(bounds=(0, None), initialize=1)
     m.pair = rcp.Complementarity(expr=rcp.complements(m.a, m.b))
     m.cost = pyo.Objective(expr=(m.a - 2) ** 2 + (m.b - 1) ** 2)
-    steps = rcp.solve(m, schedule=rcp.schedules.FollowBarrier(factor=2.0), backend="executable").steps
+    steps = rcp.solve(m, schedule=rcp.relaxations.FollowBarrier(factor=2.0), backend="executable").steps
 
     def path(mu=0.1, tolerance=1e-8):
         while True:

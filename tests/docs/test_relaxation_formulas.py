@@ -204,12 +204,12 @@ def test_sums_and_crossed_products(values, delta):
     a, b = np.reshape(values[:4], (2, 2)), np.reshape(values[4:], (2, 2))
     left = [[0.0, *a[0]], [a[0, 1], *a[1]]]  # nothing is left of the first element
     expected = {
-        rcp.groupings.PerElement(): [a[e] @ b[e] for e in (0, 1)],
-        rcp.groupings.AllPairs(): [np.sum(a * b)],
-        rcp.groupings.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
-        rcp.groupings.Crossed("stage"): [a[e, i] * b[e].sum() for e in (0, 1) for i in (0, 1)],
-        rcp.groupings.Crossed("element"): [a[e].sum() * b[e].sum() for e in (0, 1)],
-        rcp.groupings.Crossed("element", left_end="first"): [np.sum(left[e]) * b[e].sum() for e in (0, 1)],
+        rcp.relaxations.PerElement(): [a[e] @ b[e] for e in (0, 1)],
+        rcp.relaxations.AllPairs(): [np.sum(a * b)],
+        rcp.relaxations.Crossed(): [a[e, i] * b[e, j] for e in (0, 1) for i in (0, 1) for j in (0, 1)],
+        rcp.relaxations.Crossed("stage"): [a[e, i] * b[e].sum() for e in (0, 1) for i in (0, 1)],
+        rcp.relaxations.Crossed("element"): [a[e].sum() * b[e].sum() for e in (0, 1)],
+        rcp.relaxations.Crossed("element", left_end="first"): [np.sum(left[e]) * b[e].sum() for e in (0, 1)],
     }
     for grouping, products in expected.items():
         rows = relax().shifted_rows_of(stages(values, grouping=grouping, delta=delta))
@@ -276,15 +276,15 @@ def test_lifting(x):
 def test_schedules(first, factor, exponent, part):
     """eq-geometric and eq-superlinear, term by term."""
     last = part * first
-    for k, delta in enumerate(rcp.schedules.Geometric(first, factor, last).steps()):
+    for k, delta in enumerate(rcp.relaxations.Geometric(first, factor, last).steps()):
         assert delta == pytest.approx(max(last, factor**k * first), rel=1e-8)
-    steps = list(rcp.schedules.Superlinear(first, factor, exponent, last).steps())
+    steps = list(rcp.relaxations.Superlinear(first, factor, exponent, last).steps())
     assert (steps[0], steps[-1]) == (first, last)
     for delta, following in pairwise(steps):
         assert following == pytest.approx(max(last, min(factor * delta, delta**exponent)), rel=1e-8)
 
 
 def test_nine_solves_or_seven():
-    assert len(list(rcp.schedules.Geometric().steps())) == 9
-    assert len(list(rcp.schedules.Superlinear().steps())) == 7
+    assert len(list(rcp.relaxations.Geometric().steps())) == 9
+    assert len(list(rcp.relaxations.Superlinear().steps())) == 7
     assert "that is nine solves, or seven" in " ".join(PAGE.split())

@@ -111,7 +111,7 @@ def test_a_quadrotor_gets_through_the_window_and_not_through_the_wall(load: Any)
         apart = np.maximum(placed.min(axis=1) - high, low - placed.max(axis=1)).max(axis=1)
         for box in placed[apart < 0.04 - SLACK]:
             here = rcp.Polytope.from_vertices(box)
-            assert rcp.geometry.signed_distance(here, wall).distance >= 0.04 - SLACK
+            assert rcp.scenes.signed_distance(here, wall).distance >= 0.04 - SLACK
     across = np.abs(position[0]) < 0.05
     assert (np.abs(position[1][across]) < 0.4).all()
     assert (np.abs(position[2][across]) < 0.4).all()

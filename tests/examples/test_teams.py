@@ -90,7 +90,7 @@ def test_the_score_reads_what_the_models_hold(rod: ModuleType) -> None:
     time, bodies = task.score.paths(rod.plans_of(rod.build(2)))
     assert len(time) == 43
     assert [body.name for body in bodies] == ["", "a", "b", "c", "d"]
-    assert isinstance(bodies[0], rcp.drawing.BodyPath)
+    assert isinstance(bodies[0], rcp.scenes.BodyPath)
 
 
 def test_a_team_has_an_agent_for_the_rod_and_one_for_each_robot(rod: ModuleType) -> None:

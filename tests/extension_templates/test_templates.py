@@ -68,7 +68,7 @@ def test_relaxation_accepts_the_same_points_as_the_product(a, b, delta):
 def test_relaxation_solves():
     assert isinstance(FischerBurmeister(), Relaxation)
     m = corner()
-    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.schedules.Geometric(), backend="casadi")
+    result = rcp.solve(m, relaxation=FischerBurmeister(), schedule=rcp.relaxations.Geometric(), backend="casadi")
     assert result.largest_product < 1e-7
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
@@ -88,7 +88,7 @@ def test_a_relaxation_keeps_numbers_between_solves():
 
 @pytest.mark.casadi
 def test_a_relaxation_that_keeps_numbers_solves():
-    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.schedules.Geometric(), backend="casadi")
+    result = rcp.solve(corner(), relaxation=Reluctant(), schedule=rcp.relaxations.Geometric(), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 
@@ -116,7 +116,7 @@ def test_schedule_solves():
 def test_a_schedule_says_by_its_methods_whether_it_follows_the_barrier_parameter():
     assert isinstance(PowerOfBarrier(), BarrierSchedule)
     assert isinstance(PowerOfBarrier(), Schedule)
-    assert isinstance(rcp.schedules.FollowBarrier(), BarrierSchedule)
+    assert isinstance(rcp.relaxations.FollowBarrier(), BarrierSchedule)
     assert not isinstance(Superlinear(), BarrierSchedule)
 
 

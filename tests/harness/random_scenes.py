@@ -37,7 +37,7 @@ def random_scene(seed: int) -> Scene:
     return Scene(body, obstacles, (-2.5, rng.uniform(-1, 1), turns[0]), (2.5, rng.uniform(-1, 1), turns[1]))
 
 
-def pose_of(b: Any, t: Any) -> rcp.geometry.Pose:
+def pose_of(b: Any, t: Any) -> rcp.scenes.Pose:
     """Of the body of `build`."""
     return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 

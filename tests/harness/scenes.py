@@ -14,7 +14,7 @@ ARROW = rcp.Polytope.from_vertices([(-0.3, -0.2), (0.5, -0.1), (0.6, 0.1), (-0.3
 WALL = rcp.Polytope.from_vertices([(1.5, -1.5), (2.4, -1.5), (2.2, 0.4), (1.6, 0.5)], name="wall")
 
 
-def placed(block: Any, t: Any) -> rcp.geometry.Pose:
+def placed(block: Any, t: Any) -> rcp.scenes.Pose:
     """Pose rule at the top level, so that a pickle can hold it."""
     return rcp.planar_pose(block.x[t], block.y[t], block.theta[t])
 
@@ -51,7 +51,7 @@ def set_poses(block: Any, poses: np.ndarray) -> None:
 
 def exact(block: Any, body: rcp.Polytope, obstacle: rcp.Polytope, times: Any) -> list[float]:
     """Exact signed distances at times."""
-    return [rcp.geometry.signed_distance(body, obstacle, placed(block, t)).distance for t in times]
+    return [rcp.scenes.signed_distance(body, obstacle, placed(block, t)).distance for t in times]
 
 
 def solve_once(m: pyo.ConcreteModel) -> None:

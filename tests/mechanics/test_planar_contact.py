@@ -45,7 +45,7 @@ def test_the_smooth_gap_is_the_distance_of_the_shapes(shape: Any, place: tuple, 
     if not outside(shape, place, pose):
         return
     body = shape.outline().placed(rcp.planar_pose(*pose))
-    exact = rcp.geometry.signed_distance(body, rcp.Polytope.ball(0.1, place)).distance
+    exact = rcp.scenes.signed_distance(body, rcp.Polytope.ball(0.1, place)).distance
     # Smoothing over a centimetre moves the ends of the core by at most half of that.
     assert shape.gap_to_disc(0.1, *place, pose).gap == pytest.approx(exact, abs=0.0075)
 

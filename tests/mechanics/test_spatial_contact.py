@@ -53,7 +53,7 @@ def test_the_smooth_gap_is_the_distance_of_the_shapes(shape: Any, place: tuple, 
     if gap < 0:
         return
     body = shape.outline().placed(rcp.spatial_pose(pose[:3], matrix=rotation_matrix(pose[3:]).tolist()))
-    exact = rcp.geometry.signed_distance(body, rcp.Polytope.ball(0.1, place)).distance
+    exact = rcp.scenes.signed_distance(body, rcp.Polytope.ball(0.1, place)).distance
     # Smoothing over a centimetre moves the ends of the core by at most half of that, in three directions.
     assert gap == pytest.approx(exact, abs=1e-9 if shape.is_round else 0.01)
 

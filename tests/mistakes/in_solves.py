@@ -91,7 +91,7 @@ def a_guess_through_an_obstacle_and_few_iterations(m: Any, followed: bool) -> An
     b.initialize_straight_lines()
     if followed:
         around = {"x": [0, 1.5, 2.5, 4], "y": [0, -1.2, -1.2, 0]}
-        b.initialize(rcp.initial_guesses.waypoint_initial_guess(b, around, even_in="xy"))
+        b.initialize(rcp.scenes.waypoint_initial_guess(b, around, even_in="xy"))
     return {"options": {"max_iter": 100 if followed else 2}}
 
 

@@ -269,5 +269,5 @@ def test_poses_are_made_of_entries():
     solid = rcp.spatial_pose(x, euler=x * 0.1)
     assert not any(isinstance(entry, ArrayEntry) for entry in solid.entries)
     turn = np.array([[np.cos(x[2]), -np.sin(x[2])], [np.sin(x[2]), np.cos(x[2])]])
-    by_hand = rcp.geometry.Pose(turn, x[:2])
+    by_hand = rcp.scenes.Pose(turn, x[:2])
     assert np.hstack([part.ravel() for part in by_hand.numbers()]) == pytest.approx([0, -1, 1, 0, 1, 2], abs=1e-12)

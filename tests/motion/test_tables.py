@@ -85,7 +85,7 @@ def crossing(truck: Any, clearance: float) -> Any:
 def test_the_proof_follows_a_table_whose_rows_fall_inside_elements(kind: str) -> None:
     path = rcp.TablePath(TIMES, XS, YS, [0, 0.3, 0.2, 0.1, 0], kind=kind)
     truth = min(
-        rcp.geometry.signed_distance(BOX, BOX, planar_pose(0.5 * t, 3), path(None, t)).distance
+        rcp.scenes.signed_distance(BOX, BOX, planar_pose(0.5 * t, 3), path(None, t)).distance
         for t in np.linspace(0, 2, 2001).tolist()
     )
     report = crossing(path, clearance=0.999 * truth)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pyrobocop_pyomo import GaussianProcessMean
 from pyrobocop_pyomo.errors import FunctionError
-from pyrobocop_pyomo.learning import GaussianProcessMean
 
 pytest.importorskip("scipy")
 

@@ -118,7 +118,7 @@ def test_a_mirrored_pose_is_refused():
 
     def mirrored(b, t):
         cosine, sine = pyo.cos(b.theta[t]), pyo.sin(b.theta[t])
-        return rcp.geometry.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
+        return rcp.scenes.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
 
     avoid = avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=mirrored)})
     with pytest.raises(rcp.errors.ObstacleError, match="'arrow'.*mirrors"):

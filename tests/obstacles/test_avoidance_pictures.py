@@ -53,12 +53,12 @@ def test_bodies_are_where_the_polynomials_of_the_scheme_say(case: str) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_a_block_draws_and_animates_itself(case: str, tmp_path: Path) -> None:
     m = model(case)
-    figure = rcp.drawing.draw_avoidance(m.drive.avoid, snapshots=4)
+    figure = rcp.scenes.draw_avoidance(m.drive.avoid, snapshots=4)
     axis = figure.axes[0]
     assert len(axis.patches) == 1 + 2 * 4
     assert axis.get_title() == "drive.avoid"
     figure.canvas.draw()
-    written = rcp.drawing.animate_avoidance(m.drive.avoid, tmp_path / "drive", frames=3, title="drive")
+    written = rcp.scenes.animate_avoidance(m.drive.avoid, tmp_path / "drive", frames=3, title="drive")
     assert written.suffix == ".gif"
     assert written.stat().st_size > 1000
 
@@ -77,7 +77,7 @@ def test_points_without_a_motion_between_them_are_drawn_in_their_order() -> None
     time, (table,), _ = scene_of(m.avoid)
     assert time.tolist() == [0, 1, 2]
     assert table.translation[:, 0].tolist() == [-3, 0, 4]
-    rcp.drawing.draw_avoidance(m.avoid)
+    rcp.scenes.draw_avoidance(m.avoid)
 
 
 def test_a_pose_that_reads_a_control_is_drawn_at_the_points_only() -> None:
@@ -96,4 +96,4 @@ def test_without_values_the_body_is_named() -> None:
     m = model("fixed duration")
     m.drive.x[m.drive.final_time].clear()
     with pytest.raises(rcp.errors.GeometryError, match="no value"):
-        rcp.drawing.draw_avoidance(m.drive.avoid)
+        rcp.scenes.draw_avoidance(m.drive.avoid)

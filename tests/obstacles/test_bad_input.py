@@ -50,25 +50,25 @@ def solved(height: float = 3.0, **options: Any) -> None:
     rcp.solve(m)
 
 
-def mirrored(b: Any, t: Any) -> rcp.geometry.Pose:
+def mirrored(b: Any, t: Any) -> rcp.scenes.Pose:
     cosine, sine = pyo.cos(b.theta[t]), pyo.sin(b.theta[t])
-    return rcp.geometry.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
+    return rcp.scenes.Pose(((cosine, sine), (sine, -cosine)), (b.x[t], b.y[t]))
 
 
-def sheared(b: Any, t: Any) -> rcp.geometry.Pose:
+def sheared(b: Any, t: Any) -> rcp.scenes.Pose:
     cosine, sine = pyo.cos(b.theta[t]), pyo.sin(b.theta[t])
-    return rcp.geometry.Pose(((cosine, sine), (sine, cosine)), (b.x[t], b.y[t]))
+    return rcp.scenes.Pose(((cosine, sine), (sine, cosine)), (b.x[t], b.y[t]))
 
 
-def spatial(b: Any, t: Any) -> rcp.geometry.Pose:
+def spatial(b: Any, t: Any) -> rcp.scenes.Pose:
     return rcp.spatial_pose((b.x[t], b.y[t], 0))
 
 
-def kinked(b: Any, t: Any) -> rcp.geometry.Pose:
+def kinked(b: Any, t: Any) -> rcp.scenes.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], abs(b.theta[t]))
 
 
-def jumping(b: Any, t: Any) -> rcp.geometry.Pose:
+def jumping(b: Any, t: Any) -> rcp.scenes.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], 0.1 if t > 0.5 else 0.0)
 
 
@@ -128,7 +128,7 @@ REFUSED = [
     ),
     Entry(
         "outline to be cut that crosses itself",
-        lambda: rcp.geometry.decompose([SQUARE[k] for k in (0, 2, 1, 3)], name="car"),
+        lambda: rcp.scenes.decompose([SQUARE[k] for k in (0, 2, 1, 3)], name="car"),
         ["'car'", "Self-intersection", "in order"],
     ),
     Entry("padding below zero", lambda: Polytope.ball(-1.0, name="car"), ["'car'", "-1.0", "not negative"]),
@@ -404,7 +404,7 @@ FINE = [
     Entry("rows of any length", lambda: Polytope.from_halfspaces([[2, 0], [-4, 0], [0, 1], [0, -3]], [2, 4, 1, 3]), []),
     Entry("open wedge on purpose", lambda: Polytope.from_halfspaces([[1, 0], [0, 1]], [0, 0], bounded=False), []),
     Entry("rod on purpose", lambda: Polytope.from_vertices([(0, 0), (1, 0)], allow_flat=True), []),
-    Entry("outline to be cut", lambda: rcp.geometry.decompose(NOTCHED), []),
+    Entry("outline to be cut", lambda: rcp.scenes.decompose(NOTCHED), []),
     Entry(
         "half-plane: endless, but no question of sizes",
         lambda: moving(placed, obstacles={"ground": Polytope.from_halfspaces([[0, 1]], [-5], bounded=False)}),
@@ -432,8 +432,8 @@ def test_the_room_that_a_slot_leaves_is_the_one_that_it_names() -> None:
         guessed(placed, obstacles=SLOT, clearance=0.3)
     room = float(str(caught.value).partition("Ask for less than ")[2].partition(",")[0])
     goal = rcp.planar_pose(4, 0, 0.6)
-    assert room == pytest.approx(rcp.geometry.signed_distance(ARROW, SLOT["above"], goal).distance, rel=1e-5)
+    assert room == pytest.approx(rcp.scenes.signed_distance(ARROW, SLOT["above"], goal).distance, rel=1e-5)
     with pytest.raises(rcp.errors.ObstacleError):
         guessed(placed, obstacles=SLOT, clearance=1.001 * room)
     guessed(placed, obstacles={"above": SLOT["above"]}, height=-1.0, clearance=0.999 * room)
-    assert rcp.geometry.signed_distance(ARROW, WALL, goal).distance > 0.3
+    assert rcp.scenes.signed_distance(ARROW, WALL, goal).distance > 0.3

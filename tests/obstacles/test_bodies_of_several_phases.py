@@ -65,7 +65,7 @@ def test_two_robots_that_change_places_pass_each_other() -> None:
     first, second = m.one.trajectory(), m.two.trajectory()
     for t in np.linspace(0, 2, 81).tolist():
         poses = [rcp.planar_pose(float(path(t)["x"]), float(path(t)["y"])) for path in (first, second)]
-        assert rcp.geometry.signed_distance(BOX, BOX, *poses).distance > 0.098
+        assert rcp.scenes.signed_distance(BOX, BOX, *poses).distance > 0.098
 
 
 def test_a_pose_may_read_both_phases() -> None:

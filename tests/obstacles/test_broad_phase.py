@@ -84,7 +84,7 @@ def test_distances_of_all_segments_at_once_are_those_of_each() -> None:
         shape = record.scene.parts[segment.second].shape
         # Between the poses the hull may be nearer than at any of them, never farther away.
         poses = [rcp.planar_pose(m.move.x[t], m.move.y[t]) for t in segment.times]
-        exact = [rcp.geometry.signed_distance(CART, shape, pose).distance for pose in poses]
+        exact = [rcp.scenes.signed_distance(CART, shape, pose).distance for pose in poses]
         assert distance <= min(exact) + 1e-12
         first, second = Snapshot(record, "field").placed_pair(segment)
         reach = (first.vertices @ normal).min() - (second.vertices @ normal).max()

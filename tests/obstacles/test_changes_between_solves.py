@@ -160,7 +160,7 @@ def test_softened_blocks_say_what_is_missing():
     m.avoid.initialize()
     m.least = pyo.Objective(expr=m.avoid.softness)
     pyo.SolverFactory("ipopt").solve(m)
-    depth = -rcp.geometry.signed_distance(ARROW, box, rcp.planar_pose(2.5, 0)).distance
+    depth = -rcp.scenes.signed_distance(ARROW, box, rcp.planar_pose(2.5, 0)).distance
     for index in m.avoid.separations:
         assert m.avoid.slack[index].value == pytest.approx(depth + 0.1, abs=1e-6)
     assert pyo.value(m.least) == pytest.approx(2 * 3 * (depth + 0.1), rel=1e-6)

@@ -71,7 +71,7 @@ def test_optimality_conditions_agree_in_the_limit_and_err_on_the_unsafe_side_bef
 
 def test_optimality_conditions_reproduce_the_fixed_clearance_of_the_seed():
     m = turning_move()
-    avoid = avoiding(m, formulation=rcp.formulations.Optimality(cold=True), clearance=0.02)
+    avoid = avoiding(m, formulation=rcp.scenes.Optimality(cold=True), clearance=0.02)
     avoid.initialize()
     assert {weight.value for weight in avoid.corner_weight.values()} == {0.0}
     index = next(iter(avoid.separations))

@@ -62,7 +62,7 @@ def test_started_separations_prove_the_distance_in_space(numbers, pose, formulat
     m.avoid.initialize()
     for (_, name, t), proven in m.avoid.separation_gaps().items():
         shape = dict(zip(("obstacle 1", "obstacle 2"), FRAME, strict=True))[name]
-        distance = rcp.geometry.signed_distance(WEDGE, shape, pose(m, t)).distance
+        distance = rcp.scenes.signed_distance(WEDGE, shape, pose(m, t)).distance
         assert proven <= distance + 1e-8
         if distance > 1e-3:
             assert proven == pytest.approx(distance, abs=1e-7)
@@ -91,4 +91,4 @@ def test_the_nearest_place_beside_a_box_is_at_the_clearance(formulation, between
     m.near = pyo.Objective(expr=sum((m.p[0, t] - 2) ** 2 + m.p[1, t] ** 2 + m.p[2, t] ** 2 for t in (0, 1)))
     solve_once(m)
     for t in (0, 1):
-        assert rcp.geometry.signed_distance(WEDGE, FRAME[0], by_angles(m, t)).distance == pytest.approx(0.1, abs=1e-6)
+        assert rcp.scenes.signed_distance(WEDGE, FRAME[0], by_angles(m, t)).distance == pytest.approx(0.1, abs=1e-6)

@@ -45,7 +45,7 @@ def test_lower_bounds_of_distances_are_never_more_than_the_true_ones(seed: int, 
     points = 3.0 * rng.normal(size=(8, dimension))
     bounds = distance_lower_bounds(points, shapes)
     for point, bound in zip(points, bounds, strict=True):
-        true = min(rcp.geometry.signed_distance(rcp.Polytope.point(point), shape).distance for shape in shapes)
+        true = min(rcp.scenes.signed_distance(rcp.Polytope.point(point), shape).distance for shape in shapes)
         assert bound <= true + 1e-9
 
 
@@ -58,7 +58,7 @@ def test_a_path_passes_a_thin_wall_through_its_opening(gap: float, width: float,
     assert path is not None
     np.testing.assert_array_equal(path[[0, -1]], [[-2.0, 0.0], [2.0, goal]])
     dense = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(path)])
-    clear = [rcp.geometry.signed_distance(rcp.Polytope.point(point), box).distance for point in dense for box in walls]
+    clear = [rcp.scenes.signed_distance(rcp.Polytope.point(point), box).distance for point in dense for box in walls]
     assert min(clear) > 0.0
 
 
@@ -96,7 +96,7 @@ def plan(pose: Any, gap: float = 1.2, *, bounds: tuple[float, float] = (-5, 5)) 
     return m
 
 
-def by_variables(b: Any, t: Any) -> rcp.geometry.Pose:
+def by_variables(b: Any, t: Any) -> rcp.scenes.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 
 

@@ -141,7 +141,7 @@ def test_poses_at_a_moving_obstacle_and_between_bodies_are_both_turned():
     for index, proven in avoid.separation_gaps().items():
         times = avoid.record.segments[index].times
         found = [
-            rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, t), rcp.planar_pose(2 * t, -1.5, 0.3 * t)).distance
+            rcp.scenes.signed_distance(ARROW, WALL, placed(m.move, t), rcp.planar_pose(2 * t, -1.5, 0.3 * t)).distance
             for t in times
         ]
         assert 0 < proven <= min(found) + 1e-9

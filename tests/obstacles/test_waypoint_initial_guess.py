@@ -28,7 +28,7 @@ points = st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max
 def test_the_guess_goes_through_the_waypoints_at_an_even_speed(points: Any, duration: Any) -> None:
     b = phase(duration, start=1.0)
     x, y = np.array(points).T
-    guess = rcp.initial_guesses.waypoint_initial_guess(b, {"x": x, b.y: y})
+    guess = rcp.scenes.waypoint_initial_guess(b, {"x": x, b.y: y})
     first, last = b.time.first(), b.time.last()
     times = np.linspace(first, last, 401)
     path = np.array([[guess["x"](t), guess["y"](t)] for t in times])
@@ -48,9 +48,9 @@ def test_the_guess_goes_through_the_waypoints_at_an_even_speed(points: Any, dura
 
 def test_angles_need_not_count() -> None:
     b = phase()
-    guess = rcp.initial_guesses.waypoint_initial_guess(b, {"x": [0, 1, 4], "theta": [0, 100, 0]}, even_in=["x"])
+    guess = rcp.scenes.waypoint_initial_guess(b, {"x": [0, 1, 4], "theta": [0, 100, 0]}, even_in=["x"])
     assert [guess["theta"](t) for t in (0, 0.5, 2)] == [0, 100, 0]
-    turning = rcp.initial_guesses.waypoint_initial_guess(b, {"x": [1, 1, 1], "theta": [0, 1, 0]}, even_in=["x"])
+    turning = rcp.scenes.waypoint_initial_guess(b, {"x": [1, 1, 1], "theta": [0, 1, 0]}, even_in=["x"])
     assert [turning["theta"](t) for t in (0, 1, 2)] == [0, 1, 0]
 
 
@@ -67,9 +67,9 @@ def test_angles_need_not_count() -> None:
 )
 def test_waypoints_that_do_not_fit_are_refused(waypoints: Any, options: Any, message: str) -> None:
     with pytest.raises(InitialGuessError, match=message):
-        rcp.initial_guesses.waypoint_initial_guess(phase(), waypoints, **options)
+        rcp.scenes.waypoint_initial_guess(phase(), waypoints, **options)
 
 
 def test_only_a_phase_has_a_horizon() -> None:
     with pytest.raises(InitialGuessError, match="is no PhaseBlock"):
-        rcp.initial_guesses.waypoint_initial_guess(pyo.ConcreteModel(name="plain"), {"x": [0, 1]})
+        rcp.scenes.waypoint_initial_guess(pyo.ConcreteModel(name="plain"), {"x": [0, 1]})

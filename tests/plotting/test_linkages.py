@@ -36,9 +36,9 @@ def test_a_given_figure_is_drawn_onto() -> None:
     joints = np.stack([np.zeros((5, 2)), np.stack([np.sin(time), -np.cos(time)], axis=-1)], axis=1)
     figure = Figure(layout="constrained")
     left, right = figure.subfigures(1, 2)
-    assert rcp.drawing.draw_linkage(time, joints, cart=(0.3, 0.2), title="linkage", figure=left) is left
+    assert rcp.scenes.draw_linkage(time, joints, cart=(0.3, 0.2), title="linkage", figure=left) is left
     pose, contact = np.column_stack([time, 0 * time, time]), np.tile([-0.1, 0.0], (5, 1))
     forces = np.tile([1.0, 0.0], (5, 1))
-    assert rcp.drawing.draw_planar_pushing(time, pose, contact, half_side=0.1, force=forces, figure=right) is right
+    assert rcp.scenes.draw_planar_pushing(time, pose, contact, half_side=0.1, force=forces, figure=right) is right
     figure.canvas.draw()
     assert left.axes[0].get_title() == "linkage"

@@ -24,17 +24,17 @@ WALL = rcp.Polytope.from_halfspaces([[0, -1]], [-3], bounded=False, name="wall")
 POST = rcp.Polytope.ball(0.3, (4, -2))
 
 
-def car(**named: str) -> rcp.drawing.BodyPath:
-    return rcp.drawing.BodyPath.planar(CAR, TIME, 0 * TIME, 0.2 * TIME, **named)
+def car(**named: str) -> rcp.scenes.BodyPath:
+    return rcp.scenes.BodyPath.planar(CAR, TIME, 0 * TIME, 0.2 * TIME, **named)
 
 
-def quadrotor() -> rcp.drawing.BodyPath:
+def quadrotor() -> rcp.scenes.BodyPath:
     box = rcp.Polytope.box(0.6, 0.6, 0.2)
-    return rcp.drawing.BodyPath(box, np.tile(np.eye(3), (41, 1, 1)), np.stack([TIME - 2, 0 * TIME, 0 * TIME], axis=-1))
+    return rcp.scenes.BodyPath(box, np.tile(np.eye(3), (41, 1, 1)), np.stack([TIME - 2, 0 * TIME, 0 * TIME], axis=-1))
 
 
 def test_snapshots_are_where_the_body_is_at_these_times() -> None:
-    axis = rcp.drawing.draw_scene(TIME, [car()], [WALL, POST], snapshots=5).axes[0]
+    axis = rcp.scenes.draw_scene(TIME, [car()], [WALL, POST], snapshots=5).axes[0]
     outlines = [patch.get_xy()[:-1] for patch in axis.patches[2:]]
     assert len(outlines) == 5
     for corners, i in ((outlines[0], 0), (outlines[-1], -1)):
@@ -44,8 +44,8 @@ def test_snapshots_are_where_the_body_is_at_these_times() -> None:
 
 
 def test_bodies_at_one_time_share_a_colour_and_later_is_darker() -> None:
-    away = rcp.drawing.BodyPath.planar(CAR, TIME, 5 + 0 * TIME, 0 * TIME, name="other")
-    axis = rcp.drawing.draw_scene(TIME, [car(name="car"), away], snapshots=4).axes[0]
+    away = rcp.scenes.BodyPath.planar(CAR, TIME, 5 + 0 * TIME, 0 * TIME, name="other")
+    axis = rcp.scenes.draw_scene(TIME, [car(name="car"), away], snapshots=4).axes[0]
     first, second = axis.patches[:4], axis.patches[4:]
     assert [patch.get_edgecolor() for patch in first] == [patch.get_edgecolor() for patch in second]
     brightness = [sum(patch.get_edgecolor()[:3]) for patch in first]
@@ -54,7 +54,7 @@ def test_bodies_at_one_time_share_a_colour_and_later_is_darker() -> None:
 
 
 def test_all_motion_is_in_the_picture_and_endless_walls_do_not_shrink_it() -> None:
-    figure = rcp.drawing.draw_scene(TIME, [car()], [WALL, rcp.Polytope.box(1e4, 1, center=(0, -3))])
+    figure = rcp.scenes.draw_scene(TIME, [car()], [WALL, rcp.Polytope.box(1e4, 1, center=(0, -3))])
     figure.draw_without_rendering()  # fits the limits to the shape of the axes
     axis = figure.axes[0]
     places = car().places().reshape(-1, 2)
@@ -66,19 +66,19 @@ def test_all_motion_is_in_the_picture_and_endless_walls_do_not_shrink_it() -> No
 
 
 def test_a_given_view_is_kept() -> None:
-    axis = rcp.drawing.draw_scene(TIME, [car()], [WALL], view=[(-3, -2), (9, 6)]).axes[0]
+    axis = rcp.scenes.draw_scene(TIME, [car()], [WALL], view=[(-3, -2), (9, 6)]).axes[0]
     assert (*axis.get_xlim(), *axis.get_ylim()) == (-3, 9, -2, 6)
 
 
 def test_the_parts_of_a_body_move_together() -> None:
     parts = [rcp.Polytope.capsule((0, 0), (1, 0), 0.1), rcp.Polytope.capsule((0, 0), (0, 1), 0.1)]
-    body = rcp.drawing.BodyPath.planar(parts, TIME, 0 * TIME, TIME)
-    axis = rcp.drawing.draw_scene(TIME, [body], snapshots=3).axes[0]
+    body = rcp.scenes.BodyPath.planar(parts, TIME, 0 * TIME, TIME)
+    axis = rcp.scenes.draw_scene(TIME, [body], snapshots=3).axes[0]
     assert len(axis.patches) == 6
 
 
 def test_a_scene_in_space_has_all_faces_and_equal_scales() -> None:
-    figure = rcp.drawing.draw_scene(TIME, [quadrotor()], [rcp.Polytope.box(0.1, 2, 1)], snapshots=3, title="flight")
+    figure = rcp.scenes.draw_scene(TIME, [quadrotor()], [rcp.Polytope.box(0.1, 2, 1)], snapshots=3, title="flight")
     axis = figure.axes[0]
     assert len(axis.collections) == 6 * (3 + 1)
     figure.canvas.draw()
@@ -90,9 +90,9 @@ def test_a_scene_in_space_has_all_faces_and_equal_scales() -> None:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("body", [car(), quadrotor()], ids=["plane", "space"])
-def test_an_animation_has_its_frames_and_shows_motion(body: rcp.drawing.BodyPath, tmp_path: Path) -> None:
+def test_an_animation_has_its_frames_and_shows_motion(body: rcp.scenes.BodyPath, tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
-    written = rcp.drawing.animate_scene(TIME, [body], [], tmp_path / "a.png", frames=4, seconds=1)
+    written = rcp.scenes.animate_scene(TIME, [body], [], tmp_path / "a.png", frames=4, seconds=1)
     assert written == tmp_path / "a.gif"
     with pil.open(written) as picture:
         frames = []
@@ -112,28 +112,28 @@ def test_an_animation_has_its_frames_and_shows_motion(body: rcp.drawing.BodyPath
         (([car(), quadrotor()],), "has dimension 3"),
         (([car()], [rcp.Polytope.box(1, 1, 1, name="cube")]), "'cube' has dimension 3"),
         (
-            ([rcp.drawing.BodyPath.planar(CAR, [0, 1], [0, 0], [0, 0], name="short")],),
+            ([rcp.scenes.BodyPath.planar(CAR, [0, 1], [0, 0], [0, 0], name="short")],),
             "'short' has 2 poses at 41 times",
         ),
     ],
 )
 def test_what_does_not_fit_together_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None:
     with pytest.raises(GeometryError, match=message):
-        rcp.drawing.draw_scene(TIME, *arguments)
+        rcp.scenes.draw_scene(TIME, *arguments)
     with pytest.raises(GeometryError, match=message):
-        rcp.drawing.animate_scene(TIME, *arguments, *([()] if len(arguments) == 1 else []), tmp_path / "a.gif")
+        rcp.scenes.animate_scene(TIME, *arguments, *([()] if len(arguments) == 1 else []), tmp_path / "a.gif")
     assert not list(tmp_path.iterdir())
 
 
 def test_poses_of_the_wrong_shape_and_empty_animations_are_refused(tmp_path: Path) -> None:
     with pytest.raises(GeometryError, match=r"body 'car': .* rotations of shape \(41, 3, 3\)"):
-        rcp.drawing.BodyPath(CAR, np.tile(np.eye(3), (41, 1, 1)), np.zeros((41, 2)), "car")
+        rcp.scenes.BodyPath(CAR, np.tile(np.eye(3), (41, 1, 1)), np.zeros((41, 2)), "car")
     with pytest.raises(GeometryError, match="an animation of 1 frames in 2 s"):
-        rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=1, seconds=2)
+        rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=1, seconds=2)
 
 
 def test_an_animation_plays_where_a_notebook_shows_it(tmp_path: Path) -> None:
-    film = rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
+    film = rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
     start, _, rest = film._repr_html_().partition("base64,")
     assert "image/gif" in start
     assert b64decode(rest.partition('"')[0]) == film.read_bytes()
@@ -147,7 +147,7 @@ def test_without_a_name_an_animation_is_there_as_long_as_its_object(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    film = rcp.drawing.animate_scene(TIME, [car()], [], frames=2, seconds=1)
+    film = rcp.scenes.animate_scene(TIME, [car()], [], frames=2, seconds=1)
     content = film.read_bytes()
     assert len(content) > 1000
     kept = film.save(tmp_path / "kept.png")
@@ -175,15 +175,15 @@ def test_a_temporary_animation_is_removed_when_python_ends(tmp_path: Path) -> No
 def test_a_film_needs_ffmpeg_and_says_so_before_drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
     with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
-        rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.mp4")
+        rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
-    gif = rcp.drawing.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
+    gif = rcp.scenes.animate_scene(TIME, [car()], [], tmp_path / "a.gif", frames=2, seconds=1)
     with pytest.raises(GeometryError, match=r"ffmpeg.*\.gif"):
         gif.save(tmp_path / "a.mp4")
     assert list(tmp_path.iterdir()) == [gif]
 
 
 def test_figures_show_themselves_without_pyplot_and_survive_a_pickle() -> None:
-    figure = rcp.drawing.draw_scene(TIME, [car()], [])
+    figure = rcp.scenes.draw_scene(TIME, [car()], [])
     for one in (figure, pickle.loads(pickle.dumps(figure))):
         assert one._repr_png_().startswith(b"\x89PNG")

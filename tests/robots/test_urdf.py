@@ -58,7 +58,7 @@ angles = some.integers(-3000, 3000).map(lambda thousandths: thousandths / 1000)
 )
 def test_kinematics_are_those_of_the_reader(turn: float, shoulder: float, elbow: float, grip: float) -> None:
     coordinates = {"turn": turn, "shoulder": shoulder, "elbow": elbow, "grip": grip}
-    robot = rcp.robots.from_urdf(ARM, ZERO)
+    robot = rcp.scenes.from_urdf(ARM, ZERO)
     reader = yourdfpy.URDF.load(io.BytesIO(ARM.encode()), load_meshes=False)
     reader.update_cfg(coordinates)
     for link, pose in robot.poses(coordinates).items():
@@ -74,7 +74,7 @@ def test_rules_are_expressions_of_the_states() -> None:
     m.q, m.turn = pyo.Var([1, 2], m.t, initialize=0.3), pyo.Var(m.t, initialize=-0.4)
     joints = {"turn": "turn", "shoulder": lambda m, t: m.q[1, t], "elbow": lambda m, t: m.q[2, t], "grip": 0.02}
     base = rcp.spatial_pose((1.0, 2.0, 3.0), euler=(0.1, 0.2, 0.3))
-    robot = rcp.robots.from_urdf(ARM, joints, base=base)
+    robot = rcp.scenes.from_urdf(ARM, joints, base=base)
     numbers = robot.poses({"turn": -0.4, "shoulder": 0.3, "elbow": 0.3, "grip": 0.02}, base)
     for link, rule in robot.pose_rules.items():
         for found, expected in zip(rule(m, 1.0).numbers(), numbers[link].numbers(), strict=True):
@@ -91,7 +91,7 @@ def test_rules_are_expressions_of_the_states() -> None:
 
 
 def test_collision_geometry_and_pairs_that_are_left_out() -> None:
-    robot = rcp.robots.from_urdf(ARM, ZERO, srdf='<robot><disable_collisions link1="left" link2="right"/></robot>')
+    robot = rcp.scenes.from_urdf(ARM, ZERO, srdf='<robot><disable_collisions link1="left" link2="right"/></robot>')
     assert list(robot.bodies) == ["base", "upper", "lower", "hand", "left", "right"]
     assert [part.radius for part in robot.bodies["hand"].parts] == [0.0, 0.04]
     (cylinder,) = robot.bodies["upper"].parts
@@ -106,7 +106,7 @@ def test_collision_geometry_and_pairs_that_are_left_out() -> None:
 
 def test_the_proof_runs_on_a_robot_and_agrees_with_distances_by_sampling() -> None:
     joints = {name: (lambda b, t, k=k: (k + 1) * 0.3 * t) for k, name in enumerate(["turn", "shoulder", "elbow"])}
-    robot = rcp.robots.from_urdf(ARM, {**joints, "grip": 0.0})
+    robot = rcp.scenes.from_urdf(ARM, {**joints, "grip": 0.0})
     box = rcp.Polytope.box(0.2, 0.2, 0.2, center=(0.6, 0.75, 0.3))
     moving = {name: body for name, body in robot.bodies.items() if body.moves}
     watched = [(name, "box") for name in moving]
@@ -119,7 +119,7 @@ def test_the_proof_runs_on_a_robot_and_agrees_with_distances_by_sampling() -> No
         sampled = []
         for t in np.linspace(0, 2, 60):
             pose = robot.poses({"turn": 0.3 * t, "shoulder": 0.6 * t, "elbow": 0.9 * t, "grip": 0.0})[name]
-            sampled.append(rcp.geometry.signed_distance(parts[pair.first], box, pose).distance)
+            sampled.append(rcp.scenes.signed_distance(parts[pair.first], box, pose).distance)
         assert pair.proven <= min(sampled) + 1e-9
         assert pair.safe == (min(sampled) > 0.01) or abs(min(sampled) - 0.01) < 1e-3
 
@@ -130,7 +130,7 @@ def only_moving(robot: Any) -> dict[str, rcp.Body]:
 
 def test_a_table_of_joints_is_verified_without_a_model() -> None:
     """Joints are linear between the rows."""
-    robot = rcp.robots.from_urdf(ARM, {name: name for name in ZERO})
+    robot = rcp.scenes.from_urdf(ARM, {name: name for name in ZERO})
     bodies, ball = only_moving(robot), rcp.Polytope.ball(0.2, (0.7, 0.4, 0.2))
     times = np.array([0.0, 1.0, 2.5])
     joints = {"turn": [0.0, 0.3, 1.0], "shoulder": [0.2, 0.6, 0.5], "elbow": [0.0, -0.5, 0.4], "grip": [0.0, 0.02, 0.0]}
@@ -141,7 +141,7 @@ def test_a_table_of_joints_is_verified_without_a_model() -> None:
         shape = dict(robot.bodies[name].named_parts(name))[pair.first]
         for t in np.linspace(0.0, 2.5, 60):
             pose = robot.poses({joint: float(np.interp(t, times, row)) for joint, row in joints.items()})[name]
-            assert rcp.geometry.signed_distance(shape, ball, pose).distance >= pair.proven - 1e-9
+            assert rcp.scenes.signed_distance(shape, ball, pose).distance >= pair.proven - 1e-9
     whole = {"bodies": robot.bodies, "obstacles": {"ball": ball}, "exclude": robot.exclude}
     base = rcp.verify_motion(times, signals=joints, clearance=0.01, **whole)
     assert {("base", "hand[1]"), ("base", "lower")} <= {(pair.first, pair.second) for pair in base.body_pairs}
@@ -161,11 +161,11 @@ def test_meshes_become_hulls_boxes_or_parts(tmp_path) -> None:
     (tmp_path / "r.urdf").write_text(text)
     where = {"packages": {"mine": tmp_path}}
     with pytest.raises(GeometryError, match="package 'mine'"):
-        rcp.robots.from_urdf(tmp_path / "r.urdf", {})
+        rcp.scenes.from_urdf(tmp_path / "r.urdf", {})
     with pytest.raises(GeometryError, match="no file"):
-        rcp.robots.from_urdf(tmp_path / "r.urdf", {}, packages={"mine": tmp_path / "elsewhere"})
-    (hull,) = rcp.robots.from_urdf(tmp_path / "r.urdf", {}, **where).bodies["a"].parts
-    (box,) = rcp.robots.from_urdf(tmp_path / "r.urdf", {}, meshes="box", **where).bodies["a"].parts
+        rcp.scenes.from_urdf(tmp_path / "r.urdf", {}, packages={"mine": tmp_path / "elsewhere"})
+    (hull,) = rcp.scenes.from_urdf(tmp_path / "r.urdf", {}, **where).bodies["a"].parts
+    (box,) = rcp.scenes.from_urdf(tmp_path / "r.urdf", {}, meshes="box", **where).bodies["a"].parts
     normals, offsets = hull.halfspaces
     assert (corner.vertices * 0.1 @ normals.T <= offsets + 1e-7).all()  # such files hold single precision
     assert np.ptp(box.vertices, axis=0) == pytest.approx(np.ptp(corner.vertices, axis=0) * 0.1)
@@ -192,14 +192,14 @@ def changed(old: str, new: str) -> str:
 )
 def test_what_does_not_fit_is_refused_by_name(text: str, change: dict[str, Any], message: str) -> None:
     with pytest.raises(ObstacleError, match=message):
-        rcp.robots.from_urdf(text, **{"joints": ZERO, **change})
+        rcp.scenes.from_urdf(text, **{"joints": ZERO, **change})
 
 
 def test_links_that_overlap_and_links_of_pictures_alone_are_logged(caplog) -> None:
     text = changed('<link name="tool"/>', f'<link name="tool"><visual>{CAPSULE}</visual></link>')
     with caplog.at_level(logging.WARNING):
-        rcp.robots.from_urdf(changed('xyz="0.45 0 0" rpy="0 0 0.5"', 'xyz="0 0 -0.2" rpy="0 0 0.5"'), ZERO)
-        rcp.robots.from_urdf(text, ZERO)
+        rcp.scenes.from_urdf(changed('xyz="0.45 0 0" rpy="0 0 0.5"', 'xyz="0 0 -0.2" rpy="0 0 0.5"'), ZERO)
+        rcp.scenes.from_urdf(text, ZERO)
     messages = [record.getMessage() for record in caplog.records]
     assert any("overlap by" in message and "'base'" in message for message in messages)
     assert any("'tool' has no collision geometry" in message for message in messages)

@@ -47,7 +47,7 @@ def closest(m: pyo.ConcreteModel, obstacles: Any, samples: int = 400) -> float:
     for time in np.linspace(0.0, 1.0, samples):
         there = trajectory(time)
         pose = rcp.planar_pose(there["x"], there["y"], there["theta"])
-        least = min(least, *(rcp.geometry.signed_distance(ARROW, each, pose).distance for each in obstacles))
+        least = min(least, *(rcp.scenes.signed_distance(ARROW, each, pose).distance for each in obstacles))
     return float(least)
 
 
@@ -424,5 +424,5 @@ def test_a_pair_left_out_that_becomes_dangerous_comes_back(formulation: str, no_
     assert report.safe is (closest(m, [WALL]) >= 0.0495)
     # Certificates of single times cannot promise what is between; planes do.
     assert result.safe or formulation != "plane"
-    nodes = [rcp.geometry.signed_distance(ARROW, WALL, placed(m.move, t)).distance for t in m.move.time]
+    nodes = [rcp.scenes.signed_distance(ARROW, WALL, placed(m.move, t)).distance for t in m.move.time]
     assert min(nodes) >= 0.05 - 1e-6

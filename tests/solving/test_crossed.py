@@ -84,7 +84,7 @@ def sliding(elements: int) -> pyo.ConcreteModel:
 def test_a_list_of_pairs_is_crossed_statement_by_statement(left_end: str | None) -> None:
     m = sliding(20)
     grouping = Crossed(left_end=left_end)
-    result = rcp.solve(m, grouping=grouping, schedule=rcp.schedules.Geometric(first=1.0), progress=False)
+    result = rcp.solve(m, grouping=grouping, schedule=rcp.relaxations.Geometric(first=1.0), progress=False)
     assert result.quality is rcp.Quality.OPTIMAL
     assert result.objective == pytest.approx(2.8, rel=1e-7)
     b, ends = m.phase, {}

@@ -53,7 +53,7 @@ def planned(m: pyo.ConcreteModel, phase: Any, name: str, pose: Any, body: Any, o
     for time in phase.time:
         at = pose(phase, time)
         for obstacle in obstacles.values():
-            assert rcp.geometry.signed_distance(body, obstacle, at).distance > clearance - 1e-6
+            assert rcp.scenes.signed_distance(body, obstacle, at).distance > clearance - 1e-6
     return result
 
 
@@ -69,7 +69,7 @@ def fine_times(trajectory: Any) -> list[np.ndarray]:
     return [np.linspace(a, b, SAMPLES) for a, b in itertools.pairwise(boundaries)]
 
 
-def check_agreement(safety: rcp.results.SafetyReport, sampled: dict[str, np.ndarray]) -> None:
+def check_agreement(safety: rcp.SafetyReport, sampled: dict[str, np.ndarray]) -> None:
     """Verdicts and bounds of a plan against samples: by obstacle, the least distance of each interval, 0 in overlap."""
     assert {pair.second for pair in safety.body_pairs} == set(sampled)
     for pair in safety.body_pairs:
@@ -102,7 +102,7 @@ def test_parallel_parking(elements: int) -> None:
     m = parking.build("parallel", elements=elements, stages=1)
     obstacles = parking.CASES["parallel"]["obstacles"]
 
-    def pose(b: Any, t: Any) -> rcp.geometry.Pose:
+    def pose(b: Any, t: Any) -> rcp.scenes.Pose:
         return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 
     result = planned(m, m.drive, "car", pose, parking.CAR, obstacles, parking.CLEARANCE)
@@ -126,7 +126,7 @@ def test_a_quadrotor_at_a_window(case: str, elements: int) -> None:
     m = window.build(case, elements=elements, stages=1)
     obstacles = window.wall(*window.WINDOWS[case])
 
-    def pose(b: Any, t: Any) -> rcp.geometry.Pose:
+    def pose(b: Any, t: Any) -> rcp.scenes.Pose:
         return rcp.spatial_pose((b.x[t], b.y[t], b.z[t]), euler=(b.roll[t], b.pitch[t], b.yaw[t]))
 
     result = planned(m, m.flight, "quadrotor", pose, window.BODY, obstacles, window.CLEARANCE)
@@ -141,7 +141,7 @@ def test_a_quadrotor_at_a_window(case: str, elements: int) -> None:
                 # Farther than both reach apart from what is closest so far: no need to look.
                 body = window.BODY.placed(rcp.spatial_pose((x, y, z), euler=angles))
                 if box_gap(body, obstacle) < least:
-                    least = min(least, max(rcp.geometry.signed_distance(body, obstacle).distance, 0.0))
+                    least = min(least, max(rcp.scenes.signed_distance(body, obstacle).distance, 0.0))
             sampled[name].append(least)
     check_agreement(m.flight.avoid.verify(equations=False), {name: np.array(each) for name, each in sampled.items()})
     assert result.safe is False

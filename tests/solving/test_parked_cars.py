@@ -12,7 +12,7 @@ import pyrobocop_pyomo as rcp
 
 pytestmark = [pytest.mark.casadi, pytest.mark.slow]
 
-CAR = rcp.parking.ParkingCar()
+CAR = rcp.scenes.ParkingCar()
 
 
 def parked(x: float, heading: float = math.pi / 2) -> list[tuple[float, float]]:
@@ -43,8 +43,8 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_case_is_solved_safely(name: str) -> None:
-    case = rcp.parking.ParkingCase.from_numbers(CASES[name], name=name)
-    m = rcp.parking.parking_model(case, elements=24)
+    case = rcp.scenes.ParkingCase.from_numbers(CASES[name], name=name)
+    m = rcp.scenes.parking_model(case, elements=24)
     result = rcp.solve(m)
     assert result.safe
     assert result.safety.worst.clearance == pytest.approx(0.05)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
-from pyrobocop_pyomo.schedules import FollowBarrier
+from pyrobocop_pyomo.relaxations import FollowBarrier
 from pyrobocop_pyomo.solving import PersistentNLP
 
 pytestmark = pytest.mark.casadi

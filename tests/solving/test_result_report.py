@@ -107,7 +107,7 @@ def test_a_model_without_pairs_has_a_report_as_well():
 
 @given(a=sizes, b=sizes)
 def test_the_zero_side_is_the_one_that_is_zero(a, b):
-    pair = rcp.results.PairReport("p", a, b)
+    pair = rcp.PairReport("p", a, b)
     expected = {(True, False): "first", (False, True): "second", (True, True): "biactive", (False, False): "neither"}
     assert pair.active.value == expected[a == 0, b == 0]
     assert (pair.natural, pair.product) == (min(a, b), a * b)
@@ -129,7 +129,7 @@ def test_names_are_split_at_their_own_index(name, component, index):
 
 
 def test_a_long_table_says_what_it_leaves_out():
-    pairs = [rcp.results.PairReport(f"p[{i}]", 0.0, math.pi) for i in range(9)]
+    pairs = [rcp.PairReport(f"p[{i}]", 0.0, math.pi) for i in range(9)]
     assert pair_table(pairs, 4).splitlines()[-1] == "... and 5 more"
     assert len(pair_table(pairs).splitlines()) == 10
 

@@ -86,7 +86,7 @@ class Broken:
         raise self.error
 
 
-LOOSE = rcp.Strategy("loose", rcp.schedules.Fixed(1e-4))
+LOOSE = rcp.Strategy("loose", rcp.relaxations.Fixed(1e-4))
 
 
 @pytest.mark.casadi

@@ -26,7 +26,7 @@ SCHEMES: list[tuple[str, int | None]] = [
 ]  # fmt: skip
 
 
-def pose(b: Any, t: Any) -> rcp.geometry.Pose:
+def pose(b: Any, t: Any) -> rcp.scenes.Pose:
     return rcp.planar_pose(b.x[t], b.y[t], b.theta[t])
 
 
@@ -62,7 +62,7 @@ def closest(m: pyo.ConcreteModel) -> float:
     times = np.unique(boundaries[:-1, None] + np.diff(boundaries)[:, None] * np.linspace(0, 1, 401))
     found = trajectory(times)
     poses = (rcp.planar_pose(*each) for each in zip(found["x"], found["y"], found["theta"], strict=True))
-    return min(rcp.geometry.signed_distance(BODY, WALL, at).distance for at in poses)
+    return min(rcp.scenes.signed_distance(BODY, WALL, at).distance for at in poses)
 
 
 @pytest.mark.parametrize(("scheme", "stages"), SCHEMES)

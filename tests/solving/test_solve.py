@@ -86,13 +86,13 @@ def test_every_backend_finds_the_corner(backend: str) -> None:
 @pytest.mark.parametrize(
     "treatment",
     [
-        {"grouping": "pair", "schedule": rcp.schedules.Fixed(1e-8)},
-        {"grouping": "element", "schedule": rcp.schedules.Fixed(1e-8)},
-        {"grouping": "pair", "schedule": rcp.schedules.FollowBarrier()},
-        {"grouping": "element", "schedule": rcp.schedules.FollowBarrier()},
-        {"relaxation": "penalty", "schedule": rcp.schedules.Fixed(1e-4)},
+        {"grouping": "pair", "schedule": rcp.relaxations.Fixed(1e-8)},
+        {"grouping": "element", "schedule": rcp.relaxations.Fixed(1e-8)},
+        {"grouping": "pair", "schedule": rcp.relaxations.FollowBarrier()},
+        {"grouping": "element", "schedule": rcp.relaxations.FollowBarrier()},
+        {"relaxation": "penalty", "schedule": rcp.relaxations.Fixed(1e-4)},
         {"relaxation": "penalty"},
-        {"schedule": rcp.schedules.Geometric(first=1.0, factor=0.1, last=1e-8)},
+        {"schedule": rcp.relaxations.Geometric(first=1.0, factor=0.1, last=1e-8)},
     ],
     ids=["pair", "element", "pair-mu", "element-mu", "penalty", "penalty-continued", "geometric"],
 )
@@ -149,7 +149,7 @@ def test_a_model_without_pairs_is_solved_by_one_run(backend: str) -> None:
 @pytest.mark.parametrize("backend", ROUTES[:2])
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
-    schedule = rcp.schedules.FollowBarrier(floor=1e-8, factor=factor)
+    schedule = rcp.relaxations.FollowBarrier(floor=1e-8, factor=factor)
     (step,) = rcp.solve(touching_mass(), backend=backend, schedule=schedule, polish=False).steps
     mus, deltas = zip(*step.path, strict=True)
     assert len(mus) == step.iterations + 1
@@ -165,7 +165,7 @@ def test_delta_follows_mu_inside_the_solve(backend: str, factor: float) -> None:
 @pytest.mark.parametrize("backend", ROUTES[:2])
 def test_following_mu_takes_fewer_iterations_than_no_relaxation(backend: str) -> None:
     m = corner()
-    followed = rcp.solve(m, backend=backend, schedule=rcp.schedules.FollowBarrier())
+    followed = rcp.solve(m, backend=backend, schedule=rcp.relaxations.FollowBarrier())
     m = corner()
     RELAX.apply_to(m, delta=1e-8)
     RELAX.delta_of(m).set_value(0.0)
@@ -180,7 +180,7 @@ def test_following_mu_takes_fewer_iterations_than_no_relaxation(backend: str) ->
 @pytest.mark.executable
 def test_from_outside_delta_walks_down_with_mu() -> None:
     result = rcp.solve(
-        touching_mass(), backend="executable", schedule=rcp.schedules.FollowBarrier(factor=1.0), polish=False
+        touching_mass(), backend="executable", schedule=rcp.relaxations.FollowBarrier(factor=1.0), polish=False
     )
     deltas = [step.delta for step in result.steps]
     assert deltas == sorted(deltas, reverse=True)
@@ -196,7 +196,7 @@ def test_a_limit_is_told_apart_from_success_and_keeps_the_point(backend: str) ->
     m = touching_mass()
     start = m.move.push[m.move.final_time].value
     result = rcp.solve(
-        m, backend=backend, options={"max_iter": 4}, schedule=rcp.schedules.FollowBarrier(), polish=False
+        m, backend=backend, options={"max_iter": 4}, schedule=rcp.relaxations.FollowBarrier(), polish=False
     )
     assert result.stop_reason is rcp.StopReason.ITERATION_LIMIT
     assert result.quality is rcp.Quality.INFEASIBLE
@@ -287,7 +287,7 @@ def test_an_unknown_backend_is_refused() -> None:
 def test_delta_cannot_follow_mu_in_a_penalty() -> None:
     m = corner()
     with pytest.raises(ComplementarityError, match=r"'corner': delta cannot follow.*Use schedule=Geometric"):
-        rcp.solve(m, relaxation="penalty", schedule=rcp.schedules.FollowBarrier())
+        rcp.solve(m, relaxation="penalty", schedule=rcp.relaxations.FollowBarrier())
     assert m.cost.active
     assert m.pair.active
     assert list(m.component_map()) == ["x", "y", "pair", "cost"]

@@ -97,7 +97,7 @@ def test_every_round_of_planning_around_obstacles(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.casadi
 def test_options_of_a_strategy_win_over_ours_and_lose_to_the_users() -> None:
     options = {"tol": 1e-7, "max_iter": 88, "mu_init": 0.02}
-    strategy = rcp.Strategy("own", rcp.schedules.Geometric(last=1e-8), options=options)
+    strategy = rcp.Strategy("own", rcp.relaxations.Geometric(last=1e-8), options=options)
     for users in ({}, {"tol": 1e-9}, {"max_iter": 90}):
         result = rcp.solve(mpcc_problem("bard1").build(), strategies=strategy, polish=False, options=users)
         expected = as_numbers({**options, **users})

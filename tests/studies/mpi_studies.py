@@ -13,7 +13,7 @@ from tests.studies.test_studies_on_engines import PULLS, put_and_die, read, sequ
 
 def main(folder: Path) -> None:
     """Write what each rank knows."""
-    engine = rcp.engines.MpiEngine()
+    engine = rcp.teams.MpiEngine()
     told = [swept(engine), started(engine), sequenced(engine)]
     file = folder / "outcomes.jsonl"
     put = partial(put_and_die, None, 0)

@@ -142,7 +142,7 @@ def test_a_trajectory_with_contact():
     # Other branches are nearly as good here, and a new solve may end on one: the differences stay on this branch.
     m.held = pyo.ConstraintList()
     for pair, report in zip(rcp.active_pairs(m), result.pairs, strict=True):
-        m.held.add((pair.a if report.active is rcp.results.ActiveSide.FIRST else pair.b) == 0)
+        m.held.add((pair.a if report.active is rcp.ActiveSide.FIRST else pair.b) == 0)
     b.wall.deactivate()
     smooth = compared_with_resolves(m, ["target", "stiffness"])
     places = {variable.name: row for variable, row in zip(smooth.variables, smooth.matrix, strict=True)}
@@ -170,7 +170,7 @@ def test_multipliers_of_pairs_say_how_the_objective_gets_worse(a, b, coupling, m
     m.cost = pyo.Objective(expr=sign * cost, sense=pyo.maximize if maximise else pyo.minimize)
     result = rcp.solve(m, options=TIGHT)
     (pair,) = result.pairs
-    if pair.active is rcp.results.ActiveSide.BIACTIVE:
+    if pair.active is rcp.ActiveSide.BIACTIVE:
         return
     multiplier = pair.first_multiplier + pair.second_multiplier
     found = rcp.studies.sensitivity(m, result, m.lift)

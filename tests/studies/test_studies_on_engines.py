@@ -76,11 +76,11 @@ def serial() -> list[Any]:
     return [swept("serial"), started("serial"), sequenced("serial")]
 
 
-def engine_of(name: str) -> rcp.engines.Engine:
+def engine_of(name: str) -> rcp.teams.Engine:
     if name == "dask":
         pytest.importorskip("distributed")
-        return rcp.engines.DaskEngine(workers=2)
-    return rcp.engines.ProcessEngine(workers=2)
+        return rcp.teams.DaskEngine(workers=2)
+    return rcp.teams.ProcessEngine(workers=2)
 
 
 @pytest.mark.casadi
