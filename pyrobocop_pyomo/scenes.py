@@ -5,14 +5,7 @@ cars by hybrid A*, are initial guesses; parking cases come from files as competi
 animations need Matplotlib.
 """
 
-from pyrobocop_pyomo.car_paths import (
-    CarPath,
-    CarSearch,
-    CarTiming,
-    ParkingCar,
-    ParkingCase,
-    hybrid_a_star,
-)
+from pyrobocop_pyomo.car_paths import CarPath, CarSearch, CarTiming, ParkingCar, ParkingCase, hybrid_a_star
 from pyrobocop_pyomo.geometry import (
     Pose,
     SignedDistance,
@@ -42,10 +35,7 @@ from pyrobocop_pyomo.plotting import (
     draw_planar_pushing,
     draw_scene,
 )
-from pyrobocop_pyomo.robots import (
-    DescribedRobot,
-    from_urdf,
-)
+from pyrobocop_pyomo.robots import DescribedRobot, from_urdf
 
 __all__ = [
     "AnimationFile",
