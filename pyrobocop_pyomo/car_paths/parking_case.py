@@ -177,9 +177,9 @@ def _decimal(number: str | float, position: int, name: str) -> Decimal:
     return found
 
 
-def _count(number: Decimal, what: str, name: str, least: int) -> int:
+def _count(number: Decimal, label: str, name: str, least: int) -> int:
     if number != int(number) or number < least:
-        raise GeometryError(f"parking case '{name}': {what} is {number}; expected a whole number from {least} on.")
+        raise GeometryError(f"parking case '{name}': {label} is {number}; expected a whole number from {least} on.")
     return int(number)
 
 

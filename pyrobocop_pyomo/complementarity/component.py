@@ -268,12 +268,12 @@ class Complementarity(ActiveIndexedComponent):
             raise
         return pair
 
-    def _ask(self, rule: Any, what: str, pair: ComplementarityData) -> Any:
+    def _ask(self, rule: Any, label: str, pair: ComplementarityData) -> Any:
         try:
             return rule(self.parent_block(), pair.index())
         except KeyError:
             raise ComplementarityError(
-                f"'{pair.name}': the mapping given as {what}= has no entry for this index."
+                f"'{pair.name}': the mapping given as {label}= has no entry for this index."
             ) from None
 
     def _pprint(self) -> Any:

@@ -31,9 +31,9 @@ class BarrierSchedule(Schedule, Protocol):
         ...
 
 
-def _require(met: bool, schedule: object, what: str) -> None:
+def _require(met: bool, schedule: object, label: str) -> None:
     if not met:
-        raise ComplementarityError(f"{schedule}: {what}.")
+        raise ComplementarityError(f"{schedule}: {label}.")
 
 
 @dataclass(frozen=True)

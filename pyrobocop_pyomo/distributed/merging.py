@@ -122,10 +122,10 @@ def _variable_components(block: Any, name: str) -> dict[str, Any]:
         return {}
     cut = len(block.name) + 1 if block.parent_block() is not None else 0
     if isinstance(component, BlockData) or component.ctype is Block:
-        found = component.component_objects(Var, descend_into=True)
+        variables = list(component.component_objects(Var, descend_into=True))
     else:
-        found = iter([component])
-    return {found_one.name[cut:]: found_one for found_one in found if found_one.ctype is Var}
+        variables = [component] if component.ctype is Var else []
+    return {variable.name[cut:]: variable for variable in variables}
 
 
 def _unify(first: Any, other: Any, names: Sequence[str]) -> None:

@@ -104,57 +104,57 @@ def _is_one_mapping(data: Any) -> bool:
     return "time" in data or not any(nested)
 
 
-def _read(data: Any, what: str) -> dict[str, Series]:
+def _read(data: Any, label: str) -> dict[str, Series]:
     series: dict[str, Series] = {}
     if _is_frame(data):
-        times = _numbers(data.index, f"{what}: the index", whole=True)
+        times = _numbers(data.index, f"{label}: the index", whole=True)
         columns = {str(name): data[name] for name in data.columns}
         if len(columns) != len(data.columns):
-            raise EstimationError(f"{what}: the frame has a column twice.")
+            raise EstimationError(f"{label}: the frame has a column twice.")
         for name, column in columns.items():
-            series[name] = (times, _numbers(column, f"{what}: '{name}'"))
+            series[name] = (times, _numbers(column, f"{label}: '{name}'"))
     elif isinstance(data, Mapping):
-        common = None if "time" not in data else _numbers(data["time"], f"{what}: 'time'", whole=True)
+        common = None if "time" not in data else _numbers(data["time"], f"{label}: 'time'", whole=True)
         for name, given in data.items():
             if name == "time":
                 continue
-            series[str(name)] = _with_times(given, common, f"{what}: '{name}'")
+            series[str(name)] = _with_times(given, common, f"{label}: '{name}'")
     else:
         raise EstimationError(
-            f"{what}: measurements are a {type(data).__name__}; expected a data frame with times as index, or a "
+            f"{label}: measurements are a {type(data).__name__}; expected a data frame with times as index, or a "
             "mapping of names to numbers with the key 'time'."
         )
     for name, (times, values) in series.items():
         if times.ndim != 1 or times.shape != values.shape:
-            raise EstimationError(f"{what}: '{name}' has {values.size} values at {times.size} times.")
+            raise EstimationError(f"{label}: '{name}' has {values.size} values at {times.size} times.")
         if np.isinf(values).any():
-            raise EstimationError(f"{what}: '{name}' is infinite at t = {times[np.isinf(values)][0]:g}.")
+            raise EstimationError(f"{label}: '{name}' is infinite at t = {times[np.isinf(values)][0]:g}.")
     if not any(np.isfinite(values).any() for _, values in series.values()):
-        raise EstimationError(f"{what}: there is no number in it. Missing values are NaN, but not all can be.")
+        raise EstimationError(f"{label}: there is no number in it. Missing values are NaN, but not all can be.")
     return series
 
 
-def _with_times(given: Any, common: Array | None, what: str) -> Series:
+def _with_times(given: Any, common: Array | None, label: str) -> Series:
     if isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1:
-        return _numbers(given[0], f"{what}: times", whole=True), _numbers(given[1], what)
+        return _numbers(given[0], f"{label}: times", whole=True), _numbers(given[1], label)
     if hasattr(given, "index") and hasattr(given, "to_numpy"):
-        return _numbers(given.index, f"{what}: the index", whole=True), _numbers(given, what)
+        return _numbers(given.index, f"{label}: the index", whole=True), _numbers(given, label)
     if common is None:
         raise EstimationError(
-            f"{what}: has no times. Give the key 'time' for all outputs, or a pair (times, values) for this one."
+            f"{label}: has no times. Give the key 'time' for all outputs, or a pair (times, values) for this one."
         )
-    return common, _numbers(given, what)
+    return common, _numbers(given, label)
 
 
-def _numbers(given: Any, what: str, *, whole: bool = False) -> Array:
+def _numbers(given: Any, label: str, *, whole: bool = False) -> Array:
     try:
         numbers = np.asarray(given, dtype=float)
     except (TypeError, ValueError) as error:
-        raise EstimationError(f"{what}: expected numbers ({error}).") from None
+        raise EstimationError(f"{label}: expected numbers ({error}).") from None
     if numbers.ndim != 1:
-        raise EstimationError(f"{what}: has shape {numbers.shape}; expected a row of numbers.")
+        raise EstimationError(f"{label}: has shape {numbers.shape}; expected a row of numbers.")
     if whole and not np.isfinite(numbers).all():
-        raise EstimationError(f"{what}: holds a time that is not finite.")
+        raise EstimationError(f"{label}: holds a time that is not finite.")
     return numbers
 
 

@@ -241,7 +241,7 @@ def _output_label(component: Any) -> tuple[str, float]:
     return component.name, np.nan
 
 
-def _members(model: Any, block: Any, name: Any, what: str) -> dict[str, Any]:
+def _members(model: Any, block: Any, name: Any, label: str) -> dict[str, Any]:
     """The variables behind the name of a parameter, by their own names."""
     if not isinstance(name, str):
         name = getattr(name, "name", name)
@@ -249,10 +249,10 @@ def _members(model: Any, block: Any, name: Any, what: str) -> dict[str, Any]:
     component = model.find_component(name) if component is None and isinstance(name, str) else component
     if component is None:
         known = [each.local_name for each in block.component_objects(Var, descend_into=False) if not each.is_indexed()]
-        raise EstimationError(f"{what}: there is no parameter '{name}'; there are {', '.join(known) or 'none'}.")
+        raise EstimationError(f"{label}: there is no parameter '{name}'; there are {', '.join(known) or 'none'}.")
     if component.ctype is not Var:
         raise EstimationError(
-            f"{what}: '{name}' is a {type(component).__name__}; only variables can be estimated. Declare it as "
+            f"{label}: '{name}' is a {type(component).__name__}; only variables can be estimated. Declare it as "
             "rcp.Parameter or as a Var."
         )
     if not component.is_indexed():
@@ -307,19 +307,19 @@ def _apply_inputs(phase: Any, inputs: Mapping[str, Any], what: str) -> None:
         )
 
 
-def _set_starts(phase: Any, data: DataSet, what: str) -> None:
+def _set_starts(phase: Any, data: DataSet, label: str) -> None:
     states = phase.record.names_of_states
     for name, number in data.initial.items():
         if name not in states:
             raise EstimationError(
-                f"{what}: the initial value of '{name}' is for no state; there are {', '.join(states)}."
+                f"{label}: the initial value of '{name}' is for no state; there are {', '.join(states)}."
             )
         if not np.isfinite(float(number)):
-            raise EstimationError(f"{what}: the initial value of '{name}' is {number!r}.")
+            raise EstimationError(f"{label}: the initial value of '{name}' is {number!r}.")
         phase.component(name)[phase.time.first()].fix(float(number), skip_validation=True)
 
 
-def _free_starts(phase: Any, initial: Any, data: DataSet, what: str) -> dict[str, Any]:
+def _free_starts(phase: Any, initial: Any, data: DataSet, label: str) -> dict[str, Any]:
     """Start values that are to be estimated: those that the model leaves free, and those that are requested."""
     states = phase.record.names_of_states
     if initial == "estimated":
@@ -333,7 +333,7 @@ def _free_starts(phase: Any, initial: Any, data: DataSet, what: str) -> dict[str
     found = {}
     for name in asked:
         if name not in states:
-            raise EstimationError(f"{what}: initial names '{name}', which is no state; there are {', '.join(states)}.")
+            raise EstimationError(f"{label}: initial names '{name}', which is no state; there are {', '.join(states)}.")
     for name in states:
         variable = phase.component(name)[phase.time.first()]
         if name in asked:

@@ -146,7 +146,11 @@ class OutputSensitivities:
 
 
 def _moved(others: Any, unknowns: Any, outputs: Any) -> tuple[Array, int]:
-    """What the outputs get through the other variables, which move so that the rows stay met."""
+    """Derivatives of the outputs by the unknowns through the other variables, which move so that the rows stay met.
+
+    `others` and `unknowns` are the columns of the rows' Jacobian, `outputs` is the outputs' Jacobian by the other
+    variables. The number is how many of the other variables the rows leave undetermined.
+    """
     rows, count = others.shape
     if rows == count:
         target = unknowns.toarray()

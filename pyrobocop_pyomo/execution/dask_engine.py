@@ -194,7 +194,7 @@ class DaskEngine(Engine):
                 self._pending[request.agent] = error
 
     def wait(self, timeout: float | None = None) -> Exchange:
-        """Wait for answers and losses."""
+        """Answers and lost workers: the first that come, and none where `timeout` seconds pass before."""
         end = None if timeout is None else time.monotonic() + timeout
         answers: dict[str, Answer] = {}
         lost: dict[str, Lost] = {}

@@ -400,13 +400,13 @@ class Engine(ABC):
         if unknown:
             raise EngineError(f"no agent '{unknown[0]}'; the agents are {', '.join(self._specs)}.")
 
-    def _value(self, name: str, reply: Answer | AgentFailure, what: str) -> Any:
+    def _value(self, name: str, reply: Answer | AgentFailure, label: str) -> Any:
         value = _opened(reply)
         if not isinstance(value, Raised):
             return value
         error = value.original()
         if not isinstance(error, PyRobocopError):
-            error = EngineError(f"agent '{name}' {what}: {value.reason}")
+            error = EngineError(f"agent '{name}' {label}: {value.reason}")
         raise error from RuntimeError(f"in agent '{name}'\n{value.traceback}")
 
     @staticmethod

@@ -22,19 +22,19 @@ SAME_POINT = 1e-9
 ON_PLANE = 1e-9
 
 
-def read_points(points: Any, name: str, what: str = "vertices") -> np.ndarray:
+def read_points(points: Any, name: str, label: str = "vertices") -> np.ndarray:
     """Finite points (v, 2 or 3) as an array of floats, or a GeometryError that names the body."""
     try:
         array = np.array(points, dtype=float)
     except (TypeError, ValueError) as error:
-        raise GeometryError(f"'{name}': {what} are no list of points of numbers: {error}.") from None
+        raise GeometryError(f"'{name}': {label} are no list of points of numbers: {error}.") from None
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise GeometryError(
-            f"'{name}': {what} have the shape {array.shape}; expected one row per point, with 2 or 3 coordinates."
+            f"'{name}': {label} have the shape {array.shape}; expected one row per point, with 2 or 3 coordinates."
         )
     if not np.isfinite(array).all():
         row = int(np.argmax(~np.isfinite(array).all(axis=1)))
-        raise GeometryError(f"'{name}': {what} have an entry that is not finite, in row {row}: {array[row]}.")
+        raise GeometryError(f"'{name}': {label} have an entry that is not finite, in row {row}: {array[row]}.")
     return array
 
 

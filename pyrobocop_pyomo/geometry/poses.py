@@ -217,9 +217,9 @@ def _identity(dimension: int) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(1.0 if i == j else 0.0 for j in range(dimension)) for i in range(dimension))
 
 
-def _sized(entries: Sequence[Entry], size: int, what: str) -> tuple[Entry, ...]:
+def _sized(entries: Sequence[Entry], size: int, label: str) -> tuple[Entry, ...]:
     if len(entries) != size:
-        raise GeometryError(f"spatial_pose: {what} was expected, and {len(entries)} were given.")
+        raise GeometryError(f"spatial_pose: {label} was expected, and {len(entries)} were given.")
     return tuple(entries)
 
 

@@ -78,13 +78,13 @@ class PhaseEnd:
 
 
 def states_of_both(
-    what: str, first: Any, second: Any, determined: set[str], omitted: set[str], read: set[str]
+    label: str, first: Any, second: Any, determined: set[str], omitted: set[str], read: set[str]
 ) -> dict[str, str]:
     """{state of the second: state of the first} for all common names that nothing else determines.
 
     Parameters
     ----------
-    what : str
+    label : str
         The link, for messages.
     first, second : PhaseBlock
     determined : set of str
@@ -105,19 +105,19 @@ def states_of_both(
         start = second.component(name)[second.initial_time]
         if name not in continued and name not in determined | omitted and not start.fixed:
             raise LinkError(
-                f"{what}: nothing gives the start of state '{name}'; '{first.name}' has the states "
+                f"{label}: nothing gives the start of state '{name}'; '{first.name}' has the states "
                 f"{', '.join(before) or 'none'}. Give '{name}' in jump=, or leave it alone by omit=['{name}']."
             )
     for name in before:
         if name not in continued and name not in read | omitted | determined:
             raise LinkError(
-                f"{what}: state '{name}' of '{first.name}' goes nowhere; '{second.name}' has the states "
+                f"{label}: state '{name}' of '{first.name}' goes nowhere; '{second.name}' has the states "
                 f"{', '.join(after) or 'none'}. Use it in jump=, or leave it alone by omit=['{name}']."
             )
     return continued
 
 
-def states_given(what: str, first: Any, second: Any, states: Any, determined: set[str]) -> dict[str, str]:
+def states_given(label: str, first: Any, second: Any, states: Any, determined: set[str]) -> dict[str, str]:
     """{state of the second: state of the first} for the user's own list or mapping.
 
     Raises
@@ -131,14 +131,14 @@ def states_given(what: str, first: Any, second: Any, states: Any, determined: se
         given = [(state, state) for state in names_by_component(first.record, listed(states))]
     continued: dict[str, str] = {}
     for source, target in given:
-        before, after = _state_name(what, first, source), _state_name(what, second, target)
+        before, after = _state_name(label, first, source), _state_name(label, second, target)
         if after in determined | set(continued):
-            raise LinkError(f"{what}: the start of state '{after}' is given twice. Take it out of states=.")
+            raise LinkError(f"{label}: the start of state '{after}' is given twice. Take it out of states=.")
         continued[after] = before
     return continued
 
 
-def omitted_states(what: str, first: Any, second: Any, omit: Any) -> set[str]:
+def omitted_states(label: str, first: Any, second: Any, omit: Any) -> set[str]:
     """Names of the states to leave alone.
 
     Raises
@@ -150,11 +150,11 @@ def omitted_states(what: str, first: Any, second: Any, omit: Any) -> set[str]:
     names = {name_of(state) for state in named}
     for name in names:
         if name not in first.record.names_of_states and name not in second.record.names_of_states:
-            raise LinkError(f"{what}: omit= names '{name}', which is a state of neither phase.")
+            raise LinkError(f"{label}: omit= names '{name}', which is a state of neither phase.")
     return names
 
 
-def shared_parameter(what: str, first: Any, second: Any, parameter: Any) -> str:
+def shared_parameter(label: str, first: Any, second: Any, parameter: Any) -> str:
     """Name of a parameter that both phases have.
 
     Raises
@@ -167,7 +167,7 @@ def shared_parameter(what: str, first: Any, second: Any, parameter: Any) -> str:
         known = phase.record.names(Parameter)
         if name not in known:
             raise LinkError(
-                f"{what}: '{name}' is no parameter of '{phase.name}'; its parameters are {', '.join(known) or 'none'}."
+                f"{label}: '{name}' is no parameter of '{phase.name}'; its parameters are {', '.join(known) or 'none'}."
             )
     return name
 
@@ -182,11 +182,11 @@ def listed(names: Any) -> list[Any]:
     return [names] if isinstance(names, str) else list(names)
 
 
-def _state_name(what: str, phase: Any, state: Any) -> str:
+def _state_name(label: str, phase: Any, state: Any) -> str:
     try:
         return phase.state_name(name_of(state))
     except TranscriptionError as error:
-        raise LinkError(f"{what}: {error}") from None
+        raise LinkError(f"{label}: {error}") from None
 
 
 @dataclass
@@ -252,11 +252,11 @@ def sort_jump(
     return {}, relations
 
 
-def _name(what: str, second: Any, states: Iterable[str], state: Any) -> str:
+def _name(label: str, second: Any, states: Iterable[str], state: Any) -> str:
     name = state if isinstance(state, str) else getattr(state, "local_name", repr(state))
     if name not in states or (not isinstance(state, str) and second.component(name) is not state):
         raise LinkError(
-            f"{what}: the jump gives a start to '{name}', which is no state of '{second.name}'; its states are "
+            f"{label}: the jump gives a start to '{name}', which is no state of '{second.name}'; its states are "
             f"{', '.join(states) or 'none'}."
         )
     return name

@@ -136,7 +136,7 @@ def ties_of(phase: Any) -> StartTies:
     )
 
 
-def solved_start(what: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], led: Led) -> list[float]:
+def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], led: Led) -> list[float]:
     """Values of the unknowns at the start of a phase by equations, after given motions of the phases that these read.
 
     Raises
@@ -148,7 +148,7 @@ def solved_start(what: str, phase: Any, rows: Collection[Any], unknowns: Collect
     if len(stated) != len(variables):
         names = ", ".join(variable.name for variable in variables) or "none"
         raise LinkError(
-            f"{what}: {len(stated)} equations for the start of {len(variables)} states ({names}). Give the start of "
+            f"{label}: {len(stated)} equations for the start of {len(variables)} states ({names}). Give the start of "
             f"'{phase.name}' yourself."
         )
     expressions = [(row.name, row.body - row.upper) for row in stated]
@@ -157,7 +157,7 @@ def solved_start(what: str, phase: Any, rows: Collection[Any], unknowns: Collect
         solution = solve_mixed_complementarity(ElementSystem(variables, expressions, []).problem(), guess)
     if not solution.solved:
         raise LinkError(
-            f"{what}: its relations have no solution for the start of '{phase.name}' (residual "
+            f"{label}: its relations have no solution for the start of '{phase.name}' (residual "
             f"{solution.residual:.1e} in '{stated[solution.worst].name}')."
         )
     found: list[float] = solution.point.tolist()

@@ -145,11 +145,11 @@ class SignalLaw(Law):
                     "component of the model."
                 )
 
-    def _refuse_sign(self, name: str, number: float, what: str) -> None:
+    def _refuse_sign(self, name: str, number: float, label: str) -> None:
         if name in self.positive and not number > 0:
-            raise DeclarationError(f"{what}; expected a positive number.")
+            raise DeclarationError(f"{label}; expected a positive number.")
         if name in self.nonnegative and not number >= 0:
-            raise DeclarationError(f"{what}; expected zero or a positive number.")
+            raise DeclarationError(f"{label}; expected zero or a positive number.")
 
     @property
     def _what(self) -> str:
@@ -319,7 +319,7 @@ def _parameters_in(expression: Any) -> list[Any]:
     return [parameter for parameter in found if not isinstance(parameter, _PyomoUnit)]
 
 
-def _as_rule(given: Any, phase: Any, what: str) -> Any:
+def _as_rule(given: Any, phase: Any, label: str) -> Any:
     """A number or rule as it is, a component as a rule that reads it."""
     if given.__class__ in native_types or not _is_of_model(given):
         return given
@@ -327,7 +327,7 @@ def _as_rule(given: Any, phase: Any, what: str) -> Any:
         if not given.is_potentially_variable() and not _parameters_in(given):
             return given  # a number with units
         raise DeclarationError(
-            f"{what} = {given}, which belongs to this model alone, and to one point of it. Write it as a rule: "
+            f"{label} = {given}, which belongs to this model alone, and to one point of it. Write it as a rule: "
             "lambda phase, t: ..."
         )
     names, block = [given.local_name], given.parent_block()
@@ -335,11 +335,11 @@ def _as_rule(given: Any, phase: Any, what: str) -> Any:
         names.append(block.local_name)
         block = block.parent_block()
     if block is None:
-        raise DeclarationError(f"{what} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
+        raise DeclarationError(f"{label} = {given}, which is not on the model of phase '{phase.name}'. Add it first.")
     if "[" in "".join(names) or (given.is_indexed() and phase.points.first() not in given):
         raise DeclarationError(
-            f"{what} = {given}, which is within an indexed block, or not indexed by the times of phase '{phase.name}'. "
-            "Write it as a rule: lambda phase, t: ..."
+            f"{label} = {given}, which is within an indexed block, or not indexed by the times of phase "
+            f"'{phase.name}'. Write it as a rule: lambda phase, t: ..."
         )
     return _ComponentReader(tuple(reversed(names)), from_phase=block is phase, over_time=given.is_indexed())
 

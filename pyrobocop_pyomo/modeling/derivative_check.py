@@ -45,7 +45,7 @@ def check_against_differences(
     function: Callable[[FloatArray], FloatArray],
     derivative: Callable[[FloatArray], FloatArray],
     points: FloatArray,
-    what: str,
+    label: str,
 ) -> None:
     """Compare what is given as a derivative with differences, input by input.
 
@@ -56,7 +56,7 @@ def check_against_differences(
     function, derivative : callable
         From points to arrays of shapes (points, outputs, ...) and (points, outputs, ..., inputs).
     points : float array, shape (points, inputs)
-    what : str
+    label : str
         Name of the derivative, for a message.
 
     Raises
@@ -82,9 +82,9 @@ def check_against_differences(
             point, output, *inner = np.argwhere(wrong)[0]
             inputs = " and ".join(owner.input_name(k) for k in (*inner, i))
             raise FunctionError(
-                f"'{owner.output_name(output)}': {what} gives {given[(point, output, *inner, i)]:.8g} as the "
+                f"'{owner.output_name(output)}': {label} gives {given[(point, output, *inner, i)]:.8g} as the "
                 f"derivative by {inputs} at {owner.described(points[point])}; differences give "
-                f"{central[(point, output, *inner)]:.8g}. Correct {what}; check_derivatives=False trusts it as it is."
+                f"{central[(point, output, *inner)]:.8g}. Correct {label}; check_derivatives=False trusts it as it is."
             )
 
 

@@ -278,18 +278,18 @@ def plain_entry(entry: Any) -> Any:
     return entry.item() if isinstance(entry, np.generic) else entry
 
 
-def plain_scalar(result: Any, what: str) -> Any:
+def plain_scalar(result: Any, label: str) -> Any:
     """One plain expression, where a rule may have returned an array with one entry.
 
     Raises
     ------
     ExpressionArrayError
-        When the array has several entries; the message begins with `what`.
+        When the array has several entries; the message begins with `label`.
     """
     if isinstance(result, np.ndarray):
         if result.size != 1:
             raise ExpressionArrayError(
-                f"{what} is an array of shape {result.shape}, where one expression is expected. Sum it, by np.sum or @."
+                f"{label} is an array of shape {result.shape}, where one expression is expected. Sum it by np.sum or @."
             )
         result = result.reshape(-1)[0]
     return plain_entry(result)

@@ -115,9 +115,9 @@ class Function:
         self._unchecked = check_derivatives
         self._last: tuple[tuple[float, ...], FloatArray] | None = None
 
-    def _check_entries(self, what: str, entries: Sequence[Any] | None, count: int | None) -> None:
+    def _check_entries(self, label: str, entries: Sequence[Any] | None, count: int | None) -> None:
         if entries is not None and count is not None and len(entries) != count:
-            raise FunctionError(f"'{self.name}': {what} has {len(entries)} entries for {count}.")
+            raise FunctionError(f"'{self.name}': {label} has {len(entries)} entries for {count}.")
 
     @property
     def has_hessian(self) -> bool:
@@ -219,7 +219,7 @@ class Function:
         return self._finite(self._asked(self._hessian, "hessian", points, shape), "second derivative", points)
 
     def _asked(
-        self, function: Callable[[FloatArray], Any], what: str, points: FloatArray, shape: tuple[int, ...]
+        self, function: Callable[[FloatArray], Any], label: str, points: FloatArray, shape: tuple[int, ...]
     ) -> FloatArray:
         """A copy of what the user's function returns, in the full shape."""
         points = np.array(points, dtype=float)
@@ -230,34 +230,34 @@ class Function:
         except EvaluationError:
             raise
         except ArithmeticError as error:
-            raise EvaluationError(f"'{self.name}': {what} raised {type(error).__name__}: {error}.") from error
+            raise EvaluationError(f"'{self.name}': {label} raised {type(error).__name__}: {error}.") from error
         except Exception as error:
             raise FunctionError(
-                f"'{self.name}': {what}(X) raised {type(error).__name__}: {error}. X had shape {points.shape}, with "
+                f"'{self.name}': {label}(X) raised {type(error).__name__}: {error}. X had shape {points.shape}, with "
                 f"numbers from {points.min():g} to {points.max():g}. Where a point is outside its domain, return nan "
                 "or raise rcp.errors.EvaluationError: Ipopt then tries a shorter step."
             ) from error
         try:
             array = np.array(found, dtype=float)
         except (TypeError, ValueError) as error:
-            raise FunctionError(f"'{self.name}': {what}(X) returned a {type(found).__name__}: {error}.") from None
+            raise FunctionError(f"'{self.name}': {label}(X) returned a {type(found).__name__}: {error}.") from None
         if array.shape != full:
             without_output = (full[0], *full[2:])
             if not (self._single and array.shape == without_output):
                 either = f" or {without_output}" if self._single else ""
                 raise FunctionError(
-                    f"'{self.name}': {what}(X) for X of shape {points.shape} returned the shape {array.shape}; it must "
-                    f"be {full}{either}: points first" + (", then outputs, then inputs." if shape[1:] else ".")
+                    f"'{self.name}': {label}(X) for X of shape {points.shape} returned the shape {array.shape}; it "
+                    f"must be {full}{either}: points first" + (", then outputs, then inputs." if shape[1:] else ".")
                 )
         return array.reshape(full)
 
-    def _finite(self, array: FloatArray, what: str, points: FloatArray) -> FloatArray:
+    def _finite(self, array: FloatArray, label: str, points: FloatArray) -> FloatArray:
         if np.isfinite(array).all():
             return array
         point, output, *inputs = np.argwhere(~np.isfinite(array))[0]
         by = "" if not inputs else " by " + " and ".join(self.input_name(i) for i in inputs)
         raise EvaluationError(
-            f"'{self._outputs[output].name}': its {what}{by} is {array[(point, output, *inputs)]} at "
+            f"'{self._outputs[output].name}': its {label}{by} is {array[(point, output, *inputs)]} at "
             f"{self.described(points[point])}."
         )
 
@@ -319,17 +319,17 @@ class Function:
 
 
 def _count_and_names(
-    given: int | Sequence[str] | None, name: str, what: str
+    given: int | Sequence[str] | None, name: str, label: str
 ) -> tuple[int | None, tuple[str, ...] | None]:
     if given is None:
         return None, None
     if isinstance(given, (str, bool)) or (isinstance(given, int) and given < 1):
-        raise FunctionError(f"'{name}': {what} is {given!r}; it must be a count of at least 1, or a list of names.")
+        raise FunctionError(f"'{name}': {label} is {given!r}; it must be a count of at least 1, or a list of names.")
     if isinstance(given, int):
         return given, None
     names = tuple(given)
     if not names or len(set(names)) < len(names) or not all(isinstance(word, str) for word in names):
-        raise FunctionError(f"'{name}': {what} is {given!r}; it must be a list of different names.")
+        raise FunctionError(f"'{name}': {label} is {given!r}; it must be a list of different names.")
     return len(names), names
 
 
@@ -405,10 +405,10 @@ class FunctionOutput:
         raise FunctionError(python_function_refused(f"the Python function '{self.name}'"))
 
 
-def python_function_refused(what: str) -> str:
+def python_function_refused(label: str) -> str:
     """Why a model cannot be written to a file for another process, and what to do."""
     return (
-        f"{what} is called, which no other process can. Solve in this process: rcp.solve with a backend in process "
+        f"{label} is called, which no other process can. Solve in this process: rcp.solve with a backend in process "
         "(the default), or SolverFactory('pyrobocop.ipopt')."
     )
 

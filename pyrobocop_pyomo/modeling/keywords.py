@@ -15,7 +15,7 @@ Returned = TypeVar("Returned")
 
 
 def check_keywords(
-    what: str,
+    label: str,
     given: Iterable[str],
     known: Iterable[str],
     error: type[ModelError],
@@ -25,7 +25,7 @@ def check_keywords(
 
     Parameters
     ----------
-    what : str
+    label : str
         What was called, in messages.
     given, known : iterable of str
     error : type of ModelError
@@ -51,7 +51,7 @@ def check_keywords(
             remedy = f"Did you mean '{nearest[0]}'?"
         else:
             remedy = f"Its keywords are {', '.join(known)}."
-        raise error(f"{what} has no keyword '{name}'. {remedy}")
+        raise error(f"{label} has no keyword '{name}'. {remedy}")
 
 
 def keywords_checked(

@@ -237,7 +237,7 @@ def proxy_of(found: Any, signals: Signals) -> Any:
     return found.on(signals.proxy_of(found.parent_block())) if isinstance(found, VariableFamily) else found
 
 
-def rule_result(rule: Any, block: Any, signals: Signals, what: str) -> Any:
+def rule_result(rule: Any, block: Any, signals: Signals, label: str) -> Any:
     """The result of a rule for a pose or a length, evaluated with proxies.
 
     Raises
@@ -248,13 +248,13 @@ def rule_result(rule: Any, block: Any, signals: Signals, what: str) -> Any:
     try:
         return rule(signals.proxy_of(block), signals.index)
     except ModelError as error:
-        raise error if what in str(error) else type(error)(f"{what}: {error}") from error
+        raise error if label in str(error) else type(error)(f"{label}: {error}") from error
     except Exception as error:
         if slip_of(rule, error, block, ("b", "t")) is not None:
             raise  # whoever asks explains it
         reason = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(".")  # Pyomo adds paragraphs of advice
         raise ObstacleError(
-            f"{what} cannot be asked between the nodes ({reason}). Its rule has to "
+            f"{label} cannot be asked between the nodes ({reason}). Its rule has to "
             "read variables through its first argument, not through the model, and to be made of Pyomo's functions: "
             "pyo.cos(t) instead of math.cos(t), no 'if' on t."
         ) from error

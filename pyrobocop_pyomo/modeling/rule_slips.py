@@ -31,14 +31,14 @@ _FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImp
 
 @contextmanager
 def slips_explained(
-    rule: Any, what: str, block: Any, arguments: Sequence[str], error: type[PyRobocopError]
+    rule: Any, label: str, block: Any, arguments: Sequence[str], error: type[PyRobocopError]
 ) -> Iterator[None]:
     """Explain what a rule raises, where it is a slip that is known; anything else stays as it is.
 
     Parameters
     ----------
     rule : callable
-    what : str
+    label : str
         The rule in messages: ``"the pose of 'car'"``.
     block : Block
         First argument of the rule.
@@ -55,7 +55,7 @@ def slips_explained(
         slip = slip_of(rule, found, block, arguments)
         if slip is None:
             raise
-        raise error(f"{what}: {slip}") from found
+        raise error(f"{label}: {slip}") from found
 
 
 def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -> str | None:

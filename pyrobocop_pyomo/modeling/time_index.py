@@ -28,8 +28,8 @@ class TimeIndex(ArrayEntry):
 
     __slots__ = ("phase", "point", "what")
 
-    def __init__(self, point: float, what: str, phase: Any) -> None:
-        self.point, self.what, self.phase = point, what, phase
+    def __init__(self, point: float, label: str, phase: Any) -> None:
+        self.point, self.what, self.phase = point, label, phase
 
     @property
     def expression(self) -> Any:

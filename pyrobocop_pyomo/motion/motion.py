@@ -160,11 +160,11 @@ class Motion:
             lambda: self.between_nodes(rule, interval, fraction, f"the pose of '{name}'"), rule, self.block, name
         )
 
-    def between_nodes(self, rule: Callable[..., Any], interval: int, fraction: float, what: str) -> Any:
-        """What a rule says at a local fraction of an interval, with interpolated signals; `what` is for messages."""
+    def between_nodes(self, rule: Callable[..., Any], interval: int, fraction: float, label: str) -> Any:
+        """What a rule says at a local fraction of an interval, with interpolated signals; `label` is for messages."""
         assert self.interpolation is not None
         index = self.index_at(interval, fraction)
-        return rule_result(rule, self.block, _SignalsAtPoint(self.interpolation, interval, fraction, index), what)
+        return rule_result(rule, self.block, _SignalsAtPoint(self.interpolation, interval, fraction, index), label)
 
 
 class _SignalsAtPoint(Signals):

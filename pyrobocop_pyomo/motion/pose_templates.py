@@ -187,7 +187,7 @@ def template_of(
 
 
 def length_formulas_of(
-    motion: Motion, rule: Callable[..., Any], what: str, times: Mapping[float, float] | None = None
+    motion: Motion, rule: Callable[..., Any], label: str, times: Mapping[float, float] | None = None
 ) -> SignalFormulas:
     """Evaluate a rule for a length, such as a clearance, as `template_of` does; there is one entry.
 
@@ -196,7 +196,7 @@ def length_formulas_of(
     motion : Motion
     rule : callable
         ``rule(block, t)`` returns a number or an expression.
-    what : str
+    label : str
         What the rule is about, in messages.
     times : mapping of node to float, optional
 
@@ -205,18 +205,18 @@ def length_formulas_of(
     ObstacleError
         Naming what the rule is about, as `template_of`.
     """
-    placeholders, length = _evaluated_once(motion, rule, what, times)
-    formulas = SignalFormulas(what, [length], *placeholders.known)
+    placeholders, length = _evaluated_once(motion, rule, label, times)
+    formulas = SignalFormulas(label, [length], *placeholders.known)
     return _checked_formulas(motion, formulas, lambda node: entry_values([rule(motion.block, node)]))
 
 
 def _evaluated_once(
-    motion: Motion, rule: Callable[..., Any], what: str, times: Mapping[float, float] | None
+    motion: Motion, rule: Callable[..., Any], label: str, times: Mapping[float, float] | None
 ) -> tuple[_SignalPlaceholders, Any]:
     """What a rule says in placeholders."""
     placeholders = _placeholders(motion, times)
-    with slips_explained(rule, what, motion.block, ("b", "t"), ObstacleError):
-        return placeholders, rule_result(rule, motion.block, placeholders, what)
+    with slips_explained(rule, label, motion.block, ("b", "t"), ObstacleError):
+        return placeholders, rule_result(rule, motion.block, placeholders, label)
 
 
 def _placeholders(motion: Motion, times: Mapping[float, float] | None) -> _SignalPlaceholders:

@@ -128,7 +128,7 @@ def clearance_text(pair: tuple[str, str]) -> str:
     return f"the clearance between '{pair[0]}' and '{pair[1]}'"
 
 
-def clearance_value(asked: Any, what: str) -> float:
+def clearance_value(asked: Any, label: str) -> float:
     """A clearance as a number.
 
     Raises
@@ -141,11 +141,11 @@ def clearance_value(asked: Any, what: str) -> float:
         number = math.nan if number is None else float(number)
     except (TypeError, ValueError):
         raise ObstacleError(
-            f"{what} is {asked!r}; expected a length: a number, a Param, a Var or an expression of the model, or a "
+            f"{label} is {asked!r}; expected a length: a number, a Param, a Var or an expression of the model, or a "
             "rule(block, t)."
         ) from None
     if not math.isfinite(number):
         raise ObstacleError(
-            f"{what} is '{asked}', which has no finite value. Give its parameters and variables values first."
+            f"{label} is '{asked}', which has no finite value. Give its parameters and variables values first."
         )
     return number

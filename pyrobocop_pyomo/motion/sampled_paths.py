@@ -68,7 +68,7 @@ class SampledPath:
         return SampledPath(times, positions, None, self.rotations[interval] @ turned)
 
 
-def read_times(given: Any, what: str) -> Array:
+def read_times(given: Any, label: str) -> Array:
     """Increasing finite numbers, two or more.
 
     Raises
@@ -79,20 +79,20 @@ def read_times(given: Any, what: str) -> Array:
     try:
         times = np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ObstacleError(f"{what}: expected numbers, such as seconds: {error}.") from None
+        raise ObstacleError(f"{label}: expected numbers, such as seconds: {error}.") from None
     if times.ndim != 1 or len(times) < 2:
         raise ObstacleError(
-            f"{what}: an array of shape {times.shape}; expected two times or more, shape (N,). Where only the order of "
-            "the poses is known, give range(N)."
+            f"{label}: an array of shape {times.shape}; expected two times or more, shape (N,). Where only the order "
+            "of the poses is known, give range(N)."
         )
     if not np.isfinite(times).all():
-        raise ObstacleError(f"{what}: the time of row {int(np.argmin(np.isfinite(times)))} is not finite.")
+        raise ObstacleError(f"{label}: the time of row {int(np.argmin(np.isfinite(times)))} is not finite.")
     wrong = np.flatnonzero(np.diff(times) <= 0.0)
     if len(wrong):
         k = int(wrong[0])
         raise ObstacleError(
-            f"{what}: times must increase, but row {k + 1} ({times[k + 1]:g}) follows row {k} ({times[k]:g}). Sort the "
-            "rows, and leave out those that are repeated."
+            f"{label}: times must increase, but row {k + 1} ({times[k + 1]:g}) follows row {k} ({times[k]:g}). Sort "
+            "the rows, and leave out those that are repeated."
         )
     return times
 
@@ -137,16 +137,16 @@ def read_path(
     return path
 
 
-def _as_array(given: Any, dimension: int, name: str, what: str) -> Array:
+def _as_array(given: Any, dimension: int, name: str, label: str) -> Array:
     if isinstance(given, Sequence) and len(given) and all(isinstance(pose, Pose) for pose in given):
         return _matrices(given, dimension, name)
     try:
         poses = np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
-        raise ObstacleError(f"{what}: no array of numbers ({error}); expected {_SHAPES[dimension]}.") from None
+        raise ObstacleError(f"{label}: no array of numbers ({error}); expected {_SHAPES[dimension]}.") from None
     allowed = {2: [(2,), (3,), (3, 3)], 3: [(3,), (6,), (7,), (4, 4)]}[dimension]
     if poses.ndim < 2 or poses.shape[1:] not in allowed:
-        raise ObstacleError(f"{what}: an array of shape {poses.shape}; expected {_SHAPES[dimension]}.")
+        raise ObstacleError(f"{label}: an array of shape {poses.shape}; expected {_SHAPES[dimension]}.")
     return poses
 
 
@@ -161,9 +161,9 @@ def _matrices(poses: Sequence[Pose], dimension: int, name: str) -> Array:
     return stacked
 
 
-def _planar(poses: Array, times: Array, what: str, turns: str) -> SampledPath:
+def _planar(poses: Array, times: Array, label: str, turns: str) -> SampledPath:
     if poses.ndim == 3:
-        rotations = _checked_rotations(poses, what)
+        rotations = _checked_rotations(poses, label)
         positions, angles = poses[:, :2, 2], np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
         turns = "shorter"  # matrices know no whole turns
     else:
@@ -172,31 +172,31 @@ def _planar(poses: Array, times: Array, what: str, turns: str) -> SampledPath:
     if turns == "shorter":
         steps = np.diff(angles)
         shorter = np.remainder(steps + np.pi, 2.0 * np.pi) - np.pi
-        _refuse_half_turns(np.abs(shorter), what)
+        _refuse_half_turns(np.abs(shorter), label)
         changed = int((np.abs(shorter - steps) > 1e-9).sum())
         if changed:
             logger.info(
                 "%s: %d steps of the heading are longer than half a turn; the body is taken to turn the shorter way. "
                 "Say turns='as given' where it does not.",
-                what,
+                label,
                 changed,
             )
             angles = angles[0] + np.concatenate([[0.0], np.cumsum(shorter)])
     return SampledPath(times, positions, angles, None)
 
 
-def _refuse_half_turns(angles: Array, what: str) -> None:
+def _refuse_half_turns(angles: Array, label: str) -> None:
     half = np.flatnonzero(angles >= np.pi - _HALF_TURN)
     if len(half):
         raise ObstacleError(
-            f"{what}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are equally "
-            "short. Give poses in between."
+            f"{label}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
+            "equally short. Give poses in between."
         )
 
 
-def _spatial(poses: Array, what: str, quaternion_order: str | None) -> tuple[Array, Array]:
+def _spatial(poses: Array, label: str, quaternion_order: str | None) -> tuple[Array, Array]:
     if poses.ndim == 3:
-        return poses[:, :3, 3], _checked_rotations(poses, what)
+        return poses[:, :3, 3], _checked_rotations(poses, label)
     positions = poses[:, :3]
     if poses.shape[1] == 3:
         return positions, np.broadcast_to(np.eye(3), (len(poses), 3, 3))
@@ -204,7 +204,7 @@ def _spatial(poses: Array, what: str, quaternion_order: str | None) -> tuple[Arr
         return positions, np.array([spatial_pose(row[:3], euler=row[3:].tolist()).numbers()[0] for row in poses])
     if quaternion_order not in QUATERNION_ORDERS:
         raise ObstacleError(
-            f"{what}: quaternion_order={quaternion_order!r}; say quaternion_order='wxyz' where the columns are "
+            f"{label}: quaternion_order={quaternion_order!r}; say quaternion_order='wxyz' where the columns are "
             "x, y, z, qw, qx, qy, qz, as in spatial_pose, or 'xyzw' where they are x, y, z, qx, qy, qz, qw, as in "
             "ROS and SciPy."
         )
@@ -213,13 +213,13 @@ def _spatial(poses: Array, what: str, quaternion_order: str | None) -> tuple[Arr
     worst = int(np.argmax(np.abs(lengths - 1.0)))
     if abs(lengths[worst] - 1.0) > _LENGTH_ERROR:
         raise ObstacleError(
-            f"{what}: the quaternion of row {worst} has length {lengths[worst]:.6g}; expected 1. Check which columns "
+            f"{label}: the quaternion of row {worst} has length {lengths[worst]:.6g}; expected 1. Check which columns "
             "are the quaternion."
         )
     return positions, scipy.spatial.transform.Rotation.from_quat(quaternions / lengths[:, None]).as_matrix()
 
 
-def _checked_rotations(matrices: Array, what: str) -> Array:
+def _checked_rotations(matrices: Array, label: str) -> Array:
     """Rotations of homogeneous matrices, their rounding removed."""
     d = matrices.shape[1] - 1
     last = np.abs(matrices[:, -1] - np.eye(d + 1)[-1]).max(axis=1)
@@ -229,7 +229,7 @@ def _checked_rotations(matrices: Array, what: str) -> Array:
     worst = int(np.argmax(error))
     if error[worst] > _ROTATION_ERROR:
         raise ObstacleError(
-            f"{what}: the matrix of row {worst} is not [[R, p], [0, 1]] with a rotation R (error {error[worst]:.3g})."
+            f"{label}: the matrix of row {worst} is not [[R, p], [0, 1]] with a rotation R (error {error[worst]:.3g})."
         )
     left, _, right = np.linalg.svd(rotations)
     return np.asarray(left @ right, dtype=np.float64)

@@ -163,7 +163,7 @@ def _widened(bound: Interval, where: Array, number: float) -> Interval:
     )
 
 
-def checked_times(what: str, times: Sequence[float]) -> Array:
+def checked_times(label: str, times: Sequence[float]) -> Array:
     """Times of a table as an array.
 
     Raises
@@ -173,8 +173,8 @@ def checked_times(what: str, times: Sequence[float]) -> Array:
     """
     found = np.asarray(times, dtype=float)
     if found.ndim != 1 or len(found) < 2 or not np.isfinite(found).all():
-        raise ObstacleError(f"{what}: its times are {times!r}; expected at least two finite numbers.")
+        raise ObstacleError(f"{label}: its times are {times!r}; expected at least two finite numbers.")
     if not (np.diff(found) > 0).all():
         k = int(np.argmax(np.diff(found) <= 0))
-        raise ObstacleError(f"{what}: its times must increase, but {found[k]:g} is followed by {found[k + 1]:g}.")
+        raise ObstacleError(f"{label}: its times must increase, but {found[k]:g} is followed by {found[k + 1]:g}.")
     return found

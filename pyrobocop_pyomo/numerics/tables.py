@@ -295,15 +295,15 @@ def _of_pandas(name: str, given: Any) -> tuple[Any, ...]:
     return (given.index, *columns, given.to_numpy())
 
 
-def _numbers(name: str, what: str, given: ArrayLike) -> Array:
+def _numbers(name: str, label: str, given: ArrayLike) -> Array:
     try:
         found = np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
-        raise FunctionError(f"'{name}': {what} are no numbers: {error}.") from None
+        raise FunctionError(f"'{name}': {label} are no numbers: {error}.") from None
     if not np.isfinite(found).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(found))[0])
         raise FunctionError(
-            f"'{name}': {what} have {found[place]} at {list(place)}. Leave out what was not measured, or fill it in."
+            f"'{name}': {label} have {found[place]} at {list(place)}. Leave out what was not measured, or fill it in."
         )
     return found
 

@@ -75,7 +75,7 @@ class MotionSegment:
 
 
 def segments_of_motion(
-    what: str, part_pairs: list[tuple[str, str]], motion: Motion, per_interval: bool
+    label: str, part_pairs: list[tuple[str, str]], motion: Motion, per_interval: bool
 ) -> list[MotionSegment]:
     """The segments before any refinement: one per interval, or one per point.
 
@@ -87,11 +87,11 @@ def segments_of_motion(
     if not per_interval:
         for time in motion.points:
             if isinstance(time, tuple):
-                raise ObstacleError(f"{what}: the points are tuples such as {time}; give a set of single indices.")
+                raise ObstacleError(f"{label}: the points are tuples such as {time}; give a set of single indices.")
         return [MotionSegment(*pair, None, (time,)) for pair in part_pairs for time in motion.points]
     if not motion.intervals:
         raise ObstacleError(
-            f"{what}: one plane per interval was asked for, but nothing is known about the motion between the points "
+            f"{label}: one plane per interval was asked for, but nothing is known about the motion between the points "
             "given. Give the times of a phase, a discretised ContinuousSet or ordered numbers; or between=None, which "
             "separates the shapes at the points only."
         )
@@ -213,7 +213,7 @@ class AvoidanceOptions:
     broad_phase: float | str | None = "auto"
     soft_clearance: Any = None
 
-    def record(self, what: str, points: Any) -> AvoidanceRecord:
+    def record(self, label: str, points: Any) -> AvoidanceRecord:
         """The record of a new block.
 
         Raises
@@ -222,22 +222,22 @@ class AvoidanceOptions:
             When the scene or the options contradict themselves.
         """
         if self.clearance is None:
-            raise ObstacleError(f"{what}: clearance= is missing: the distance to be kept, a length > 0.")
+            raise ObstacleError(f"{label}: clearance= is missing: the distance to be kept, a length > 0.")
         scene = make_scene(
-            what,
-            bodies=self._bodies(what),
+            label,
+            bodies=self._bodies(label),
             obstacles=self.obstacles,
             body_pairs=self.body_pairs,
             exclude=self.exclude,
         )
-        asked = asked_clearances(what, scene.body_pairs, scene.bodies, self.clearance)
-        soft = checked_soft_clearance(what, self.soft_clearance)
-        check_preference(what, soft, asked)
-        formulation = self._formulation(what)
-        _check_shapes(what, scene, formulation)
-        self._check_norm(what, formulation)
-        per_interval = self._per_interval(what, formulation)
-        self._check_broad_phase(what, [number for number in asked.values() if isinstance(number, float)])
+        asked = asked_clearances(label, scene.body_pairs, scene.bodies, self.clearance)
+        soft = checked_soft_clearance(label, self.soft_clearance)
+        check_preference(label, soft, asked)
+        formulation = self._formulation(label)
+        _check_shapes(label, scene, formulation)
+        self._check_norm(label, formulation)
+        per_interval = self._per_interval(label, formulation)
+        self._check_broad_phase(label, [number for number in asked.values() if isinstance(number, float)])
         return AvoidanceRecord(
             scene,
             points,
@@ -249,63 +249,63 @@ class AvoidanceOptions:
             soft_clearance=soft,
         )
 
-    def _bodies(self, what: str) -> Any:
+    def _bodies(self, label: str) -> Any:
         if self.body is None:
             if self.pose is not None:
-                raise ObstacleError(f"{what}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
+                raise ObstacleError(f"{label}: pose= goes with body=; with bodies=, give Body(shape, pose=rule).")
             if self.between_points is not None:
                 raise ObstacleError(
-                    f"{what}: between_points= goes with body=; with bodies=, give Body(shape, pose=rule, "
+                    f"{label}: between_points= goes with body=; with bodies=, give Body(shape, pose=rule, "
                     "between_points=formula)."
                 )
             return self.bodies
         if self.bodies is not None:
-            raise ObstacleError(f"{what}: give bodies= or body=, not both.")
+            raise ObstacleError(f"{label}: give bodies= or body=, not both.")
         if self.pose is None:
-            raise ObstacleError(f"{what}: body= needs pose=rule, which says where the body is: rule(block, t) -> Pose.")
+            raise ObstacleError(f"{label}: body= needs pose=rule, which says where it is: rule(block, t) -> Pose.")
         return {"body": Body(self.body, self.pose, self.between_points)}
 
-    def _formulation(self, what: str) -> Formulation:
+    def _formulation(self, label: str) -> Formulation:
         if not isinstance(self.formulation, str):
             return self.formulation
         if self.formulation not in FORMULATIONS:
             raise ObstacleError(
-                f"{what}: formulation is {self.formulation!r}; there are {', '.join(map(repr, FORMULATIONS))}."
+                f"{label}: formulation is {self.formulation!r}; there are {', '.join(map(repr, FORMULATIONS))}."
             )
         return FORMULATIONS[self.formulation]
 
-    def _check_norm(self, what: str, formulation: Formulation) -> None:
+    def _check_norm(self, label: str, formulation: Formulation) -> None:
         if self.norm != "auto" and self.norm not in formulation.norms:
             raise ObstacleError(
-                f"{what}: norm is {self.norm!r}; the formulation '{formulation.name}' takes "
+                f"{label}: norm is {self.norm!r}; the formulation '{formulation.name}' takes "
                 f"{', '.join(map(repr, ('auto', *formulation.norms)))}."
             )
 
-    def _per_interval(self, what: str, formulation: Formulation) -> bool:
+    def _per_interval(self, label: str, formulation: Formulation) -> bool:
         if self.between not in ("auto", "plane", None):
-            raise ObstacleError(f'{what}: between is {self.between!r}; it is "plane" or None.')
+            raise ObstacleError(f'{label}: between is {self.between!r}; it is "plane" or None.')
         if self.between == "plane" and not formulation.covers_intervals:
             raise ObstacleError(
-                f"{what}: the formulation '{formulation.name}' separates shapes at one pose at a time and cannot cover "
-                'an interval. Use formulation="plane", or between=None.'
+                f"{label}: the formulation '{formulation.name}' separates shapes at one pose at a time and cannot "
+                'cover an interval. Use formulation="plane", or between=None.'
             )
         return self.between is not None and formulation.covers_intervals
 
-    def _check_broad_phase(self, what: str, clearances: list[float]) -> None:
+    def _check_broad_phase(self, label: str, clearances: list[float]) -> None:
         length = self.broad_phase
         if length is None or (isinstance(length, str) and length == "auto"):
             return
         if not isinstance(length, Real) or isinstance(length, bool) or not math.isfinite(length):
-            raise ObstacleError(f'{what}: broad_phase is {length!r}; it is "auto", a length, or None.')
+            raise ObstacleError(f'{label}: broad_phase is {length!r}; it is "auto", a length, or None.')
         largest = max(clearances, default=0.0)
         if length <= largest:
             raise ObstacleError(
-                f"{what}: broad_phase {length:g} leaves out body pairs that are nearer than the clearance {largest:g}. "
-                "Take several times the clearance."
+                f"{label}: broad_phase {length:g} leaves out body pairs that are nearer than the clearance "
+                f"{largest:g}. Take several times the clearance."
             )
 
 
-def _check_shapes(what: str, scene: Scene, formulation: Formulation) -> None:
+def _check_shapes(label: str, scene: Scene, formulation: Formulation) -> None:
     """Check that shapes have half-spaces, or are bounded, where the formulation needs it.
 
     Raises
@@ -317,11 +317,11 @@ def _check_shapes(what: str, scene: Scene, formulation: Formulation) -> None:
         for part, halfspaces, rays in zip(pair, formulation.halfspaces, formulation.rays, strict=True):
             if halfspaces and part.shape.is_flat:
                 raise ObstacleError(
-                    f"{what}: '{part.name}' is flat, and the formulation '{formulation.name}' needs its half-spaces, "
+                    f"{label}: '{part.name}' is flat, and the formulation '{formulation.name}' needs its half-spaces, "
                     'which a flat shape does not have. Use formulation="plane", or give the shape a thickness.'
                 )
             if not rays and not part.shape.is_bounded:
                 raise ObstacleError(
-                    f"{what}: '{part.name}' is unbounded, which the formulation '{formulation.name}' cannot take. "
+                    f"{label}: '{part.name}' is unbounded, which the formulation '{formulation.name}' cannot take. "
                     'Use formulation="plane", or cut the shape to the region that can be reached.'
                 )

@@ -12,13 +12,13 @@ from pyrobocop_pyomo.modeling.blocks import Rule
 
 
 def sort_arguments(
-    what: str, positional: tuple[Any, ...], options: dict[str, Any], rule: Rule | None
+    label: str, positional: tuple[Any, ...], options: dict[str, Any], rule: Rule | None
 ) -> tuple[tuple[Any, ...], dict[str, Any]]:
     """Index sets of a block, and the arguments of `BuiltBlock`: points and options, or a rule.
 
     Parameters
     ----------
-    what : str
+    label : str
         Name of the class.
     positional : tuple
         One set of points, or with a rule index sets.
@@ -35,13 +35,13 @@ def sort_arguments(
         given = [name for name in ("bodies", "body", "pose", "obstacles", "region") if options.get(name) is not None]
         if given:
             raise ObstacleError(
-                f"{what} with rule= takes index sets only, and was given {', '.join(given)}. The rule gives the rest: "
+                f"{label} with rule= takes index sets only, and was given {', '.join(given)}. The rule gives the rest: "
                 "block.build(points, ...)."
             )
         return positional, {"rule": rule}
     if len(positional) != 1:
         raise ObstacleError(
-            f"{what} takes one set of points, such as phase.time, and was given {len(positional)}. "
+            f"{label} takes one set of points, such as phase.time, and was given {len(positional)}. "
             "An indexed one takes index sets and rule=."
         )
     return (), {"arguments": positional, "options": options}

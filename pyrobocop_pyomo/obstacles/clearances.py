@@ -121,7 +121,7 @@ def _is_length(number: Any) -> bool:
 
 
 def asked_clearances(
-    what: str, body_pairs: Iterable[BodyPair], bodies: Iterable[str], clearance: Any
+    label: str, body_pairs: Iterable[BodyPair], bodies: Iterable[str], clearance: Any
 ) -> dict[BodyPair, Any]:
     """The clearance of each watched body pair: a float, an expression, a `ClearanceRule` or a `FreeClearance`.
 
@@ -134,18 +134,18 @@ def asked_clearances(
     if isinstance(clearance, IndexedComponent) and clearance.is_indexed():
         clearance = {key: clearance[key] for key in clearance}
     if isinstance(clearance, Mapping):
-        asked = {frozenset(_checked_key(what, key, bodies)): given for key, given in clearance.items()}
+        asked = {frozenset(_checked_key(label, key, bodies)): given for key, given in clearance.items()}
         missing = [pair for pair in pairs if frozenset(pair) not in asked]
         if missing:
             raise ObstacleError(
-                f"{what}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
+                f"{label}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
                 "pairs out by exclude=."
             )
         watched = {frozenset(pair) for pair in pairs}
         unwatched = [tuple(sorted(pair)) for pair in asked if pair not in watched]
         if unwatched:
             raise ObstacleError(
-                f"{what}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
+                f"{label}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
                 "Add the pair to body_pairs=, or leave it out of clearance=."
             )
     else:
@@ -153,23 +153,23 @@ def asked_clearances(
     free = {given for given in asked.values() if isinstance(given, FreeClearance)}
     if len(free) > 1:
         raise ObstacleError(
-            f"{what}: clearance= has {len(free)} different FreeClearance; a block has one least_clearance. Give all of "
-            "its free body pairs the same one, or use a Var of the model for each."
+            f"{label}: clearance= has {len(free)} different FreeClearance; a block has one least_clearance. Give all "
+            "of its free body pairs the same one, or use a Var of the model for each."
         )
-    return {pair: _checked_clearance(what, pair, asked[frozenset(pair)]) for pair in pairs}
+    return {pair: _checked_clearance(label, pair, asked[frozenset(pair)]) for pair in pairs}
 
 
-def _checked_key(what: str, given: Any, bodies: Iterable[str]) -> BodyPair:
+def _checked_key(label: str, given: Any, bodies: Iterable[str]) -> BodyPair:
     if not (isinstance(given, tuple) and len(given) == 2 and given[0] != given[1]):
-        raise ObstacleError(f"{what}: clearance= holds {given!r}; expected a pair of two different names.")
+        raise ObstacleError(f"{label}: clearance= holds {given!r}; expected a pair of two different names.")
     for name in given:
         if name not in bodies:
             listed = ", ".join(f"'{body}'" for body in bodies)
-            raise ObstacleError(f"{what}: clearance= names {name!r}, which is not among {listed}.")
+            raise ObstacleError(f"{label}: clearance= names {name!r}, which is not among {listed}.")
     return given
 
 
-def _checked_clearance(what: str, pair: BodyPair, given: Any) -> Any:
+def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
     if isinstance(given, (ClearanceRule, FreeClearance)):
         return given
     if is_clearance_rule(given):
@@ -178,21 +178,21 @@ def _checked_clearance(what: str, pair: BodyPair, given: Any) -> Any:
         known = value(given, exception=False) if is_fixed(given) else None
         if known is not None and not _is_length(float(known)):
             raise ObstacleError(
-                f"{what}: {clearance_text(pair)} is '{given}' = {float(known):g}; it must be a length > 0. "
+                f"{label}: {clearance_text(pair)} is '{given}' = {float(known):g}; it must be a length > 0. "
                 "Give the parameter another value."
             )
         # An immutable Param is a number.
         return given if not given.is_constant() else float(value(given))
     if not _is_length(given):
         raise ObstacleError(
-            f"{what}: {clearance_text(pair)} is {given!r}; it must be a length > 0: a number, a Param, a Var or an "
+            f"{label}: {clearance_text(pair)} is {given!r}; it must be a length > 0: a number, a Param, a Var or an "
             "expression of the model, a rule(block, t) or a FreeClearance. Without clearance nothing tells touching "
             "from overlapping; choose well above the solver's tolerance."
         )
     return float(given)
 
 
-def checked_soft_clearance(what: str, given: Any) -> SoftClearance | None:
+def checked_soft_clearance(label: str, given: Any) -> SoftClearance | None:
     """The preferred clearance and its weight.
 
     Raises
@@ -204,17 +204,17 @@ def checked_soft_clearance(what: str, given: Any) -> SoftClearance | None:
         return given
     if not (isinstance(given, (tuple, list)) and len(given) == 2):
         raise ObstacleError(
-            f"{what}: soft_clearance is {given!r}; expected (preferred, weight): a length larger than the clearance, "
+            f"{label}: soft_clearance is {given!r}; expected (preferred, weight): a length larger than the clearance, "
             "and the cost of a unit of length missed."
         )
     for name, entry in zip(("preferred clearance", "weight"), given, strict=True):
         number = value(entry, exception=False) if isinstance(entry, NumericValue) else entry
         if not _is_length(number):
-            raise ObstacleError(f"{what}: soft_clearance has the {name} {entry!r}; it must be a number > 0 or a Param.")
+            raise ObstacleError(f"{label}: soft_clearance has the {name} {entry!r}; expected a number > 0 or a Param.")
     return SoftClearance(*given)
 
 
-def check_preference(what: str, soft: SoftClearance | None, asked: Mapping[BodyPair, Any]) -> None:
+def check_preference(label: str, soft: SoftClearance | None, asked: Mapping[BodyPair, Any]) -> None:
     """Check that the preferred clearance is larger than all that are numbers.
 
     Raises
@@ -225,7 +225,7 @@ def check_preference(what: str, soft: SoftClearance | None, asked: Mapping[BodyP
     for pair, given in asked.items():
         if soft is not None and isinstance(given, float) and value(soft.preferred) <= given:
             raise ObstacleError(
-                f"{what}: soft_clearance prefers {value(soft.preferred):g}, which is not more than "
+                f"{label}: soft_clearance prefers {value(soft.preferred):g}, which is not more than "
                 f"{clearance_text(pair)}, {given:g}. Prefer more, or ask for less."
             )
 

@@ -38,12 +38,12 @@ _SAME = 1e-9
 _LARGEST_JUMP = 1e-6
 
 
-def check_rules(what: str, motion: Motion, bodies: Mapping[str, Body], *, between: bool = True) -> None:
+def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, between: bool = True) -> None:
     """Check the pose rules of a block that is being stated.
 
     Parameters
     ----------
-    what : str
+    label : str
         Name of the block in messages.
     motion : Motion
         With intervals; else nothing is checked.
@@ -73,28 +73,28 @@ def check_rules(what: str, motion: Motion, bodies: Mapping[str, Body], *, betwee
             logger.warning(
                 "%s: the pose of '%s' reads neither a variable nor time: it stands still. If it is meant to rest, give "
                 "shape.placed(pose) without a rule; if not, read b.x[t], t or b.time_at(t) in the rule.",
-                what,
+                label,
                 name,
             )
-        _refuse_endless_turns(what, name, body, reading)
-        _check_index(what, name, motion, body.pose, reading)
+        _refuse_endless_turns(label, name, body, reading)
+        _check_index(label, name, motion, body.pose, reading)
 
 
-def _refuse_endless_turns(what: str, name: str, body: Body, reading: PoseReading) -> None:
+def _refuse_endless_turns(label: str, name: str, body: Body, reading: PoseReading) -> None:
     endless = [part.name for part in body.parts if not part.is_bounded]
     if endless and reading.turns:
         raise ObstacleError(
-            f"{what}: '{name}' turns, and its shape '{endless[0]}' has no end: far away it moves at any speed, so that "
-            "no clearance can be proven. Cut the shape to what can be reached, or leave its rotation constant."
+            f"{label}: '{name}' turns, and its shape '{endless[0]}' has no end: far away it moves at any speed, so "
+            "that no clearance can be proven. Cut the shape to what can be reached, or leave its rotation constant."
         )
 
 
-def _check_index(what: str, name: str, motion: Motion, pose: Any, reading: PoseReading) -> None:
+def _check_index(label: str, name: str, motion: Motion, pose: Any, reading: PoseReading) -> None:
     phase = phase_of(motion)
     if phase is None or not phase.has_normalised_time or not reading.reads_index or _is_real_time(phase, reading):
         return
     fact = (
-        f"{what}: the pose of '{name}' depends on t, which on phase '{phase.name}' runs from 0 to 1 and is no time, "
+        f"{label}: the pose of '{name}' depends on t, which on phase '{phase.name}' runs from 0 to 1 and is no time, "
         "because its start, its duration or its elements are to be found"
     )
     remedy = f"Write b.time_at(t) in place of t, where b is '{phase.name}'"

@@ -409,18 +409,18 @@ def _moved_back(pair: BodyPairSafety, moved: float) -> BodyPairSafety:
     )
 
 
-def _checked_body(what: str, body: Any, pose: Any, between_points: Any) -> Body:
+def _checked_body(label: str, body: Any, pose: Any, between_points: Any) -> Body:
     if isinstance(body, Body) and pose is None and between_points is None:
         moving = body
     elif body is None or isinstance(body, Body):
-        raise ObstacleError(f"{what}: give body=Polytope and pose=rule, or body=Body(shape, pose=rule).")
+        raise ObstacleError(f"{label}: give body=Polytope and pose=rule, or body=Body(shape, pose=rule).")
     else:
         moving = Body(body, pose, between_points)
     if not moving.moves:
-        raise ObstacleError(f"{what}: the body has no pose=rule, which says where it is: rule(block, t) -> Pose.")
+        raise ObstacleError(f"{label}: the body has no pose=rule, which says where it is: rule(block, t) -> Pose.")
     for name, part in moving.named_parts("body"):
         if not part.is_bounded:
-            raise ObstacleError(f"{what}: '{name}' is unbounded; only an unbounded region could contain it.")
+            raise ObstacleError(f"{label}: '{name}' is unbounded; only an unbounded region could contain it.")
     return moving
 
 
@@ -428,27 +428,27 @@ def _size(body: Body) -> float:
     return max(float(np.ptp(part.vertices, axis=0).max()) + part.radius for part in body.parts) or 1.0
 
 
-def _checked_regions(what: str, region: Any, body: Body) -> tuple[Polytope, ...]:
+def _checked_regions(label: str, region: Any, body: Body) -> tuple[Polytope, ...]:
     given = (region,) if isinstance(region, Polytope) else region
     if not (isinstance(given, (list, tuple)) and given and all(isinstance(shape, Polytope) for shape in given)):
         raise ObstacleError(
-            f"{what}: region is {region!r}; expected a Polytope, bounded or not, such as "
+            f"{label}: region is {region!r}; expected a Polytope, bounded or not, such as "
             "rcp.Polytope.from_vertices(corners), or a list of them."
         )
     for shape in given:
-        _check_region(what, shape, body)
+        _check_region(label, shape, body)
     return tuple(given)
 
 
-def _check_region(what: str, region: Polytope, body: Body) -> None:
+def _check_region(label: str, region: Polytope, body: Body) -> None:
     if region.dimension != body.dimension:
         raise ObstacleError(
-            f"{what}: the region '{region.name}' has dimension {region.dimension}, the body {body.dimension}."
+            f"{label}: the region '{region.name}' has dimension {region.dimension}, the body {body.dimension}."
         )
     if region.is_flat:
-        raise ObstacleError(f"{what}: the region '{region.name}' is flat; nothing fits into it.")
+        raise ObstacleError(f"{label}: the region '{region.name}' is flat; nothing fits into it.")
     if region.radius > 0:
         raise ObstacleError(
-            f"{what}: the region '{region.name}' has a radius of {region.radius:g}. Rounded corners have no "
+            f"{label}: the region '{region.name}' has a radius of {region.radius:g}. Rounded corners have no "
             "half-spaces: give the region without it."
         )

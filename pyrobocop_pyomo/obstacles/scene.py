@@ -85,7 +85,7 @@ class Scene:
         """About the clearance of each body pair, as a number; what is required is on the block."""
         return {pair: self.graph.edges[pair]["clearance"] for pair in self.body_pairs}
 
-    def body_pair(self, what: str, first: str, second: str) -> BodyPair:
+    def body_pair(self, label: str, first: str, second: str) -> BodyPair:
         """The watched body pair of two bodies given in either order.
 
         Raises
@@ -95,12 +95,12 @@ class Scene:
         """
         if not self.graph.has_edge(first, second):
             raise ObstacleError(
-                f"{what}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
+                f"{label}: '{first}' and '{second}' are no body pair of it. Its body pairs: "
                 f"{', '.join(map(str, self.body_pairs))}."
             )
         return (first, second) if (first, second) in self.body_pairs else (second, first)
 
-    def unit_directions(self, what: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
+    def unit_directions(self, label: str, directions: Mapping[BodyPair, Any]) -> dict[BodyPair, np.ndarray]:
         """Unit vectors from ``{body pair: direction}``, each from the second body of its pair to the first.
 
         Raises
@@ -111,12 +111,12 @@ class Scene:
         dimension = next(iter(self.parts.values())).shape.dimension
         units = {}
         for given, direction in directions.items():
-            pair = self.body_pair(what, *_checked_pair(what, "directions", given, self.bodies))
+            pair = self.body_pair(label, *_checked_pair(label, "directions", given, self.bodies))
             vector = np.asarray(direction, dtype=float)
             if vector.shape != (dimension,) or not np.isfinite(vector).all() or not vector.any():
                 raise ObstacleError(
-                    f"{what}: directions= gives {given} the direction {direction!r}; expected {dimension} numbers, not "
-                    f"all zero, that point from '{given[1]}' to where '{given[0]}' is to pass."
+                    f"{label}: directions= gives {given} the direction {direction!r}; expected {dimension} numbers, "
+                    f"not all zero, that point from '{given[1]}' to where '{given[0]}' is to pass."
                 )
             units[pair] = (vector if pair == given else -vector) / np.linalg.norm(vector)
         return units
@@ -172,22 +172,22 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
     return scene
 
 
-def _named(what: str, plural: str, singular: str, given: Any) -> dict[str, Any]:
+def _named(label: str, plural: str, singular: str, given: Any) -> dict[str, Any]:
     if given is None:
         return {}
     if isinstance(given, (Polytope, Body)):
-        raise ObstacleError(f"{what}: {plural}= takes a dict of names; write {plural}={{'{singular}': ...}}.")
+        raise ObstacleError(f"{label}: {plural}= takes a dict of names; write {plural}={{'{singular}': ...}}.")
     if not isinstance(given, Mapping):
         if not isinstance(given, Iterable) or isinstance(given, str):
-            raise ObstacleError(f"{what}: {plural}= is {given!r}; expected a dict of names, or a list of shapes.")
+            raise ObstacleError(f"{label}: {plural}= is {given!r}; expected a dict of names, or a list of shapes.")
         return {f"{singular} {number}": shape for number, shape in enumerate(given, start=1)}
     for name in given:
         if not isinstance(name, str) or not name:
-            raise ObstacleError(f"{what}: {plural}= has the name {name!r}; names are non-empty strings.")
+            raise ObstacleError(f"{label}: {plural}= has the name {name!r}; names are non-empty strings.")
     return dict(given)
 
 
-def _body(what: str, name: str, given: Any) -> Body:
+def _body(label: str, name: str, given: Any) -> Body:
     if isinstance(given, Body):
         return given
     if isinstance(given, Polytope) or (
@@ -200,21 +200,21 @@ def _body(what: str, name: str, given: Any) -> Body:
     elif isinstance(given, (np.ndarray, list, tuple)):
         remedy = " Corners make a shape by rcp.Polytope.from_vertices(corners)."
     raise ObstacleError(
-        f"{what}: '{name}' is {given!r}; expected a Polytope, a list of Polytopes, or Body(shape, pose=rule).{remedy}"
+        f"{label}: '{name}' is {given!r}; expected a Polytope, a list of Polytopes, or Body(shape, pose=rule).{remedy}"
     )
 
 
-def _check_dimensions(what: str, parts: Mapping[str, ConvexPart]) -> None:
+def _check_dimensions(label: str, parts: Mapping[str, ConvexPart]) -> None:
     first = next(iter(parts.values()))
     for part in parts.values():
         if part.shape.dimension != first.shape.dimension:
             raise ObstacleError(
-                f"{what}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
+                f"{label}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
                 f"{part.shape.dimension}. All shapes of a scene must be in the plane, or all in space."
             )
 
 
-def _checked_pair(what: str, where: str, given: Any, bodies: Mapping[str, Body]) -> BodyPair:
+def _checked_pair(label: str, where: str, given: Any, bodies: Mapping[str, Body]) -> BodyPair:
     """A pair of names that the user gave.
 
     Raises
@@ -223,56 +223,56 @@ def _checked_pair(what: str, where: str, given: Any, bodies: Mapping[str, Body])
         When it is not a pair of two different names, or a body does not exist.
     """
     if not (isinstance(given, tuple) and len(given) == 2 and given[0] != given[1]):
-        raise ObstacleError(f"{what}: {where}= holds {given!r}; expected a pair of two different names.")
+        raise ObstacleError(f"{label}: {where}= holds {given!r}; expected a pair of two different names.")
     for name in given:
         if name not in bodies:
-            raise ObstacleError(f"{what}: {where}= names {name!r}, which is not among {_listed(bodies)}.")
+            raise ObstacleError(f"{label}: {where}= names {name!r}, which is not among {_listed(bodies)}.")
     return given
 
 
 def _graph(
-    what: str, bodies: Mapping[str, Body], obstacles: frozenset[str], body_pairs: Any, exclude: Iterable[BodyPair]
+    label: str, bodies: Mapping[str, Body], obstacles: frozenset[str], body_pairs: Any, exclude: Iterable[BodyPair]
 ) -> Any:
     graph = networkx.Graph()
     graph.add_nodes_from(bodies)
     if not any(body.moves for body in bodies.values()):
         raise ObstacleError(
-            f"{what}: nothing moves: none of {_listed(bodies)} has a pose rule. Give Body(shape, pose=rule), with "
+            f"{label}: nothing moves: none of {_listed(bodies)} has a pose rule. Give Body(shape, pose=rule), with "
             "rule(block, t) -> Pose."
         )
-    excluded = {frozenset(_checked_pair(what, "exclude", pair, bodies)) for pair in exclude}
+    excluded = {frozenset(_checked_pair(label, "exclude", pair, bodies)) for pair in exclude}
     if body_pairs is None:
         candidates = [pair for pair in combinations(bodies, 2) if not obstacles.issuperset(pair)]
         candidates = [pair for pair in candidates if any(bodies[name].moves for name in pair)]
     else:
         given = body_pairs.edges if isinstance(body_pairs, networkx.Graph) else body_pairs
-        candidates = [_checked_pair(what, "body_pairs", pair, bodies) for pair in given]
+        candidates = [_checked_pair(label, "body_pairs", pair, bodies) for pair in given]
         for first, second in candidates:
             if obstacles.issuperset((first, second)):
                 raise ObstacleError(
-                    f"{what}: body_pairs= names '{first}' and '{second}', two obstacles, which no plan can move. "
+                    f"{label}: body_pairs= names '{first}' and '{second}', two obstacles, which no plan can move. "
                     "Name at least one body in each pair."
                 )
             if not (bodies[first].moves or bodies[second].moves):
                 raise ObstacleError(
-                    f"{what}: body_pairs= names '{first}' and '{second}', which both stand still, without pose rule."
+                    f"{label}: body_pairs= names '{first}' and '{second}', which both stand still, without pose rule."
                 )
     graph.add_edges_from(pair for pair in candidates if frozenset(pair) not in excluded)
     if not graph.edges:
         raise ObstacleError(
-            f"{what}: no body pair is left to keep apart among {_listed(bodies)}. Give obstacles, a second body, or "
+            f"{label}: no body pair is left to keep apart among {_listed(bodies)}. Give obstacles, a second body, or "
             "fewer exclusions."
         )
     return graph
 
 
-def _log_oddities(what: str, scene: Scene) -> None:
+def _log_oddities(label: str, scene: Scene) -> None:
     """Log what is no error but seldom intended."""
     static = [part for part in scene.parts.values() if scene.is_static(part.body)]
     for first, second in _whose_boxes_meet(static):
         if first.body != second.body and _overlap(first.shape, second.shape):
             LOGGER.info(
-                "%s: '%s' and '%s' stand still and overlap; no row holds them apart.", what, first.name, second.name
+                "%s: '%s' and '%s' stand still and overlap; no row holds them apart.", label, first.name, second.name
             )
     for first, second in scene.part_pairs():
         extents = [_extent(first.shape), _extent(second.shape)]
@@ -280,7 +280,7 @@ def _log_oddities(what: str, scene: Scene) -> None:
             larger, smaller = (first, second) if extents[0] > extents[1] else (second, first)
             LOGGER.warning(
                 "%s: '%s' is %.3g times as large as '%s', which costs digits. Cut it to what can be reached.",
-                what,
+                label,
                 larger.name,
                 max(extents) / min(extents),
                 smaller.name,

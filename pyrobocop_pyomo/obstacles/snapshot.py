@@ -31,9 +31,9 @@ class Snapshot:
         Name of the block in messages.
     """
 
-    def __init__(self, record: AvoidanceRecord, what: str) -> None:
+    def __init__(self, record: AvoidanceRecord, label: str) -> None:
         self.record = record
-        self.what = what
+        self.what = label
         self._poses: dict[tuple[str, Hashable], Numbers] = {}
         self._vertices: dict[tuple[str, Hashable], np.ndarray] = {}
 

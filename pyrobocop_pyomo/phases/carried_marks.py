@@ -11,7 +11,7 @@ from .nodes import Nodes, StateNodes
 
 
 def carried_marks(
-    marks: list[Any], usual: list[Any], before: Nodes, nodes: Nodes, vanished: Sequence[int], what: str
+    marks: list[Any], usual: list[Any], before: Nodes, nodes: Nodes, vanished: Sequence[int], label: str
 ) -> list[int | None]:
     """For each new node, an old one whose mark it takes over; None where it has the usual one.
 
@@ -28,7 +28,7 @@ def carried_marks(
         The new ones.
     vanished : sequence of int
         Old nodes that the new mesh has not.
-    what : str
+    label : str
         What the marks are, for the message.
 
     Raises
@@ -51,7 +51,7 @@ def carried_marks(
         around = before.around(before.times[i])
         if i in set_by_user and any(marks[j] != marks[i] for j in around):
             raise RemeshingError(
-                f"{what} at t = {before.times[i]:g} was set for this time alone, which the new mesh has not. "
+                f"{label} at t = {before.times[i]:g} was set for this time alone, which the new mesh has not. "
                 "Set it for the whole element, or make the time an element boundary of the new mesh."
             )
     found: list[int | None] = []

@@ -146,7 +146,7 @@ class Declaration:
         where = f" (declared at {self.declared_at})"
         return check_bounds(bounds, name.removesuffix(where) + where, "bounds")
 
-    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+    def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Where the values of a variable over time live, that is declared so under a name.
 
         Raises
@@ -154,7 +154,7 @@ class Declaration:
         DeclarationError
             When knots do not fit the mesh.
         """
-        raise DeclarationError(f"{what}: a {type(self).__name__} has no values over time.")
+        raise DeclarationError(f"{label}: a {type(self).__name__} has no values over time.")
 
     def __getstate__(self) -> dict[str, Any]:
         # The variables are built: only a verification asks for bounds again, and nothing for an initial guess.
@@ -191,7 +191,7 @@ class State(Declaration):
     derivative_bounds: Bounds | None = None
     history: History = None
 
-    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+    def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Element boundaries and collocation points."""
         return StateNodes(name, grid)
 
@@ -208,7 +208,7 @@ class Algebraic(Declaration):
 
     history: History = None
 
-    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+    def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Collocation points."""
         return StageNodes(name, grid)
 
@@ -294,11 +294,11 @@ class Control(Declaration):
         if self.min_dwell is not None and not 0.0 <= float(self.min_dwell) < math.inf:
             raise DeclarationError(f"{what}: min_dwell = {self.min_dwell!r}; expected a time, 0 or more.")
 
-    def nodes(self, name: str, grid: Grid, what: str) -> Nodes:
+    def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Collocation points, the intervals between knots, or the knots."""
         if self.parametrization == "collocated":
             return StageNodes(name, grid)
-        knots = knots_on_mesh(self.knots, grid, what)
+        knots = knots_on_mesh(self.knots, grid, label)
         if self.parametrization == "piecewise_linear":
             return KnotNodes(f"{name}_at_knots", grid, knots)
         return IntervalNodes(f"{name}_per_{'element' if self.knots is None else 'interval'}", grid, knots)
@@ -326,7 +326,7 @@ class Start(Declaration):
 _MOST_LEVELS = 1000
 
 
-def integer_levels(integer: Any, bounds: Any, what: str) -> tuple[float, ...] | None:
+def integer_levels(integer: Any, bounds: Any, label: str) -> tuple[float, ...] | None:
     """The values of an integer control in order; None where its components have bounds of their own.
 
     Raises
@@ -340,27 +340,27 @@ def integer_levels(integer: Any, bounds: Any, what: str) -> tuple[float, ...] | 
         except (TypeError, ValueError):
             levels = ()
         if not levels or not all(map(math.isfinite, levels)):
-            raise DeclarationError(f"{what}: integer = {integer!r}; expected the values that it takes, such as (0, 1).")
+            raise DeclarationError(f"{label}: integer = {integer!r}; expected the values it takes, such as (0, 1).")
         return levels
     if isinstance(bounds, (list, dict)) or (
         isinstance(bounds, tuple) and any(isinstance(side, (list, tuple)) or hasattr(side, "shape") for side in bounds)
     ):
-        raise DeclarationError(f"{what}: components with bounds of their own; say integer=(...) with the values.")
-    lower, upper = (None, None) if callable(bounds) else check_bounds(bounds, what, "bounds")
+        raise DeclarationError(f"{label}: components with bounds of their own; say integer=(...) with the values.")
+    lower, upper = (None, None) if callable(bounds) else check_bounds(bounds, label, "bounds")
     if lower is None or upper is None:
         raise DeclarationError(
-            f"{what}: it has no range. Say integer=(0, 1, 2), the values that it takes, or give it bounds=(0, 2)."
+            f"{label}: it has no range. Say integer=(0, 1, 2), the values that it takes, or give it bounds=(0, 2)."
         )
     first, last = math.ceil(lower - 1e-9), math.floor(upper + 1e-9)
     if first > last or last - first >= _MOST_LEVELS:
         raise DeclarationError(
-            f"{what}: its bounds ({lower:g}, {upper:g}) hold {max(last - first + 1, 0)} whole numbers; expected 1 to "
+            f"{label}: its bounds ({lower:g}, {upper:g}) hold {max(last - first + 1, 0)} whole numbers; expected 1 to "
             f"{_MOST_LEVELS}."
         )
     return tuple(map(float, range(first, last + 1)))
 
 
-def check_bounds(bounds: object, name: str, what: str) -> Bounds:
+def check_bounds(bounds: object, name: str, label: str) -> Bounds:
     """A pair (lower, upper) of finite numbers or None, in this order.
 
     Raises
@@ -372,17 +372,17 @@ def check_bounds(bounds: object, name: str, what: str) -> Bounds:
         lower, upper = (None if value is None else float(value) for value in bounds)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         raise DeclarationError(
-            f"{name}: {what} = {bounds!r}; expected a pair (lower, upper) of numbers or None."
+            f"{name}: {label} = {bounds!r}; expected a pair (lower, upper) of numbers or None."
         ) from None
     if any(value is not None and math.isnan(value) for value in (lower, upper)):
         raise DeclarationError(
-            f"{name}: {what} = {bounds!r} hold a NaN. Give numbers, or None where there is no bound."
+            f"{name}: {label} = {bounds!r} hold a NaN. Give numbers, or None where there is no bound."
         )
     if lower == math.inf or upper == -math.inf:
-        raise DeclarationError(f"{name}: {what} = {bounds!r} exclude every number. Give None where there is no bound.")
+        raise DeclarationError(f"{name}: {label} = {bounds!r} exclude every number. Give None where there is no bound.")
     lower, upper = (None if value is None or math.isinf(value) else value for value in (lower, upper))
     if lower is not None and upper is not None and lower > upper:
-        raise DeclarationError(f"{name}: the lower of its {what}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
+        raise DeclarationError(f"{name}: the lower of its {label}, {lower:g}, exceeds the upper, {upper:g}. Swap them.")
     return lower, upper
 
 

@@ -38,7 +38,7 @@ SAME_TIME = 1e-10
 _ROUNDING = 1e-13
 
 
-def delay_as_number(delay: Any, what: str) -> float:
+def delay_as_number(delay: Any, label: str) -> float:
     """A delay as the number that it is now.
 
     Raises
@@ -49,15 +49,15 @@ def delay_as_number(delay: Any, what: str) -> float:
     delay = plain_entry(delay)
     if getattr(delay, "is_potentially_variable", bool)():
         raise TranscriptionError(
-            f"{what} is delayed by '{delay}', which is to be found: the element of t minus the delay is then not known "
-            "when the rows are made. Give a number or a Param, and compare several of them."
+            f"{label} is delayed by '{delay}', which is to be found: the element of t minus the delay is then not "
+            "known when the rows are made. Give a number or a Param, and compare several of them."
         )
     try:
         number = float(value(delay))
     except (TypeError, ValueError):
-        raise TranscriptionError(f"{what} is delayed by {delay!r}; expected a number or a Param.") from None
+        raise TranscriptionError(f"{label} is delayed by {delay!r}; expected a number or a Param.") from None
     if not math.isfinite(number) or number < 0.0:
-        raise TranscriptionError(f"{what} is delayed by {number:g}; a delay is a finite number, 0 or more.")
+        raise TranscriptionError(f"{label} is delayed by {number:g}; a delay is a finite number, 0 or more.")
     return number
 
 
@@ -86,20 +86,20 @@ def delayed_value(block: Any, record: PhaseRecord, name: str, t: Any, delay: Any
     return value_at(block, nodes, index, after=after)
 
 
-def _time_per_index(record: PhaseRecord, what: str) -> float:
+def _time_per_index(record: PhaseRecord, label: str) -> float:
     if not record.normalised:
         return 1.0
     if isinstance(record.duration, Duration) or record.free_widths:
         found = "its duration is" if isinstance(record.duration, Duration) else "the boundaries of its elements are"
         raise TranscriptionError(
-            f"{what} is delayed, but {found} to be found, so that the element of t minus the delay is not known "
+            f"{label} is delayed, but {found} to be found, so that the element of t minus the delay is not known "
             "when the rows are made. Give the phase a duration in numbers (a sweep compares several), and elements "
             "that stay."
         )
     return float(record.duration)
 
 
-def history_value(record: PhaseRecord, name: str, time: Any, what: str, delay: float, t: Any = None) -> Any:
+def history_value(record: PhaseRecord, name: str, time: Any, label: str, delay: float, t: Any = None) -> Any:
     """The value before the phase starts, as it was declared.
 
     Raises
@@ -115,14 +115,14 @@ def history_value(record: PhaseRecord, name: str, time: Any, what: str, delay: f
     if history is None:
         asked = f" at t = {t:g}" if isinstance(t, (int, float)) else ""
         raise TranscriptionError(
-            f"{what} is delayed by {delay:g}{asked}, which asks for it before the phase starts. Say what it was then: "
+            f"{label} is delayed by {delay:g}{asked}, which asks for it before the phase starts. Say what it was then: "
             f"{kind}(history=...), a number or a function of time (declared at {declaration.declared_at})."
         )
     found = plain_entry(history(time) if callable(history) else history)
     wrong = not _is_number(found)
     if wrong or (found.__class__ in native_numeric_types and not math.isfinite(found)):
         raise DeclarationError(
-            f"{what}: its history (declared at {declaration.declared_at}) is {found!r} at time {time}; expected a "
+            f"{label}: its history (declared at {declaration.declared_at}) is {found!r} at time {time}; expected a "
             "finite number or an expression."
         )
     return found

@@ -90,7 +90,7 @@ def add_step(block: Any, record: PhaseRecord, statement: Statement) -> None:
 def _given_for_states(
     block: Any,
     record: PhaseRecord,
-    what: str,
+    label: str,
     meaning: str,
     expected: str,
     statement: Statement,
@@ -102,42 +102,42 @@ def _given_for_states(
     given: dict[str, dict[float, Any]] = {}
     for time in record.grid.points:
         with (
-            other_times_explained(record, what, time),
-            slips_explained(statement.rule, what, block, arguments, TranscriptionError),
+            other_times_explained(record, label, time),
+            slips_explained(statement.rule, label, block, arguments, TranscriptionError),
         ):
-            result = ask(record.index_for_rule(block, time, what))
+            result = ask(record.index_for_rule(block, time, label))
         if not isinstance(result, Mapping):
             returned = "nothing" if result is None else f"a {type(result).__name__}"
             raise TranscriptionError(
-                f"{what} returned {returned} at t = {time:g}; expected a dict "
+                f"{label} returned {returned} at t = {time:g}; expected a dict "
                 f"{{state: {expected}}}. Is the return statement missing?"
             )
-        for state, expression in equations_by_component(record, result, f"{what} at t = {time:g}").items():
+        for state, expression in equations_by_component(record, result, f"{label} at t = {time:g}").items():
             if state not in names:
                 names[state] = block.state_name(state)
-            expression = plain_scalar(expression, f"{what}: the {meaning} of '{names[state]}' at t = {time:g}")
+            expression = plain_scalar(expression, f"{label}: the {meaning} of '{names[state]}' at t = {time:g}")
             if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
                 raise TranscriptionError(
-                    f"{what} gives '{expression}' as the {meaning} of '{names[state]}' at t = {time:g}; expected a "
+                    f"{label} gives '{expression}' as the {meaning} of '{names[state]}' at t = {time:g}; expected a "
                     "number or an expression. Is an index [t] missing?"
                 )
             given.setdefault(names[state], {})[time] = expression
         if time == record.grid.points[0]:
-            refuse_foreign_reads(block, what, [values[time] for values in given.values()])
+            refuse_foreign_reads(block, label, [values[time] for values in given.values()])
     for name, values in given.items():
         if len(values) != len(record.grid.points):
             missing = next(time for time in record.grid.points if time not in values)
             raise TranscriptionError(
-                f"{what} gives no {meaning} of '{name}' at t = {missing:g}; it must at every point."
+                f"{label} gives no {meaning} of '{name}' at t = {missing:g}; it must at every point."
             )
     return given
 
 
-def _refuse_second_equation(record: PhaseRecord, name: str, what: str) -> None:
+def _refuse_second_equation(record: PhaseRecord, name: str, label: str) -> None:
     if name in record.equation_of:
-        again = f" {RUN_AGAIN}" if f"'{record.equation_of[name]}'" in what else ""
+        again = f" {RUN_AGAIN}" if f"'{record.equation_of[name]}'" in label else ""
         raise TranscriptionError(
-            f"{what} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one.{again}"
+            f"{label} gives a second equation for state '{name}'; '{record.equation_of[name]}' has given one.{again}"
         )
 
 
@@ -237,18 +237,18 @@ def _shown(returned: Any) -> str:
 
 
 def _add_relations(
-    block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]], what: str
+    block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]], label: str
 ) -> None:
     for time, rows in results.items():
         for row in rows.values():
             if isinstance(row, InequalityExpression) and row.strict:
                 raise TranscriptionError(
-                    f"{what} is strict ('<' or '>') at t = {time:g}, which no solver can keep. Write '<=' or '>=', "
+                    f"{label} is strict ('<' or '>') at t = {time:g}, which no solver can keep. Write '<=' or '>=', "
                     "with a margin where the limit itself must not be reached."
                 )
             if not isinstance(row, (RelationalExpression, tuple)) and row is not Constraint.Skip:
                 raise TranscriptionError(
-                    f"{what} returned {_shown(row)} at t = {time:g}; expected a relation such as 'expression <= 1'."
+                    f"{label} returned {_shown(row)} at t = {time:g}; expected a relation such as 'expression <= 1'."
                 )
     _add_rows(block, record, name, results)
 
@@ -271,7 +271,7 @@ def add_complementarity(block: Any, record: PhaseRecord, statement: Statement) -
 
 
 @contextmanager
-def other_times_explained(record: PhaseRecord, what: str, time: float) -> Iterator[None]:
+def other_times_explained(record: PhaseRecord, label: str, time: float) -> Iterator[None]:
     """Context for asking a rule, in which a reading at a time that the grid has not is explained.
 
     Raises
@@ -287,7 +287,7 @@ def other_times_explained(record: PhaseRecord, what: str, time: float) -> Iterat
             raise
         local = name.rpartition(".")[2]
         raise TranscriptionError(
-            f"{what} reads '{name}' at {index} when it is evaluated at t = {time:g}; it has no value there. For the "
+            f"{label} reads '{name}' at {index} when it is evaluated at t = {time:g}; it has no value there. For the "
             f"value of a while ago write {local}.delayed(t, delay), for that at a fixed time {local}.at(time)."
         ) from error
 
@@ -307,23 +307,23 @@ def _may_be_a_time(index: Any, record: PhaseRecord) -> bool:
 
 
 def _collect(
-    block: Any, record: PhaseRecord, statement: Statement, what: str, kind: str, times: tuple[float, ...]
+    block: Any, record: PhaseRecord, statement: Statement, label: str, kind: str, times: tuple[float, ...]
 ) -> dict[float, dict[Hashable, Any]]:
     """Answers of a rule at each time as {time: {label: row}}."""
     results: dict[float, dict[Hashable, Any]] = {}
     for time in times:
-        explained = other_times_explained(record, what, time) if times == record.grid.points else nullcontext()
-        with explained, slips_explained(statement.rule, what, block, ("b", "t"), TranscriptionError):
-            result = statement(block, record.index_for_rule(block, time, what))
+        explained = other_times_explained(record, label, time) if times == record.grid.points else nullcontext()
+        with explained, slips_explained(statement.rule, label, block, ("b", "t"), TranscriptionError):
+            result = statement(block, record.index_for_rule(block, time, label))
         if result is None:
-            raise TranscriptionError(f"{what} returned None at t = {time:g}. Is the return statement missing?")
+            raise TranscriptionError(f"{label} returned None at t = {time:g}. Is the return statement missing?")
         results[time] = labelled_rows(kind, plain_expressions(result))
         if time == times[0]:
-            refuse_foreign_reads(block, what, results[time])
+            refuse_foreign_reads(block, label, results[time])
     return results
 
 
-def refuse_foreign_reads(block: Any, what: str, result: Any) -> None:
+def refuse_foreign_reads(block: Any, label: str, result: Any) -> None:
     """Refuse a rule that reads variables of another model; one point tells, and a solve asks for all.
 
     Raises
@@ -335,7 +335,7 @@ def refuse_foreign_reads(block: Any, what: str, result: Any) -> None:
         return  # what it stands on is assigned to a model later
     foreign = foreign_variable(block, variables_read(result))
     if foreign is not None:
-        raise TranscriptionError(f"{what} {foreign_read(foreign, block)} {ONE_MODEL}")
+        raise TranscriptionError(f"{label} {foreign_read(foreign, block)} {ONE_MODEL}")
 
 
 def _add_rows(block: Any, record: PhaseRecord, name: str, results: dict[float, dict[Hashable, Any]]) -> int:
@@ -353,12 +353,12 @@ def _index(time: float, label: Hashable) -> Hashable:
     return time if label is None else (time, label)
 
 
-def _check_name(block: Any, record: PhaseRecord, name: str, what: str) -> None:
+def _check_name(block: Any, record: PhaseRecord, name: str, label: str) -> None:
     if record.restating is not None:
         return  # it was checked when it was stated first
     if block.component(name) is not None or hasattr(type(block), name) or not name.isidentifier():
         raise DeclarationError(
-            f"{what}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
+            f"{label}: its rows are named after the function, but the name '{name}' is taken or no identifier. "
             "Rename the function, or say name='...' beside it."
         )
 

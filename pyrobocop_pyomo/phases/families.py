@@ -26,8 +26,8 @@ from .record import PhaseRecord
 class _Component:
     """One component of a function of time that returns an array. A class, because it must survive pickling."""
 
-    def __init__(self, function: Callable[[float], Any], names: FamilyNames, position: tuple[int, ...], what: str):
-        self._function, self._names, self._position, self._what = function, names, position, what
+    def __init__(self, function: Callable[[float], Any], names: FamilyNames, position: tuple[int, ...], label: str):
+        self._function, self._names, self._position, self._what = function, names, position, label
 
     def __call__(self, time: float) -> Any:
         found = self._function(time)
@@ -46,7 +46,7 @@ class _BoundsComponent(_Component):
         return _split_bounds(self._names, self._function(time), self._what)[self._position]
 
 
-def family_names(name: str, declaration: Declaration, what: str) -> FamilyNames:
+def family_names(name: str, declaration: Declaration, label: str) -> FamilyNames:
     """What the components of a declaration with an index are called.
 
     Raises
@@ -55,7 +55,7 @@ def family_names(name: str, declaration: Declaration, what: str) -> FamilyNames:
         When the index is none, empty, or has a label twice.
     """
     index = declaration.index
-    where = f"{what} (declared at {declaration.declared_at})"
+    where = f"{label} (declared at {declaration.declared_at})"
     try:
         axes = _axes(index)
     except TypeError:
@@ -141,7 +141,7 @@ def _every(names: FamilyNames, entry: Any) -> Any:
     return found
 
 
-def _split(names: FamilyNames, given: Any, what: str, error: type[PyRobocopError] = DeclarationError) -> Any:
+def _split(names: FamilyNames, given: Any, label: str, error: type[PyRobocopError] = DeclarationError) -> Any:
     """One for each: as given in an array, a list or a mapping; the same for all otherwise."""
     if isinstance(given, IndexedComponent) and given.is_indexed():
         given = dict(given.items())
@@ -149,11 +149,11 @@ def _split(names: FamilyNames, given: Any, what: str, error: type[PyRobocopError
         found = _every(names, given)
         if callable(given) and not hasattr(given, "is_expression_type"):  # units can be called as well
             for position in np.ndindex(names.shape):
-                found[position] = _Component(given, names, position, what)
+                found[position] = _Component(given, names, position, label)
         return found
     entries = names.split(given)
     if entries is None:
-        raise _wrong_length(error, what, given, names)
+        raise _wrong_length(error, label, given, names)
     for position in np.ndindex(names.shape):
         entries[position] = _plain(entries[position])
     return entries
@@ -163,43 +163,43 @@ def _is_listed(given: Any) -> bool:
     return isinstance(given, (list, tuple, Mapping)) or (isinstance(given, np.ndarray) and given.ndim > 0)
 
 
-def _split_ends(names: FamilyNames, given: Any, what: str) -> Any:
+def _split_ends(names: FamilyNames, given: Any, label: str) -> Any:
     if isinstance(given, tuple) and len(given) == 2 and not any(isinstance(end, (tuple, list)) for end in given):
         if len(names.labels) == 2:
             raise DeclarationError(
-                f"{what} is {given}: an interval for both components, or one number for each? Write a list for one "
+                f"{label} is {given}: an interval for both components, or one number for each? Write a list for one "
                 "number each, or a list of two tuples for intervals."
             )
         return _every(names, given)
-    found = _split(names, given, what)
+    found = _split(names, given, label)
     for position in np.ndindex(names.shape):
         if isinstance(found[position], list):
             found[position] = tuple(found[position])
     return found
 
 
-def _split_bounds(names: FamilyNames, given: Any, what: str) -> Any:
+def _split_bounds(names: FamilyNames, given: Any, label: str) -> Any:
     """A pair for all, a pair of arrays, or an array or a mapping of pairs."""
     if given is None:
         return _every(names, None)
     if callable(given):
         found = _every(names, None)
         for position in np.ndindex(names.shape):
-            found[position] = _BoundsComponent(given, names, position, what)
+            found[position] = _BoundsComponent(given, names, position, label)
         return found
     if (
         isinstance(given, tuple)
         and len(given) == 2
         and not all(_is_pair(entry) and isinstance(entry, tuple) for entry in given)
     ):
-        lower, upper = (_split(names, side, what) for side in given)
+        lower, upper = (_split(names, side, label) for side in given)
         found = _every(names, None)
         for position in np.ndindex(names.shape):
             found[position] = (lower[position], upper[position])
         return found
     found = names.split(_pairs(given, names)) if isinstance(given, (Mapping, list, tuple, np.ndarray)) else None
     if found is None or not all(_is_pair(entry) for entry in found.ravel()):
-        raise _wrong_length(DeclarationError, what, given, names, "pairs (lower, upper)")
+        raise _wrong_length(DeclarationError, label, given, names, "pairs (lower, upper)")
     for position in np.ndindex(names.shape):
         found[position] = tuple(found[position])
     return found
@@ -225,32 +225,32 @@ def _is_pair(entry: Any) -> bool:
     )
 
 
-def _split_guess(names: FamilyNames, given: Any, what: str) -> Any:
+def _split_guess(names: FamilyNames, given: Any, label: str) -> Any:
     """One number each, an array over time each (components first or last), or a function of time."""
     if isinstance(given, Mapping):
-        return _split(names, given, what, InitialGuessError)
+        return _split(names, given, label, InitialGuessError)
     if isinstance(given, (list, tuple, np.ndarray)):
         try:
             numbers = np.array(given, dtype=float)
         except (TypeError, ValueError):
-            return _split(names, list(given), what, InitialGuessError)  # functions, or arrays of different lengths
+            return _split(names, list(given), label, InitialGuessError)  # functions, or arrays of different lengths
         dimensions = len(names.shape)
         if numbers.shape[:dimensions] == names.shape:
             pass
         elif numbers.ndim == dimensions + 1 and numbers.shape[1:] == names.shape:
             numbers = np.moveaxis(numbers, 0, -1)
         else:
-            raise _wrong_length(InitialGuessError, what, given, names)
+            raise _wrong_length(InitialGuessError, label, given, names)
         found = _every(names, None)
         for position in np.ndindex(names.shape):
             held = numbers[position]
             found[position] = float(held) if held.ndim == 0 else held
         return found
-    return _split(names, given, what, InitialGuessError)
+    return _split(names, given, label, InitialGuessError)
 
 
 def _wrong_length(
-    error: type[PyRobocopError], what: str, given: Any, names: FamilyNames, expected: str = "entries"
+    error: type[PyRobocopError], label: str, given: Any, names: FamilyNames, expected: str = "entries"
 ) -> PyRobocopError:
     if isinstance(given, Mapping):
         has = f"the labels {', '.join(map(str, given))}"
@@ -260,7 +260,7 @@ def _wrong_length(
         except ValueError:
             has = f"{len(given)} entries of different lengths"
     return error(
-        f"{what}: has {has}, but '{names.name}' has the labels {', '.join(map(str, names.labels))} (shape "
+        f"{label}: has {has}, but '{names.name}' has the labels {', '.join(map(str, names.labels))} (shape "
         f"{names.shape}). Give {len(names.labels)} {expected}, or one for all."
     )
 
@@ -318,7 +318,7 @@ def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: 
     return found
 
 
-def references_by_component(names: FamilyNames, reference: Any, what: str) -> list[Any]:
+def references_by_component(names: FamilyNames, reference: Any, label: str) -> list[Any]:
     """What each component of a vector is to follow.
 
     Raises
@@ -326,12 +326,12 @@ def references_by_component(names: FamilyNames, reference: Any, what: str) -> li
     DeclarationError
         When an array has another length.
     """
-    what = f"{what}: the reference of '{names.name}'"
+    label = f"{label}: the reference of '{names.name}'"
     if isinstance(reference, tuple) and len(reference) == 2 and np.ndim(reference[0]) == 1 < np.ndim(reference[1]):
-        return [(reference[0], values) for values in _split_guess(names, reference[1], what).ravel()]
+        return [(reference[0], values) for values in _split_guess(names, reference[1], label).ravel()]
     if callable(reference) and hasattr(reference, "families"):
         return [reference] * len(names.members)  # a trajectory, which knows the components
-    return list(_split(names, reference, what).ravel())
+    return list(_split(names, reference, label).ravel())
 
 
 def names_by_component(record: PhaseRecord, given: Iterable[Any]) -> list[Any]:

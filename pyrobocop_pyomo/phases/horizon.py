@@ -50,23 +50,23 @@ def add_horizon(block: Any, record: PhaseRecord, start: Any, free_element_widths
         add_boundaries(block, record, free_element_widths, what)
 
 
-def _add_duration(block: Any, record: PhaseRecord, what: str) -> None:
+def _add_duration(block: Any, record: PhaseRecord, label: str) -> None:
     duration = record.duration
     if not isinstance(duration, Duration):
         block.duration = with_units(record, float(duration))
         return
-    lower, upper = check_bounds(duration.bounds, what, "bounds")
+    lower, upper = check_bounds(duration.bounds, label, "bounds")
     if duration.initial_guess is None:
         assert lower is not None  # the caller has refused a duration without positive lower bound
         guess = lower if upper is None else math.sqrt(lower * upper)  # durations spread over magnitudes
     else:
-        guess = initial_number(duration.initial_guess, what)
+        guess = initial_number(duration.initial_guess, label)
         if guess <= 0:
-            raise InitialGuessError(f"{what}: the initial guess is {guess:g}; it must be positive.")
+            raise InitialGuessError(f"{label}: the initial guess is {guess:g}; it must be positive.")
     block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=record.time_units)
 
 
-def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, what: str) -> None:
+def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, label: str) -> None:
     """Add the element boundaries as variables, and rows for the widths between them.
 
     Raises
@@ -75,10 +75,10 @@ def add_boundaries(block: Any, record: PhaseRecord, factors: Bounds, what: str) 
         When the factors are no range around 1.
     """
     mesh = record.grid.mesh
-    lower, upper = check_bounds(factors, what, "free_element_widths")
+    lower, upper = check_bounds(factors, label, "free_element_widths")
     if lower is None or upper is None or not 0 < lower <= 1 <= upper:
         raise DeclarationError(
-            f"{what}: free_element_widths = {factors!r}; expected (smallest, largest) factor of each element's "
+            f"{label}: free_element_widths = {factors!r}; expected (smallest, largest) factor of each element's "
             "width with 0 < smallest <= 1 <= largest, for example (0.2, 3)."
         )
     boundaries = Var(
@@ -170,7 +170,7 @@ def horizon_fraction(phase: Any) -> Callable[[float], float]:
     return lambda t: (float(value(phase.time_at(t))) - start) / (end - start)
 
 
-def check_horizon(what: str, start: Any, duration: Any) -> None:
+def check_horizon(label: str, start: Any, duration: Any) -> None:
     """Refuse a start or a duration that makes no sense.
 
     Raises
@@ -184,24 +184,24 @@ def check_horizon(what: str, start: Any, duration: Any) -> None:
         or not (isinstance(start, (Real, Start)) or getattr(start, "is_numeric_type", bool)())
     ):
         raise DeclarationError(
-            f"{what}: start = {start!r}; expected a finite number, Start(...), an expression, or the phase before."
+            f"{label}: start = {start!r}; expected a finite number, Start(...), an expression, or the phase before."
         )
     if isinstance(duration, Duration):
-        lower, _ = check_bounds(duration.bounds, what, "duration bounds")
+        lower, _ = check_bounds(duration.bounds, label, "duration bounds")
         if lower is None or lower <= 0:
             raise DeclarationError(
-                f"{what}: the lower bound of the duration is {lower}; it must be positive. "
+                f"{label}: the lower bound of the duration is {lower}; it must be positive. "
                 "Give Duration(bounds=(0.1, 10), initial_guess=1)."
             )
     elif getattr(duration, "is_numeric_type", bool)():
         number, lower = value(duration, exception=False), getattr(duration, "lb", 0.0)
         if duration.is_indexed() or (number is not None and not number > 0) or (lower is None or lower < 0):
             raise DeclarationError(
-                f"{what}: the duration '{duration}' has the value {number} and the lower bound {lower}; it must be one "
-                "positive number. Give it bounds=(0.1, 10) and initialize=1."
+                f"{label}: the duration '{duration}' has the value {number} and the lower bound {lower}; it must be "
+                "one positive number. Give it bounds=(0.1, 10) and initialize=1."
             )
     elif isinstance(duration, bool) or not isinstance(duration, Real) or not 0 < float(duration) < math.inf:
-        raise DeclarationError(f"{what}: duration = {duration!r}; expected a positive number, or Duration(bounds=...).")
+        raise DeclarationError(f"{label}: duration = {duration!r}; expected a positive number or Duration(bounds=...).")
 
 
 # Of a duration that follows a Param or an expression: these may have any positive value later.

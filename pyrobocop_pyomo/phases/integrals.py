@@ -45,7 +45,7 @@ def restate_integrals(block: Any, record: PhaseRecord) -> None:
         block.component(INTEGRALS)[position].set_value(_integral(block, record, statement))
 
 
-def _one_number(found: Any, what: str, time: float) -> Any:
+def _one_number(found: Any, label: str, time: float) -> Any:
     """What an integrand returned, where that is one number or formula.
 
     Raises
@@ -56,10 +56,10 @@ def _one_number(found: Any, what: str, time: float) -> Any:
     if found is None or isinstance(found, (str, Sequence, Mapping, RelationalExpression)):
         kind = "nothing" if found is None else f"a {type(found).__name__}"
         raise TranscriptionError(
-            f"{what} returned {kind} at t = {time:g}; expected one number or formula, such as b.u[t] ** 2. "
+            f"{label} returned {kind} at t = {time:g}; expected one number or formula, such as b.u[t] ** 2. "
             + ("Is the return statement missing?" if found is None else "Return the sum of what it holds.")
         )
-    return plain_scalar(found, what)
+    return plain_scalar(found, label)
 
 
 def _integral(block: Any, record: PhaseRecord, statement: Statement) -> Any:

@@ -114,7 +114,7 @@ def _at(phase: Any, name: str, time: float) -> Any:
     )
 
 
-def _read(data: Any, what: str) -> tuple[Array, dict[str, Array]]:
+def _read(data: Any, label: str) -> tuple[Array, dict[str, Array]]:
     try:
         if isinstance(data, Mapping):
             series = {name: np.asarray(samples, dtype=float) for name, samples in data.items()}
@@ -123,15 +123,15 @@ def _read(data: Any, what: str) -> tuple[Array, dict[str, Array]]:
             times = np.asarray(data.index, dtype=float)
             series = {str(name): np.asarray(data[name], dtype=float) for name in data.columns}
     except KeyError:
-        raise DeclarationError(f"{what}: the data have no 'time'; they have {', '.join(data)}.") from None
+        raise DeclarationError(f"{label}: the data have no 'time'; they have {', '.join(data)}.") from None
     except (AttributeError, TypeError, ValueError) as error:
         raise DeclarationError(
-            f"{what}: measurements are a data frame with times as index, or a mapping of names to numbers with the key "
-            f"'time' ({error})."
+            f"{label}: measurements are a data frame with times as index, or a mapping of names to numbers with the "
+            f"key 'time' ({error})."
         ) from None
     for name, samples in (("time", times), *series.items()):
         if samples.shape != (len(times),) or not np.isfinite(samples).all():
-            raise DeclarationError(f"{what}: the data of '{name}' are not {len(times)} finite numbers.")
+            raise DeclarationError(f"{label}: the data of '{name}' are not {len(times)} finite numbers.")
     if len(np.unique(times)) != len(times):
-        raise DeclarationError(f"{what}: the data have a time twice; give repeated measurements as experiments.")
+        raise DeclarationError(f"{label}: the data have a time twice; give repeated measurements as experiments.")
     return times, series

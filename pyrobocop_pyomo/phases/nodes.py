@@ -72,7 +72,7 @@ class Nodes:
         """Values from samples at `sample_times`."""
         return samples
 
-    def from_guess(self, guess: InitialGuess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means.
 
         Raises
@@ -135,9 +135,9 @@ class StateNodes(Nodes):
         """Time index of each value."""
         return self.grid.times
 
-    def from_guess(self, guess: InitialGuess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return initial_state_values(guess, self.grid, what)
+        return initial_state_values(guess, self.grid, label)
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the polynomial of the element."""
@@ -175,9 +175,9 @@ class StageNodes(Nodes):
         """The step that led to the point."""
         return np.arange(len(self.times)) - 1
 
-    def from_guess(self, guess: InitialGuess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return initial_stage_values(guess, self.grid, what)
+        return initial_stage_values(guess, self.grid, label)
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the polynomial through the stages of the element."""
@@ -259,12 +259,12 @@ class IntervalNodes(_PiecewiseNodes):
         total = np.bincount(self.of_elements, widths * samples, count)
         return total / np.bincount(self.of_elements, widths, count)
 
-    def from_guess(self, guess: InitialGuess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means: an array has one value per interval, or per element."""
         intervals, elements = len(self.knots) - 1, self.grid.mesh.elements
         if not callable(guess) and np.ndim(guess) == 1 and len(guess) == intervals:  # type: ignore[arg-type]
-            return initial_values_at(guess, self.times, what, f"{intervals} intervals")
-        return self.from_samples(initial_values_at(guess, self.sample_times, what, f"{elements} elements"))
+            return initial_values_at(guess, self.times, label, f"{intervals} intervals")
+        return self.from_samples(initial_values_at(guess, self.sample_times, label, f"{elements} elements"))
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """The value of the interval."""
@@ -289,9 +289,9 @@ class KnotNodes(_PiecewiseNodes):
         """The step that is going on."""
         return self.of_points
 
-    def from_guess(self, guess: InitialGuess, what: str) -> Array:
+    def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return initial_values_at(guess, self.knots, what, f"{len(self.knots)} knots")
+        return initial_values_at(guess, self.knots, label, f"{len(self.knots)} knots")
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the line between two knots."""
@@ -312,7 +312,7 @@ class KnotNodes(_PiecewiseNodes):
         return min(max(bisect_left(self.knots, time) - 1, 0), len(self.knots) - 2)
 
 
-def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, what: str) -> tuple[float, ...]:
+def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, label: str) -> tuple[float, ...]:
     """The knots of a piecewise control: element boundaries, all of them or those that the user chose.
 
     Raises
@@ -329,13 +329,13 @@ def knots_on_mesh(knots: tuple[float, ...] | None, grid: Grid, what: str) -> tup
         nearest = min(boundaries, key=lambda boundary: abs(boundary - knot))
         if abs(nearest - knot) > slack:
             raise DeclarationError(
-                f"{what}: knot {knot:g} is no element boundary; the nearest is {nearest:g}. The mesh is too coarse for "
-                "it: give mesh= with this boundary, or move the knot."
+                f"{label}: knot {knot:g} is no element boundary; the nearest is {nearest:g}. The mesh is too coarse "
+                "for it: give mesh= with this boundary, or move the knot."
             )
         found.append(nearest)
     if (found[:1], found[-1:]) != ([boundaries[0]], [boundaries[-1]]) or any(a >= b for a, b in pairwise(found)):
         raise DeclarationError(
-            f"{what}: knots {knots} must increase from {boundaries[0]:g} to {boundaries[-1]:g}, both included."
+            f"{label}: knots {knots} must increase from {boundaries[0]:g} to {boundaries[-1]:g}, both included."
         )
     return tuple(found)
 

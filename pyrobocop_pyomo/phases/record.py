@@ -164,9 +164,9 @@ class PhaseRecord:
             return StageNodes(name, self.grid)
         return self.declarations[name].nodes(name, self.grid, f"'{name}'")
 
-    def index_for_rule(self, block: Any, time: float, what: str) -> float | TimeIndex:
+    def index_for_rule(self, block: Any, time: float, label: str) -> float | TimeIndex:
         """The ``t`` that a rule is given at a point: an expression in formulas where indices are no times."""
-        return TimeIndex(time, what, block) if self.normalised else time
+        return TimeIndex(time, label, block) if self.normalised else time
 
     def snapshot(self) -> PhaseRecord:
         """A copy that later additions to this record do not reach."""
@@ -199,8 +199,8 @@ class PreviousStates:
         Vectors and matrices of the phase, which are read as arrays.
     """
 
-    def __init__(self, what: str, values: Mapping[str, Any], families: Mapping[str, FamilyNames] | None = None) -> None:
-        self._what, self._values, self._families = what, values, families or {}
+    def __init__(self, label: str, values: Mapping[str, Any], families: Mapping[str, FamilyNames]) -> None:
+        self._what, self._values, self._families = label, values, families
 
     def template(self, position: int) -> PreviousStates:
         """What stands for it while a rule gives its template."""

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from .declarations import Declaration, State
 
 
-def in_numbers(declaration: Declaration, what: str) -> Declaration:
+def in_numbers(declaration: Declaration, label: str) -> Declaration:
     """The declaration in numbers of its units; only what its state is equal to at an end may still change.
 
     Raises
@@ -30,7 +30,7 @@ def in_numbers(declaration: Declaration, what: str) -> Declaration:
     changed: dict[str, Any] = {}
     for name in ("initial", "final", "bounds", "initial_guess"):
         given = getattr(declaration, name, None)
-        where = f"{what} (declared at {declaration.declared_at}): its {name.replace('_', ' ')}"
+        where = f"{label} (declared at {declaration.declared_at}): its {name.replace('_', ' ')}"
         if is_indexed_component(given):
             raise DeclarationError(f"{where} is the indexed '{given}'; expected one number. Read it at an index.")
         if isinstance(given, NumericValue):

@@ -30,47 +30,47 @@ def tracking_cost(block: Any, record: PhaseRecord, variable: Any, reference: Any
     return block.integral(lambda b, t: weigh(b.time_at(t)) * (b.component(name)[t] - wanted(b.time_at(t))) ** 2)
 
 
-def _function(block: Any, record: PhaseRecord, name: str, reference: Any, what: str) -> Callable[[Any], Any]:
+def _function(block: Any, record: PhaseRecord, name: str, reference: Any, label: str) -> Callable[[Any], Any]:
     if isinstance(reference, (int, float)):
         return lambda t: reference
     if isinstance(reference, Trajectory):
         if name not in reference.names:
-            raise DeclarationError(f"{what}: trajectory '{reference.name}' has no '{name}'.")
+            raise DeclarationError(f"{label}: trajectory '{reference.name}' has no '{name}'.")
         first, last = (float(time) for time in reference.time[[0, -1]])
         asked: Callable[[Any], Any] = lambda t: reference(t)[name]  # noqa: E731
     elif callable(reference):
         return reference
     else:
-        times, values = _samples(reference, what)
+        times, values = _samples(reference, label)
         first, last = float(times[0]), float(times[-1])
         asked = lambda t: float(np.interp(t, times, values))  # noqa: E731
     if block.has_normalised_time:
         raise DeclarationError(
-            f"{what}: data need times that are numbers, but something of the horizon is to be found. Give a function "
+            f"{label}: data need times that are numbers, but something of the horizon is to be found. Give a function "
             "of time made of Pyomo's functions."
         )
     slack = 1e-9 * (last - first)
     start, end = record.grid.times[0], record.grid.times[-1]
     if first > start + slack or last < end - slack:
         raise DeclarationError(
-            f"{what}: the reference runs from {first:g} to {last:g}, the phase from {start:g} to {end:g}. "
+            f"{label}: the reference runs from {first:g} to {last:g}, the phase from {start:g} to {end:g}. "
             "Give a reference for all of it."
         )
     return asked
 
 
-def _samples(reference: Any, what: str) -> tuple[Any, Any]:
+def _samples(reference: Any, label: str) -> tuple[Any, Any]:
     try:
         times, values = (np.asarray(numbers, dtype=float) for numbers in reference)
     except (TypeError, ValueError) as error:
         raise DeclarationError(
-            f"{what}: the reference is no number, function, trajectory or pair (times, values) of numbers ({error})."
+            f"{label}: the reference is no number, function, trajectory or pair (times, values) of numbers ({error})."
         ) from None
     if times.ndim != 1 or times.shape != values.shape or len(times) < 2:
         raise DeclarationError(
-            f"{what}: times of shape {times.shape} and values of shape {values.shape}; expected two lists as long as "
+            f"{label}: times of shape {times.shape} and values of shape {values.shape}; expected two lists as long as "
             "each other."
         )
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise DeclarationError(f"{what}: times and values of a reference must be finite, and times increase.")
+        raise DeclarationError(f"{label}: times and values of a reference must be finite, and times increase.")
     return times, values

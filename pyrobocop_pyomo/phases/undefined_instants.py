@@ -24,13 +24,13 @@ _NO_VALUE = (ArithmeticError, ValueError, TypeError)
 
 @contextmanager
 def named_where_undefined(
-    what: str, point: PointModel, statements: Sequence[Statement], time: float, real_time: float, element: int
+    label: str, point: PointModel, statements: Sequence[Statement], time: float, real_time: float, element: int
 ) -> Iterator[None]:
     """Let what has no value at an instant be named in the error.
 
     Parameters
     ----------
-    what : str
+    label : str
         The phase, in words.
     point : PointModel
         Holding the values of the instant.
@@ -56,13 +56,13 @@ def named_where_undefined(
             if part is not None:
                 where = f"in the {statement.kind} '{statement.name}' at time {real_time:g} (element {element})"
                 raise TrajectoryError(
-                    f"{what}: {_named(part.what)}, {where}. The trajectory leaves the values for which it is defined; "
-                    "bound what it reads, or solve the model first."
+                    f"{label}: {_named(part.what)}, {where}. The trajectory leaves the values for which it is "
+                    "defined; bound what it reads, or solve the model first."
                 ) from error
         raise
 
 
-def refuse_undefined(what: str, record: PhaseRecord, trajectory: Trajectory, point: PointModel) -> None:
+def refuse_undefined(label: str, record: PhaseRecord, trajectory: Trajectory, point: PointModel) -> None:
     """Ask the equations at the stages of a trajectory, where it says what all signals are.
 
     Raises
@@ -84,7 +84,7 @@ def refuse_undefined(what: str, record: PhaseRecord, trajectory: Trajectory, poi
                 here |= {name: float(np.interp(time, *knots)) for name, knots in trajectory.piecewise_linear.items()}
                 point.set_values({**here, **trajectory.parameters}, dict.fromkeys(trajectory.states, 0.0))
                 index = point.index_at(time)
-                with named_where_undefined(what, point, statements, index, time, i):
+                with named_where_undefined(label, point, statements, index, time, i):
                     for statement in statements:
                         for expression in _expressions(point, statement, index):
                             if not math.isfinite(number_or_nan(expression)):

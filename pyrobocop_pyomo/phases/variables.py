@@ -62,16 +62,16 @@ def add_variables(block: Any, record: PhaseRecord, name: str, declaration: Decla
         raise DeclarationError(f"{what}: a {type(declaration).__name__} cannot be declared on a phase.")
 
 
-def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: str) -> None:
+def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: str) -> None:
     grid = record.grid
-    add_indexed(block, record, name, state, block.time, initial_state_values(state.initial_guess, grid, what), what)
+    add_indexed(block, record, name, state, block.time, initial_state_values(state.initial_guess, grid, label), label)
     variable = block.component(name)
     ends = ((state.initial, grid.times[0], "initial"), (state.final, grid.times[-1], "final"))
     for given, time, where in () if record.restating is not None else ends:  # both ends stand as they are
         if isinstance(given, NumericValue):
             add_row_of_end(block, name, variable[time], given, where)
         else:
-            _impose_boundary_value(variable[time], given, f"{what} (declared at {state.declared_at})", where)
+            _impose_boundary_value(variable[time], given, f"{label} (declared at {state.declared_at})", where)
     rows = dict(continuity_rows(variable, grid))
     if rows:
         continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
@@ -80,16 +80,16 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, what: s
             continuity.add(time, row)
 
 
-def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: str, where: str) -> None:
+def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: str, where: str) -> None:
     if given is None:
         return
     if isinstance(given, tuple):
-        lower, upper = check_bounds(given, what, f"{where} bounds")
+        lower, upper = check_bounds(given, label, f"{where} bounds")
         tightest_lower = max((b for b in (lower, variable.lb) if b is not None), default=None)
         tightest_upper = min((b for b in (upper, variable.ub) if b is not None), default=None)
         if tightest_lower is not None and tightest_upper is not None and tightest_lower > tightest_upper:
             raise DeclarationError(
-                f"{what}: its {where} bounds {given} leave nothing of its bounds ({variable.lb}, {variable.ub})."
+                f"{label}: its {where} bounds {given} leave nothing of its bounds ({variable.lb}, {variable.ub})."
             )
         variable.setlb(tightest_lower)
         variable.setub(tightest_upper)
@@ -97,14 +97,14 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, what: st
         return
     if not isinstance(given, Real) or not math.isfinite(given):
         raise DeclarationError(
-            f"{what}: its {where} value is {given!r}; expected a finite number, a Param or an expression, a tuple "
+            f"{label}: its {where} value is {given!r}; expected a finite number, a Param or an expression, a tuple "
             "(lower, upper), or None."
         )
     value = float(given)
     outside = (variable.lb is not None and value < variable.lb) or (variable.ub is not None and value > variable.ub)
     if outside:
         raise DeclarationError(
-            f"{what}: its {where} value {value:g} lies outside its bounds ({variable.lb}, {variable.ub}). "
+            f"{label}: its {where} value {value:g} lies outside its bounds ({variable.lb}, {variable.ub}). "
             "Widen the bounds or change the value."
         )
     variable.fix(value)
@@ -127,14 +127,14 @@ def add_generated(block: Any, record: PhaseRecord, name: str, component: Any) ->
 
 
 def add_indexed(
-    block: Any, record: PhaseRecord, name: str, declaration: Declaration, index: Any, guess: Any, what: str
+    block: Any, record: PhaseRecord, name: str, declaration: Declaration, index: Any, guess: Any, label: str
 ) -> None:
     """Add a variable over times, with its bounds and its initial guess moved onto them."""
     if callable(declaration.bounds):
-        each_bounds = [declaration.bounds_at(time, what) for time in index]
+        each_bounds = [declaration.bounds_at(time, label) for time in index]
         variable = SignalVar(index, bounds=dict(zip(index, each_bounds, strict=True)), units=declaration.units)
     else:
-        each_bounds = [declaration.bounds_at(0.0, what)] * len(index)
+        each_bounds = [declaration.bounds_at(0.0, label)] * len(index)
         variable = SignalVar(index, bounds=each_bounds[0], units=declaration.units)
     variable = place(block, record, name, variable)
     # Values given one by one: a dict passed to Var(initialize=...) takes six times as long.
@@ -151,7 +151,7 @@ def rate_units(units: Any, time_units: Any) -> Any:
     return units if time_units is None else units / time_units
 
 
-def add_control(block: Any, record: PhaseRecord, name: str, control: Control, what: str) -> None:
+def add_control(block: Any, record: PhaseRecord, name: str, control: Control, label: str) -> None:
     """Add the variables of a control, and rows for the bounds on its rate if it has any.
 
     Raises
@@ -159,17 +159,17 @@ def add_control(block: Any, record: PhaseRecord, name: str, control: Control, wh
     DeclarationError, InitialGuessError
         When knots, bounds or the initial guess do not fit.
     """
-    what = f"{what} (declared at {control.declared_at})"
-    nodes = control.nodes(name, record.grid, what)
+    label = f"{label} (declared at {control.declared_at})"
+    nodes = control.nodes(name, record.grid, label)
     if isinstance(nodes, IntervalNodes):
-        _add_piecewise_constant(block, record, name, control, nodes, what)
+        _add_piecewise_constant(block, record, name, control, nodes, label)
     elif isinstance(nodes, KnotNodes):
-        _add_piecewise_linear(block, record, name, control, nodes, what)
+        _add_piecewise_linear(block, record, name, control, nodes, label)
     else:
-        guess = initial_stage_values(control.initial_guess, record.grid, what)
-        add_indexed(block, record, name, control, block.points, guess, what)
+        guess = initial_stage_values(control.initial_guess, record.grid, label)
+        add_indexed(block, record, name, control, block.points, guess, label)
     if control.rate_bounds is not None:
-        _bound_rate(block, record, name, control, nodes, check_bounds(control.rate_bounds, what, "rate bounds"))
+        _bound_rate(block, record, name, control, nodes, check_bounds(control.rate_bounds, label, "rate bounds"))
 
 
 def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
@@ -198,29 +198,29 @@ def refuse_weightless_controls(block: Any, record: PhaseRecord) -> None:
 
 
 def _add_piecewise_constant(
-    block: Any, record: PhaseRecord, name: str, control: Control, nodes: IntervalNodes, what: str
+    block: Any, record: PhaseRecord, name: str, control: Control, nodes: IntervalNodes, label: str
 ) -> None:
     grid = record.grid
     if grid.elements_share_points:
         raise DeclarationError(
-            f"{what}: with the scheme {grid.scheme.name} neighbouring elements share a collocation point, where a "
+            f"{label}: with the scheme {grid.scheme.name} neighbouring elements share a collocation point, where a "
             "piecewise constant control would have two values. Choose 'piecewise_linear' or 'collocated', or a radau "
             "or gauss scheme."
         )
-    _refuse_knots_of_its_own(record, nodes, what)
+    _refuse_knots_of_its_own(record, nodes, label)
     points = np.array(grid.points)
-    bounds = [_common_bounds(control, points[nodes.of_points == i].tolist(), what) for i in range(len(nodes.times))]
-    values = _add_values(block, record, name, control, nodes, bounds, what)
+    bounds = [_common_bounds(control, points[nodes.of_points == i].tolist(), label) for i in range(len(nodes.times))]
+    values = _add_values(block, record, name, control, nodes, bounds, label)
     seen = {time: values[i] for time, i in zip(grid.points, nodes.of_points.tolist(), strict=True)}
     place(block, record, name, signal_reference(seen))
 
 
 def _add_piecewise_linear(
-    block: Any, record: PhaseRecord, name: str, control: Control, nodes: KnotNodes, what: str
+    block: Any, record: PhaseRecord, name: str, control: Control, nodes: KnotNodes, label: str
 ) -> None:
-    _refuse_knots_of_its_own(record, nodes, what)
-    bounds = [control.bounds_at(knot, what) for knot in nodes.knots]
-    values = _add_values(block, record, name, control, nodes, bounds, what)
+    _refuse_knots_of_its_own(record, nodes, label)
+    bounds = [control.bounds_at(knot, label) for knot in nodes.knots]
+    values = _add_values(block, record, name, control, nodes, bounds, label)
     seen = place(block, record, name, SignalExpression(block.points))
     for time in record.grid.points:
         positions, weights = zip(*nodes.weights_at(time), strict=True)
@@ -230,15 +230,15 @@ def _add_piecewise_linear(
         record.restating.keep_expressions(name)
 
 
-def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, what: str) -> None:
+def _refuse_knots_of_its_own(record: PhaseRecord, nodes: IntervalNodes | KnotNodes, label: str) -> None:
     if record.free_widths and nodes.knots != record.grid.mesh.boundaries:
-        raise DeclarationError(f"{what}: knots of its own do not go with free element widths. Leave 'knots' out.")
+        raise DeclarationError(f"{label}: knots of its own do not go with free element widths. Leave 'knots' out.")
 
 
 def _add_values(
-    block: Any, record: PhaseRecord, name: str, control: Control, nodes: Nodes, bounds: list[Bounds], what: str
+    block: Any, record: PhaseRecord, name: str, control: Control, nodes: Nodes, bounds: list[Bounds], label: str
 ) -> Any:
-    guess = nodes.from_guess(control.initial_guess, what)
+    guess = nodes.from_guess(control.initial_guess, label)
     values = {i: within(value, bounds[i]) for i, value in enumerate(guess.tolist())}
     variable = Var(RangeSet(0, len(bounds) - 1), bounds=dict(enumerate(bounds)), initialize=values, units=control.units)
     variable = add_generated(block, record, nodes.component, variable)
@@ -247,14 +247,14 @@ def _add_values(
     return variable
 
 
-def _common_bounds(control: Control, times: list[float], what: str) -> Bounds:
+def _common_bounds(control: Control, times: list[float], label: str) -> Bounds:
     """What the bounds at several times leave in common: one value has to respect them all."""
     if not callable(control.bounds):
-        return control.bounds_at(times[0], what)
-    lowers, uppers = zip(*(control.bounds_at(time, what) for time in times), strict=True)
+        return control.bounds_at(times[0], label)
+    lowers, uppers = zip(*(control.bounds_at(time, label) for time in times), strict=True)
     lower = max((bound for bound in lowers if bound is not None), default=None)
     upper = min((bound for bound in uppers if bound is not None), default=None)
-    return check_bounds((lower, upper), what, f"bounds between {times[0]:g} and {times[-1]:g}")
+    return check_bounds((lower, upper), label, f"bounds between {times[0]:g} and {times[-1]:g}")
 
 
 def _steps(block: Any, record: PhaseRecord, nodes: Nodes) -> Iterator[tuple[Any, Any, Any]]:

@@ -131,6 +131,7 @@ def _declare(b: Any, stated: StatedProblem, data: ProblemData) -> None:
 
 
 def _state(b: Any, stated: StatedProblem, data: ProblemData) -> None:
+    """State the residuals of a class: those of explicit states as differential equations, the others as residuals."""
     if stated.find_explicit_states(b):
         b.ode(stated.equations_of_motion)
     if data.sizes.rows > data.sizes.states - len(stated.implicit):

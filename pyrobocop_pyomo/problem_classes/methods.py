@@ -100,7 +100,7 @@ def _remedy(error: Exception) -> str:
     return ""
 
 
-def as_vector(values: Any, what: str) -> Array:
+def as_vector(values: Any, label: str) -> Array:
     """Numbers of any shape as a vector.
 
     Raises
@@ -113,7 +113,7 @@ def as_vector(values: Any, what: str) -> Array:
     try:
         return np.asarray(values, dtype=float).ravel()
     except (TypeError, ValueError) as error:
-        raise ProblemClassError(f"{what} returned {values!r}, where numbers are expected ({error}).") from None
+        raise ProblemClassError(f"{label} returned {values!r}, where numbers are expected ({error}).") from None
 
 
 def finite_or_none(number: float) -> float | None:

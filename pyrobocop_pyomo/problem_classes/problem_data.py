@@ -186,7 +186,7 @@ class _ProblemReader:
                 )
         return by_kind
 
-    def _lower_and_upper(self, name: str, size: int, what: str, *arguments: int) -> Array | None:
+    def _lower_and_upper(self, name: str, size: int, label: str, *arguments: int) -> Array | None:
         """Two rows of `size` numbers; None, with a sentence, for anything else."""
         shown = ", ".join(map(str, arguments))
         found = self._methods.numbers(name, *arguments, shown=shown)
@@ -195,7 +195,7 @@ class _ProblemReader:
         if len(flat) != 2 * size or (len(lengths) == 2 and lengths != [size, size]):
             self._wrong.append(
                 f"{name}({shown}) returned arrays of the lengths {lengths}; expected a lower and an upper one of "
-                f"{size} entries each, for {what}"
+                f"{size} entries each, for {label}"
             )
             return None
         if np.isnan(flat).any():

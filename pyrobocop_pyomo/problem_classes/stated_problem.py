@@ -275,13 +275,13 @@ class StatedProblem:
         return self._scalar(cost, f"{self._methods.class_name}.objective_mayer(x0, xf, p)")
 
     @staticmethod
-    def _scalar(cost: Any, what: str) -> Any:
+    def _scalar(cost: Any, label: str) -> Any:
         if cost is None:
-            raise ProblemClassError(f"{what} returned None. Is the return statement missing?")
+            raise ProblemClassError(f"{label} returned None. Is the return statement missing?")
         if isinstance(cost, (list, tuple)):
             cost = np.array(cost, dtype=object)
         try:
-            return plain_scalar(cost, what)
+            return plain_scalar(cost, label)
         except ExpressionArrayError as error:
             raise ProblemClassError(str(error)) from None
 

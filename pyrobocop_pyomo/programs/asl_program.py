@@ -187,12 +187,12 @@ class AslProgram:
             self.constraints(x)
 
 
-def _asked(what: str, function: Callable[..., Any], *arguments: FloatArray) -> Any:
+def _asked(label: str, function: Callable[..., Any], *arguments: FloatArray) -> Any:
     """What a function of ASL returns; its own errors are arithmetic ones."""
     try:
         return function(*arguments)
     except ArithmeticError as error:
-        raise EvaluationError(f"ASL cannot evaluate the {what}: {error}") from None
+        raise EvaluationError(f"ASL cannot evaluate the {label}: {error}") from None
 
 
 def _same_point(known: FloatArray | None, x: FloatArray) -> bool:

@@ -79,7 +79,7 @@ class NonlinearProgram(Protocol):
         ...
 
 
-def finite(values: FloatArray, derivatives: str, what: str) -> FloatArray:
+def finite(values: FloatArray, derivatives: str, label: str) -> FloatArray:
     """Values as they are.
 
     Raises
@@ -88,7 +88,7 @@ def finite(values: FloatArray, derivatives: str, what: str) -> FloatArray:
         When one of them is not finite.
     """
     if not np.isfinite(values).all():
-        raise EvaluationError(f"{derivatives} cannot evaluate the {what} at this point: a value is not finite.")
+        raise EvaluationError(f"{derivatives} cannot evaluate the {label} at this point: a value is not finite.")
     return values
 
 

@@ -197,6 +197,7 @@ def _tree_of(robot: Any) -> KinematicTree:
 
 
 def _joint(given: Any) -> Joint:
+    """A joint of a description; what it leaves out has the default of the format."""
     if given.type not in ("fixed", *WITH_ONE_COORDINATE, *WITH_A_POSE):
         raise ObstacleError(f"joint '{given.name}' is of type '{given.type}', which is none of URDF's.")
     axis = np.array([1.0, 0.0, 0.0]) if given.axis is None else np.asarray(given.axis, dtype=float)

@@ -40,9 +40,9 @@ class Progress:
         """The progress itself, or a new one."""
         return show if isinstance(show, Progress) else cls(show)
 
-    def within(self, what: str) -> Progress:
-        """What a part of the work writes to: its live line, named by `what`; its lines that stay are left out."""
-        return _PartProgress(self, what)
+    def within(self, label: str) -> Progress:
+        """What a part of the work writes to: its live line, named by `label`; its lines that stay are left out."""
+        return _PartProgress(self, label)
 
     def live(self, text: str) -> None:
         """Replace the current line."""
@@ -87,8 +87,8 @@ class Progress:
 class _PartProgress(Progress):
     """Progress of a part of some work."""
 
-    def __init__(self, whole: Progress, what: str) -> None:
-        self._whole, self._what = whole, what
+    def __init__(self, whole: Progress, label: str) -> None:
+        self._whole, self._what = whole, label
 
     def live(self, text: str) -> None:
         self._whole.live(f"{self._what}, {text}" if text else self._what)
