@@ -49,6 +49,12 @@ def c_output_sent_to(streams: Sequence[TextIO]) -> Iterator[None]:
             flush_c_streams()
 
 
+def standard_output() -> TextIO:
+    """`sys.stdout` while no solve of another thread has its own there, which would be closed when it is written to."""
+    with _descriptor:
+        return sys.stdout
+
+
 class _Forwarding(io.TextIOBase):
     """A stream that hands everything to another one and has no file descriptor."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ from pyrobocop_pyomo.diagnosis.before_solve import doubts_before_solve
 from pyrobocop_pyomo.diagnosis.statements import refuse_inconsistent_units, refuse_misplaced
 from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
+from pyrobocop_pyomo.ipopt.c_output import standard_output
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
@@ -198,7 +198,7 @@ def solve(
         polish=polish,
         exploration=exploration,
         deadline=Deadline.after(time_limit),
-        output=tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ()),
+        output=tuple(tee) if isinstance(tee, Sequence) else ((standard_output(),) if tee else ()),
         progress=Progress.of(progress),
         scaling=False if scaling is None and (blocks or regions) else scaling,
     )

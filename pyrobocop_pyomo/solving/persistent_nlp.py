@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -14,6 +13,7 @@ from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, delta_of, shifted_rows_of
 from pyrobocop_pyomo.errors import ComplementarityError
+from pyrobocop_pyomo.ipopt.c_output import standard_output
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.kept_problem import KeptProblem
@@ -287,7 +287,7 @@ class PersistentNLP:
             start,
             deadline=Deadline.after(time_limit),
             on_iteration=on_iteration,
-            output=[sys.stdout] if tee else [],
+            output=[standard_output()] if tee else [],
             kept=self._kept,
         )
         stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT

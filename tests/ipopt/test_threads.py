@@ -1,10 +1,14 @@
 """Several solves in threads of one process: the same answers, and standard output is there afterwards."""
 
+import io
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
+
+from pyrobocop_pyomo.ipopt.c_output import c_output_sent_to, standard_output
 
 SCRIPT = """
 import sys, threading
@@ -76,3 +80,24 @@ print(os.waitstatus_to_exitcode(status))
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert run.stdout.strip() == "7", run.stderr
+
+
+def test_a_solve_does_not_print_to_what_the_solve_of_another_thread_has_put_in_place_of_standard_output() -> None:
+    """It would be closed by the time at which it is its turn."""
+    ordinary, held, free, given = sys.stdout, threading.Event(), threading.Event(), []
+
+    def hold() -> None:
+        with c_output_sent_to([io.StringIO()]):
+            held.set()
+            free.wait(60)
+
+    threads = [threading.Thread(target=hold), threading.Thread(target=lambda: given.append(standard_output()))]
+    threads[0].start()
+    assert held.wait(60)
+    replaced = sys.stdout is not ordinary
+    threads[1].start()
+    free.set()
+    for thread in threads:
+        thread.join(60)
+    assert replaced
+    assert given == [ordinary]
