@@ -114,7 +114,7 @@ def team(task: Task) -> rcp.Team:
             rcp.Shared("body.qx", "body.qy", "body.qz", penalty=20.0),
             rcp.Shared("body.ux", "body.uy", "body.uz", penalty=2.0),
             rcp.Shared("body.wx", "body.wy", "body.wz", penalty=1.0),
-            rcp.Shared("push[{robot}]", penalty=(0.5, 0.5, 0.5, 5.0, 5.0, 5.0)),
+            rcp.Shared("push[{robot}]", penalty=(5.0, 5.0, 5.0, 50.0, 50.0, 50.0)),
         ],
         keep_apart=rcp.KeepApart(("me.x", "me.y", "me.z"), APART),
         physics=task.score,

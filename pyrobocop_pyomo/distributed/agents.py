@@ -156,22 +156,50 @@ class KeepApart:
         if self.neighbours < 1:
             raise TeamError(f"KeepApart: neighbours = {self.neighbours!r}; expected at least 1.")
 
-    def constrain(self, model: Any, parts: Sequence[Any]) -> None:
-        """Add rows that keep the robots of one model apart.
+    def constrain(self, model: Any, parts: Sequence[Any], within: float = np.inf) -> int:
+        """Add rows that keep the robots of one model apart, beside those that it has.
 
         Parameters
         ----------
         model : ConcreteModel
         parts : sequence of blocks
             One for each robot, in which the coordinates have their names.
+        within : float, optional
+            Only where two robots are nearer than this now, and at the times beside, metres.
+
+        Returns
+        -------
+        int
+            How many rows are new.
         """
         positions = [[part.find_component(name) for name in self.components] for part in parts]
-        couples = list(combinations(range(len(parts)), 2))
         keys = [key for key in positions[0][0] if any(not p[0][key].fixed for p in positions)]
-        model.keep_apart = Constraint(
-            couples,
-            keys,
-            rule=lambda _, i, j, key: (
-                sum((a[key] - b[key]) ** 2 for a, b in zip(positions[i], positions[j], strict=True)) >= self.distance**2
-            ),
-        )
+        known = model.component("keep_apart")
+        rows = [] if known is None else list(known)
+        new = [
+            (i, j, *(key if isinstance(key, tuple) else (key,)))
+            for i, j in combinations(range(len(parts)), 2)
+            for key in self._near(positions[i], positions[j], keys, within)
+        ]
+        new = sorted(set(new) - set(rows))
+        if known is not None:
+            if not new:
+                return 0
+            model.del_component(known)
+
+        def far_enough(_: Any, i: int, j: int, *key: Any) -> Any:
+            at = key if len(key) > 1 else key[0]
+            return (
+                sum((a[at] - b[at]) ** 2 for a, b in zip(positions[i], positions[j], strict=True)) >= self.distance**2
+            )
+
+        model.keep_apart = Constraint([*rows, *new], rule=far_enough)
+        return len(new)
+
+    def _near(self, first: Sequence[Any], second: Sequence[Any], keys: Sequence[Any], within: float) -> list[Any]:
+        if not np.isfinite(within):
+            return list(keys)
+        gaps = np.array([[a[key].value - b[key].value for key in keys] for a, b in zip(first, second, strict=True)])
+        near = np.linalg.norm(gaps, axis=0) < within
+        near = np.convolve(near, (1, 1, 1), "same") > 0  # at the times beside as well
+        return [key for key, is_near in zip(keys, near, strict=True) if is_near]

@@ -61,6 +61,8 @@ class TeamState:
     positions : dict of agent to float array
     slowness : float
         How much slower than at first mu falls.
+    closing_tried : int
+        Number of the round after which the closing step was tried last; -1 where it was not.
     """
 
     round: int
@@ -71,6 +73,7 @@ class TeamState:
     multipliers: dict[str, Array]
     positions: dict[str, Array]
     slowness: float = 1.0
+    closing_tried: int = -1
 
     def arrays(self) -> dict[str, Array]:
         """Everything as arrays by name."""
@@ -80,6 +83,7 @@ class TeamState:
             "factors": self.factors,
             "target": self.target,
             "slowness": np.array(self.slowness),
+            "closing_tried": np.array(self.closing_tried),
         }
         for what in ("values", "multipliers", "positions"):
             arrays.update({f"{what}/{name}": array for name, array in getattr(self, what).items()})
@@ -101,6 +105,7 @@ class TeamState:
             np.array(arrays["target"]),
             **parts,
             slowness=float(arrays["slowness"]),
+            closing_tried=int(arrays["closing_tried"]),
         )
 
 
@@ -121,6 +126,8 @@ class Coordination:
     physics : Physics or None
     graph : networkx graph or None
         Who talks to whom, where there is no hub in the middle.
+    heeds_others : bool
+        Whether robots keep apart from where the others were in the round before.
     """
 
     engine: Engine
@@ -131,6 +138,7 @@ class Coordination:
     keep_apart: KeepApart | None
     physics: Physics | None
     graph: Any = None
+    heeds_others: bool = True
     rounds: list[Round] = field(default_factory=list)
     plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
     frozen: dict[str, str] = field(default_factory=dict)
@@ -183,6 +191,14 @@ class Coordination:
             else:
                 self._failed[name] = f"Ipopt: {reply.status}"
         return usable
+
+    def all_values(self) -> dict[str, Mapping[str, Array]]:
+        """Values of all variables, by agent and by name in its own model."""
+        values: dict[str, Mapping[str, Array]] = {}
+        for reply in self.engine.call_all("all_values", dict.fromkeys(self.facts, ())).values():
+            if not isinstance(reply, AgentFailure):
+                values = {**reply, **values}
+        return values
 
     @staticmethod
     def take(state: TeamState, reports: Mapping[str, Report]) -> None:
@@ -269,7 +285,7 @@ class Coordination:
 
     def others(self, positions: Mapping[str, Array]) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""
-        if self.keep_apart is None or len(positions) < 2:
+        if self.keep_apart is None or len(positions) < 2 or not self.heeds_others:
             return {}
         names, points = list(positions), np.array(list(positions.values()))
         count = min(self.keep_apart.neighbours, len(names) - 1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
+from .closing import Closing
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
 from .rounds import Round, check_ending
@@ -51,6 +52,8 @@ class Hub:
         The plan is scored from this mu on.
     restart : PenaltyRestart
         What happens where a contact mode froze too early.
+    closing : Closing or None
+        For teams with physics: when one planner makes exact what the agents have nearly agreed on.
 
     Raises
     ------
@@ -71,7 +74,7 @@ class Hub:
 
     barrier: BarrierRounds = field(default_factory=BarrierPath)
     penalties: PenaltyRounds = field(default_factory=TargetedPenalties)
-    rounds: int = 80
+    rounds: int = 200
     until: str = "strict"
     tolerance: float = 1e-6
     object_first: float = 0.28
@@ -79,6 +82,7 @@ class Hub:
     iterations: int = 150
     score_below: float = 2e-3
     restart: PenaltyRestart = field(default_factory=PenaltyRestart)
+    closing: Closing | None = field(default_factory=Closing)
 
     def __post_init__(self) -> None:
         """Refuse rounds without an end."""

@@ -33,7 +33,7 @@ SMALLEST_DELTA = 1e-9
 # No loosened bounds: the two sides of a pair could both become slightly negative. The first point is feasible with
 # respect to bounds, and small multipliers suit pairs better than ones.
 # Damping keeps what only its barrier bounds from wandering off: the slip speed of a robot without contact.
-OPTIONS = {"bound_relax_factor": 0.0, "kappa_d": 1e-5, "print_level": 0}
+IPOPT_OPTIONS = {"bound_relax_factor": 0.0, "kappa_d": 1e-5, "print_level": 0}
 
 
 @dataclass(frozen=True)
@@ -118,9 +118,13 @@ class LocalProblem:
         if active_sources(self.model):
             relax(self.model, delta=1.0)
             self._pairs = len(pairs_of(self.model))
-            self._barrier = _OrderedDelta()
+            self._barrier = DeltaOfOrder()
         self.nlp = PersistentNLP(
-            self.model, {**OPTIONS, **spec.options}, barrier=self._barrier, quadratic=self.cost, go_on_after_limit=True
+            self.model,
+            {**IPOPT_OPTIONS, **spec.options},
+            barrier=self._barrier,
+            quadratic=self.cost,
+            go_on_after_limit=True,
         )
 
     # ---------------------------------------------------------------- building
@@ -311,6 +315,13 @@ class LocalProblem:
         """Values of components over their index, by name."""
         return {name: _numbers(self._component(name).values()) for name in names}
 
+    def all_values(self) -> dict[str, dict[str, Array]]:
+        """Values of all variables over their index, by agent and by name in its own model."""
+        return {
+            agent: {self._own_name(v): _numbers(v.values()) for v in part.component_objects(Var)}
+            for agent, part in self._merged.parts.items()
+        }
+
     def advance(self, start: Mapping[str, float], elements: int = 1) -> tuple[Array, Array | None]:
         """Move the plan and its multipliers ahead in time; what comes after its end stays as the last element.
 
@@ -373,16 +384,18 @@ class LocalProblem:
             return float("nan")
 
 
-class _OrderedDelta:
-    """delta as the order says: twice the barrier parameter, or fixed."""
+class DeltaOfOrder:
+    """delta as an order says: twice the barrier parameter, or fixed."""
 
     def __init__(self) -> None:
         self.fixed: float | None = None
 
     def delta_for(self, mu: float) -> float:
+        """Return twice mu, or what is fixed."""
         return max(SMALLEST_DELTA, DELTA_PER_MU * mu) if self.fixed is None else self.fixed
 
     def steps(self) -> Iterator[float]:
+        """Yield the smallest delta."""
         yield SMALLEST_DELTA
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,12 +17,11 @@ from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.reference import Reference
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.visitor import ExpressionReplacementVisitor
 from pyomo.repn.standard_repn import generate_standard_repn
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import TeamError
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in
 from pyrobocop_pyomo.numerics import Array
 
 from .agents import Agent
@@ -49,6 +48,10 @@ class MergedModel:
             if component is not None:
                 return component
         return None
+
+    def objective_value(self) -> float:
+        """Sum of the agents' objectives, each to be minimised."""
+        return sum(float(value(objective)) for objective in _active(self.model, Objective))
 
     def values_of(self, names: Iterable[str], agent: str) -> dict[str, Array]:
         """Values over the index of an agent's components, by name."""
@@ -99,10 +102,12 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str]) -> MergedModel:
         parts = {name: merged.component(name) for name in models}
         names = list(dict.fromkeys(shared))
         first, *others = parts.values()
-        known = set(_fingerprints(first).values())
+        components = [c for label in names for c in _variable_components(first, label).values()]
+        agreed = {id(variable) for component in components for variable in component.values()}
+        known = set(_fingerprints(first, agreed).values())
         for other in others:
             _unify(first, other, names)
-            said = _fingerprints(other)
+            said = _fingerprints(other, agreed)
             for row, statement in said.items():
                 if statement in known:
                     row.deactivate()
@@ -170,27 +175,22 @@ def _tighten(master: Any, copied: Any) -> None:
 
 
 def _substitute(block: Any, substitution: Mapping[int, Any]) -> None:
-    visitor = ExpressionReplacementVisitor(
-        substitute=dict(substitution), descend_into_named_expressions=True, remove_named_expressions=True
-    )
-
-    replaced = visitor.walk_expression
-    for row in block.component_data_objects(Constraint, descend_into=True):
-        if any(id(v) in substitution for v in variables_in(row.body, include_fixed=True)):
-            row.set_value(replaced(row.expr))
-    for objective in block.component_data_objects(Objective, descend_into=True):
-        objective.set_value(replaced(objective.expr))
-    for expression in block.component_data_objects(Expression, descend_into=True):
-        if expression.expr is not None:
-            expression.set_value(replaced(expression.expr))
+    replaced = NodeReplacement(substitution).of
+    for ctype in (Constraint, Objective, Expression):
+        for data in block.component_data_objects(ctype, descend_into=True):
+            new = data.expr if data.expr is None else replaced(data.expr)
+            if new is not data.expr:
+                data.set_value(new)
     for pair in block.component_data_objects(Complementarity, descend_into=True):
         first, second = map(replaced, pair.args)
         pair.set_value(complements(first, second, first_bound=pair.bounds[0], second_bound=pair.bounds[1]))
 
 
-def _fingerprint(row: Any) -> Any:
-    """What two linear equations have in common when they say the same; None for others."""
-    if not row.equality or row.body.polynomial_degree() != 1:
+def _fingerprint(row: Any, shared: Collection[int]) -> Any:
+    """What two linear equations of shared variables have in common when they say the same; None for others."""
+    if not row.equality or any(id(v) not in shared for v in variables_in(row.body)):
+        return None
+    if row.body.polynomial_degree() != 1:
         return None
     representation = generate_standard_repn(row.body - row.upper, compute_values=True)
     terms = sorted(zip(map(id, representation.linear_vars), representation.linear_coefs, strict=True))
@@ -201,9 +201,9 @@ def _fingerprint(row: Any) -> Any:
     return (*((number, round(coefficient / scale, 12)) for number, coefficient in terms), constant)
 
 
-def _fingerprints(block: Any) -> ComponentMap:
-    """From each active linear equation of a block to its fingerprint."""
-    found = ((row, _fingerprint(row)) for row in list(_active(block, Constraint)))
+def _fingerprints(block: Any, shared: Collection[int]) -> ComponentMap:
+    """From each active linear equation of shared variables in a block to its fingerprint."""
+    found = ((row, _fingerprint(row, shared)) for row in list(_active(block, Constraint)))
     return ComponentMap((row, fingerprint) for row, fingerprint in found if fingerprint is not None)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
+from .closing import Closing
 from .coordination import Coordination, TeamState
 from .local_problem import DELTA_PER_MU
 from .messages import Order
@@ -52,6 +53,8 @@ class Sova:
         The plan is scored from this mu on.
     restart : PenaltyRestart
         What happens where a contact mode froze too early.
+    closing : Closing or None
+        For teams with physics: when one planner makes exact what the agents have nearly agreed on.
     follow_barrier : bool
         Whether a round solves the barrier problem of its mu, warm in primal and dual. Otherwise each round solves the
         problem with delta = 2 mu, from the primal point of the round before, as the paper does.
@@ -68,13 +71,14 @@ class Sova:
 
     barrier: BarrierRounds = field(default_factory=BarrierPath)
     penalties: PenaltyRounds = field(default_factory=TargetedPenalties)
-    rounds: int = 80
+    rounds: int = 200
     until: str = "strict"
     tolerance: float = 1e-6
     regularisation: float = 0.1
     iterations: int = 300
     score_below: float = 2e-3
     restart: PenaltyRestart = field(default_factory=PenaltyRestart)
+    closing: Closing | None = field(default_factory=Closing)
     follow_barrier: bool = True
 
     def __post_init__(self) -> None:
@@ -85,8 +89,9 @@ class Sova:
     def paper(cls) -> Sova:
         """The preset of the paper: 12 rounds, constant penalties and delta = 1e-3, whatever the outcome."""
         return cls(
-            ConstantBarrier(5e-4), ConstantPenalties(), rounds=12, until="rounds", iterations=5000, follow_barrier=False
-        )
+            ConstantBarrier(5e-4), ConstantPenalties(), rounds=12, until="rounds", iterations=5000, closing=None,
+            follow_barrier=False,
+        )  # fmt: skip
 
     def begin(self, work: Coordination) -> TeamState:
         """A first plan of each robot alone, as if the others did whatever helps it."""

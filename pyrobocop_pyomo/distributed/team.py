@@ -17,7 +17,8 @@ from pyrobocop_pyomo.solving.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint, fingerprint
-from .coordination import Coordination, Physics, TeamState
+from .closing import ClosedPlan, Closing
+from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents
@@ -51,6 +52,11 @@ class Method(Protocol):
     @property
     def restart(self) -> PenaltyRestart:
         """What happens where a contact mode froze too early."""
+        ...
+
+    @property
+    def closing(self) -> Closing | None:
+        """When one planner makes exact what the agents have nearly agreed on."""
         ...
 
     def begin(self, work: Coordination) -> TeamState:
@@ -154,6 +160,10 @@ class Team:
                     "could never agree. Add an edge."
                 )
 
+    def is_closed_by(self, method: Method) -> bool:
+        """Whether a closing step makes the plan exact, so that robots need not heed each other before."""
+        return method.closing is not None and self.physics is not None
+
     # ---------------------------------------------------------------- problems
 
     def problem_specs(self, method: Method | str = "hub") -> list[ProblemSpec]:
@@ -165,6 +175,8 @@ class Team:
         """
         method = find_method(method, self)
         neighbours = 0 if self.keep_apart is None else min(self.keep_apart.neighbours, len(self.robots) - 1)
+        if self.is_closed_by(method):
+            neighbours = 0  # the closing step keeps them apart
         physics = self.physics
         of_robots = () if physics is None else tuple(physics.robot_components)
         of_hub = () if physics is None else tuple(physics.hub_components)
@@ -192,8 +204,13 @@ class Team:
                 entries.append((number, shared, shared.names_for(robot)))
         return tuple(entries)
 
-    def central(self) -> MergedModel:
+    def central(self, *, keep_apart: bool = True) -> MergedModel:
         """One model of the whole team, from the same builders: what a single planner that knows everything solves.
+
+        Parameters
+        ----------
+        keep_apart : bool
+            Whether the model has the distances of `keep_apart`.
 
         Returns
         -------
@@ -203,7 +220,7 @@ class Team:
         """
         agents = [*([self.hub] if self.hub is not None else []), *self.robots]
         merged = merge_agents(agents, [name for _, _, names in self._shared_by(self.names) for name in names])
-        if self.keep_apart is not None and len(self.robots) > 1:
+        if keep_apart and self.keep_apart is not None and len(self.robots) > 1:
             self.keep_apart.constrain(merged.model, [merged.parts[name] for name in self.names])
         return merged
 
@@ -287,7 +304,8 @@ def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
     _refuse_forces_of_nobody(team, facts)
     hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
     graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
-    return Coordination(engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph)
+    heeds_others = not team.is_closed_by(method)
+    return Coordination(engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph, heeds_others)
 
 
 def _refuse_forces_of_nobody(team: Team, facts: Mapping[str, ProblemFacts]) -> None:
@@ -324,6 +342,21 @@ def find_method(method: Method | str, team: Team) -> Method:
     return method
 
 
+@dataclass(frozen=True)
+class _BestPlan:
+    """A plan, the round that it is from, and what it is worth."""
+
+    round: int
+    score: PlanScore | None
+    plans: dict[str, Any]
+    objective: float
+
+    @property
+    def rank(self) -> tuple[bool, bool]:
+        """The larger, the better."""
+        return self.score is not None and self.score.strict, is_success(self.score)
+
+
 class _Rounds:
     """The rounds of one call of `Team.solve`."""
 
@@ -332,7 +365,8 @@ class _Rounds:
         self._kept: tuple[dict[str, Any], dict[str, Array]] | None = None
         self._restarts = 0
         self._since = 0  # number of rounds before the last restart
-        self._best: tuple[tuple[float, ...], int, PlanScore | None, dict[str, Any]] | None = None
+        self._closings: list[ClosedPlan] = []
+        self._best: _BestPlan | None = None
 
     def run(self, team: Team, path: Path | None, mark: str) -> TeamResult:
         work, method = self._work, self._method
@@ -344,9 +378,9 @@ class _Rounds:
             done = False
             while not done and state.round < method.rounds:
                 record = method.round(work, state)
-                self._keep_best(record)
-                done = self._is_done(record)
+                self._keep_best(record.score, work.plans, record.objective)
                 self._progress.live(self._line(record))
+                done = self._is_done(record) or self._is_closed(team, state, record)
                 state = self._restarted(state)
                 if path is not None:
                     self._save(path, mark, state)
@@ -387,13 +421,24 @@ class _Rounds:
             (method.until == "strict" and score.strict) or (method.until == "practical" and is_success(score))
         )
 
-    def _keep_best(self, record: Round) -> None:
-        if record.score is None:
+    def _is_closed(self, team: Team, state: TeamState, record: Round) -> bool:
+        """Whether one planner could make exact what the agents have nearly agreed on."""
+        closing = self._method.closing
+        if closing is None or self._work.physics is None or not closing.is_due(record, state.closing_tried):
+            return False
+        state.closing_tried = record.number
+        closed = closing.carry_out(team, self._work.all_values(), self._method.until)
+        self._closings.append(closed)
+        self._keep_best(closed.score, closed.plans, closed.objective)
+        return closed.is_wanted(self._method.until)
+
+    def _keep_best(self, score: PlanScore | None, plans: Plans, objective: float) -> None:
+        if score is None:
             return
-        # Later rounds agree better and are cheaper as a rule.
-        rank = (float(record.score.strict), float(is_success(record.score)), float(record.number))
-        if self._best is None or rank > self._best[0]:
-            self._best = rank, len(self._work.rounds) - 1, record.score, dict(self._work.plans)
+        # Later plans agree better and are cheaper as a rule.
+        found = _BestPlan(len(self._work.rounds) - 1, score, dict(plans), objective)
+        if self._best is None or found.rank >= self._best.rank:
+            self._best = found
 
     def _line(self, record: Round) -> str:
         apart = " ".join(f"{gap:.1e}" for gap in record.disagreement)
@@ -408,7 +453,7 @@ class _Rounds:
     def _result(self, team: Team, state: TeamState) -> TeamResult:
         work = self._work
         names = tuple(work.consensus.group_names)
-        _, number, score, plans = self._best or ((), len(work.rounds) - 1, None, dict(work.plans))
+        best = self._best or _BestPlan(len(work.rounds) - 1, None, dict(work.plans), work.rounds[-1].objective)
         agreement = bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance)
         source = work.hub or work.robots[0]
         target = state.target if work.hub is not None else work.consensus.of_agent(source, state.target)
@@ -418,8 +463,8 @@ class _Rounds:
             agreed[quantity.name] = target[first : first + len(quantity.keys)]
             first += len(quantity.keys)
         return TeamResult(
-            plans, dict(state.values), agreed, work.rounds, number, score, agreement, names, dict(work.frozen),
-            dict(work.engine.deaths), self._restarts, team.physics,
+            best.plans, dict(state.values), agreed, work.rounds, best.round, best.score, agreement, names,
+            dict(work.frozen), dict(work.engine.deaths), self._restarts, best.objective, self._closings, team.physics,
         )  # fmt: skip
 
     # ---------------------------------------------------------------- checkpoints

@@ -15,6 +15,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import AnimationFile, animation_file
 from pyrobocop_pyomo.presentation import Presented
 
+from .closing import ClosedPlan
 from .coordination import Plans
 from .rounds import PlanScore, Round, is_success
 
@@ -48,6 +49,10 @@ class TeamResult(Presented):
         How often a worker was lost.
     restarts : int
         How often the rounds were taken up again from an earlier round.
+    objective : float
+        Sum of the agents' objectives for the plans.
+    closings : sequence of ClosedPlan
+        What the closing steps gave; the plans are those of the last one where it is the best.
     physics : object or None
         What scored the plans.
     """
@@ -63,17 +68,14 @@ class TeamResult(Presented):
     frozen: Mapping[str, str]
     deaths: Mapping[str, int]
     restarts: int
+    objective: float
+    closings: Sequence[ClosedPlan] = ()
     physics: Any = None
 
     @property
     def success(self) -> bool:
         """Whether the plan is at least practical by physics; without physics, whether the agents agree."""
         return self.agreement if self.physics is None else is_success(self.score)
-
-    @property
-    def objective(self) -> float:
-        """Sum of the agents' objectives in the round of the plan."""
-        return self.rounds[self.best_round].objective
 
     @property
     def iterations(self) -> float:
@@ -89,13 +91,18 @@ class TeamResult(Presented):
 
     @property
     def cpu_seconds(self) -> float:
-        """Of all local solves."""
-        return sum(seconds for record in self.rounds for _, _, seconds in record.reports.values())
+        """Of all local solves and closing steps."""
+        return self._closing_seconds + sum(s for record in self.rounds for _, _, s in record.reports.values())
 
     @property
     def parallel_cpu_seconds(self) -> float:
-        """Sum over the rounds of the slowest robot, and of the hub that follows: with a processor for each agent."""
-        return sum(record.parallel_cpu_seconds for record in self.rounds)
+        """Sum over the rounds of the slowest robot, and of the hub that follows, with a processor for each agent; and
+        of the closing steps."""
+        return self._closing_seconds + sum(record.parallel_cpu_seconds for record in self.rounds)
+
+    @property
+    def _closing_seconds(self) -> float:
+        return sum(closed.cpu_seconds for closed in self.closings)
 
     def raise_for_failure(self) -> None:
         """Raise unless the plan is a success.
@@ -141,6 +148,9 @@ class TeamResult(Presented):
             f"usable point), {self.iterations:.1f} iterations each, {self.cpu_seconds:.1f} CPU s "
             f"({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
             f"disagreement: {apart}",
+        ]
+        lines += [
+            f"closing step: {closed.iterations} iterations, {closed.cpu_seconds:.1f} CPU s" for closed in self.closings
         ]
         if self.restarts:
             lines.append(f"taken up again from an earlier round: {self.restarts} times")

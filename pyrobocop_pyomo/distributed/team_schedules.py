@@ -76,7 +76,7 @@ class BarrierPath:
     """
 
     start: float = 0.1
-    factor: float = 0.8
+    factor: float = 0.6
     turn: float = 1e-3
     fast: float = 0.5
     slow: float = 0.9

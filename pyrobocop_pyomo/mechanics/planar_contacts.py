@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from pyomo.core.base.expression import Expression
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.phases import Algebraic, Control
 
-from .planar_bodies import POSE, TWIST, WRENCH, check_free, check_has, check_positive
+from .planar_bodies import POSE, TWIST, WRENCH, PhaseNumbers, check_free, check_has, check_positive
 from .planar_shapes import Disc, PlanarGap, PlanarShape
 
 UNKNOWNS = ("c", "alpha_plus", "alpha_minus", "slip")
@@ -170,7 +169,8 @@ class PlanarContact:
 
     def _lift_kinematics(self, phase: Any, body: Any) -> None:
         # The lifted variables start where the formulas lead from the values of the poses.
-        start = [[value(entry) for entry in self._gap(phase, body, t)] for t in phase.points]
+        numbers = PhaseNumbers(phase), PhaseNumbers(body)
+        start = [self._gap(*numbers, t) for t in phase.points]
         for name, guess in zip(PlanarGap._fields, zip(*start, strict=True), strict=True):
             phase.declare(name, Algebraic(initial_guess=guess))
 

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.expression import Expression
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.phases import Algebraic, Control
 
-from .planar_bodies import check_free, check_has, check_positive
+from .planar_bodies import PhaseNumbers, check_free, check_has, check_positive
 from .rotations import Matrix, Vector, cross_product, inner_product, tangents_across
 from .spatial_bodies import POSITION, ROTATION, SPATIAL_WRENCH, SPIN, VELOCITY, entries_at, rotation_at
 from .spatial_shapes import SpatialGap, SpatialShape, Sphere
@@ -212,12 +211,11 @@ class SpatialContact:
     def _lift_kinematics(self, phase: Any, body: Any) -> None:
         # The lifted variables start where the formulas lead from the values of the poses.
         names = self._lifted_names
+        numbers = PhaseNumbers(phase), PhaseNumbers(body)
         start = []
         for t in phase.points:
-            at = self._gap(phase, body, t)
-            start.append(
-                [value(entry) for entry in (*at[: len(names) - 2], *self._tangential_slips(phase, body, t, at))]
-            )
+            at = self._gap(*numbers, t)
+            start.append([*at[: len(names) - 2], *self._tangential_slips(*numbers, t, at)])
         for name, guess in zip(names, zip(*start, strict=True), strict=True):
             phase.declare(name, Algebraic(initial_guess=guess))
 

@@ -1,0 +1,192 @@
+"""The closing step: one planner makes exact what the agents of a team have nearly agreed on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pyomo.core.base.var import Var
+
+from pyrobocop_pyomo.complementarity import active_sources, relax
+from pyrobocop_pyomo.errors import TeamError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
+
+from .local_problem import IPOPT_OPTIONS, DeltaOfOrder
+from .merging import MergedModel
+from .rounds import PlanScore, Round, is_success
+
+if TYPE_CHECKING:
+    from .team import Team
+
+AllValues = Mapping[str, Mapping[str, Array]]
+_NEAR = 1.6  # times the distance to keep: couples of robots that the first problem keeps apart
+_TOO_NEAR = 0.99  # times the distance: couples that the next problem keeps apart as well
+_TRIES = 8  # problems of one closing step, with couples that have come near in the one before
+
+
+@dataclass(frozen=True)
+class Closing:
+    """When one planner goes on from the combined plan, with the models of all agents in one.
+
+    Rounds soon find who pushes where and when, and agree to a few per cent. What is left takes them long, since a plan
+    is exact only where everybody holds the very same values. A model of all agents has them by construction: its
+    barrier problems, started from the combined plan, need few iterations. It takes the agents' models in one place; a
+    team whose models have to stay where they are goes without it (``closing=None``).
+
+    Robots are kept apart in pairs that are near each other in the plan; pairs that come near by it are added.
+
+    Attributes
+    ----------
+    below : float
+        It is tried from this mu on.
+    every : int
+        Rounds between two tries.
+    path : sequence of float
+        Barrier parameters, until the plan is what `Hub.until` asks for.
+    iterations : int
+        Limit of Ipopt's iterations with each.
+
+    Raises
+    ------
+    TeamError
+        For numbers that make no step.
+    """
+
+    below: float = 1e-3
+    every: int = 12
+    path: tuple[float, ...] = (1e-3, 1e-4, 1e-5)
+    iterations: int = 200
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no step."""
+        if not (self.below > 0 and self.every >= 1 and self.iterations >= 1 and self.path and min(self.path) > 0):
+            raise TeamError(
+                f"{self!r}: expected below > 0, every >= 1, iterations >= 1, and a path of positive numbers."
+            )
+
+    def is_due(self, record: Round, tried: int) -> bool:
+        """Whether it is tried after a round.
+
+        Parameters
+        ----------
+        record : Round
+        tried : int
+            Number of the round after which it was tried last; -1 where it was not.
+        """
+        waited = tried < 0 or record.number - tried >= self.every
+        return waited and record.mu is not None and record.mu <= self.below
+
+    def carry_out(self, team: Team, values: AllValues, until: str) -> ClosedPlan:
+        """Plan for all agents in one model, from their values.
+
+        Parameters
+        ----------
+        team : Team
+            With physics.
+        values : mapping of agent to (mapping of component to float array)
+            Of all variables in the agents' models.
+        until : {"strict", "practical", "rounds"}
+
+        Returns
+        -------
+        ClosedPlan
+            Whatever it is worth: look at its score.
+        """
+        started = time.process_time()
+        merged = team.central(keep_apart=False)
+        _put_on(merged, values)
+        _keep_apart(team, merged, _NEAR)
+        if active_sources(merged.model):
+            relax(merged.model, delta=1.0)
+        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DeltaOfOrder(), go_on_after_limit=True)
+        plan = ClosedPlan(plans={}, score=None, objective=float("nan"))
+        position, warm = 0, False
+        for _ in range(_TRIES):
+            mu = self.path[position]
+            options = {"tol": max(1e-6, mu), "max_iter": self.iterations}
+            outcome = nlp.solve(options, warm=warm, mu=mu, mu_target=mu)
+            plan.iterations += outcome.iterations
+            plan.status = outcome.status.name
+            if outcome.status is IpoptStatus.INTERRUPTED:
+                # Ipopt turns Ctrl-C into a status; whoever pressed it wants the rounds to stop.
+                raise KeyboardInterrupt
+            if not nlp.goes_on_from_last_point:
+                break
+            plan.take(team, merged)
+            if plan.is_wanted(until):
+                break
+            warm = not _keep_apart(team, merged, _TOO_NEAR)
+            if not warm:
+                nlp.prepare()
+                continue
+            if position + 1 == len(self.path):
+                break
+            position += 1
+        plan.cpu_seconds = time.process_time() - started
+        return plan
+
+
+@dataclass
+class ClosedPlan:
+    """What a closing step gave.
+
+    Attributes
+    ----------
+    plans : mapping of agent to (mapping of component to float array)
+    score : PlanScore or None
+        None where no point could be used.
+    objective : float
+        Sum over the agents.
+    status : str
+        Name of the last `IpoptStatus`.
+    iterations : int
+        Of Ipopt, in all.
+    cpu_seconds : float
+        Building the model included.
+    """
+
+    plans: Mapping[str, Mapping[str, Array]]
+    score: PlanScore | None
+    objective: float
+    status: str = ""
+    iterations: int = 0
+    cpu_seconds: float = 0.0
+
+    def take(self, team: Team, merged: MergedModel) -> None:
+        """Read plan, score and objective from a model."""
+        self.plans = team.plans_of(merged)
+        self.score = team.score_of(merged)
+        self.objective = merged.objective_value()
+
+    def is_wanted(self, until: str) -> bool:
+        """Whether it is as good as the rounds have to make it."""
+        return self.score.strict if until == "strict" and self.score is not None else is_success(self.score)
+
+
+def _keep_apart(team: Team, merged: MergedModel, reach: float) -> bool:
+    """Keep those apart that are nearer than so many times their distance; whether there are new ones."""
+    rule, robots = team.keep_apart, [merged.parts[name] for name in team.names]
+    if rule is None or len(robots) < 2 or not rule.constrain(merged.model, robots, reach * rule.distance):
+        return False
+    # Whoever came near once may do so a little elsewhere next time.
+    rule.constrain(merged.model, robots, _NEAR * rule.distance)
+    return True
+
+
+def _put_on(merged: MergedModel, values: AllValues) -> None:
+    """Put the agents' values on the model of all, except where it holds a variable fast."""
+    for agent, own in values.items():
+        part = merged.parts.get(agent)
+        if part is None:
+            continue
+        for variable in part.component_objects(Var):
+            numbers = own.get(variable.name[len(part.name) + 1 :])
+            if numbers is None or variable.is_reference():
+                continue
+            for data, number in zip(variable.values(), numbers.tolist(), strict=True):
+                if not data.fixed:
+                    data.set_value(number, skip_validation=True)
