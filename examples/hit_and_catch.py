@@ -201,6 +201,21 @@ def start_from(phase, values: np.ndarray, names: Sequence[str]) -> None:
                 variable.set_value(value)
 
 
+def team(game: Game) -> rcp.Team:
+    """The puck in the middle, and an agent for each player."""
+    return rcp.Team(
+        hub=rcp.Agent("puck", puck, game),
+        robots=[rcp.Agent(name, player, game, name) for name in game.players],
+        shared=[
+            rcp.Shared("body.qx", "body.qy", "body.qth", penalty=20),
+            rcp.Shared("body.ux", "body.uy", "body.uth", penalty=2),
+            rcp.Shared("push[{robot}]", penalty=(5.0, 5.0, 50.0)),
+        ],
+        keep_apart=rcp.KeepApart(("me.x", "me.y"), APART),
+        physics=game.score,
+    )
+
+
 # ------------------------------------------------------------------ all in one model
 
 

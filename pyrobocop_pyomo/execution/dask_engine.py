@@ -62,10 +62,9 @@ class DaskEngine(Engine):
         *,
         client: Any = None,
         workers: int | None = None,
-        snapshot_every: int = 16,
-        deaths_allowed: int = 2,
+        **of_every_engine: Any,
     ) -> None:
-        super().__init__(snapshot_every=snapshot_every, deaths_allowed=deaths_allowed)
+        super().__init__(**of_every_engine)
         if not distributed_available:
             raise EngineError(
                 "engine 'dask': Dask distributed is not installed. Run: pip install 'pyrobocop_pyomo[dask]', or take "
@@ -232,6 +231,11 @@ class DaskEngine(Engine):
                     self._homes[name] not in living or self._futures[name].status != "finished"
                 ):
                     self._lose_home_of(name, TimeoutError("no answer"), lost)
+
+    def end_silent_workers(self) -> None:
+        """Count the workers that owe an answer as lost: a stopped one keeps its connection for minutes."""
+        for name in self._pending:
+            self._pending[name] = RuntimeError(f"no answer within {self.answer_within:g} s")
 
     def _lose_home_of(self, name: str, error: Exception, lost: dict[str, Lost]) -> None:
         home = self._homes[name]

@@ -65,6 +65,8 @@ class Engine(ABC):
         Rounds between two states of an agent: more is less traffic, and longer to come back.
     deaths_allowed : int
         How often the worker of an agent may die.
+    answer_within : float
+        Seconds without an answer of anybody after which the workers that still owe one count as dead.
 
     Attributes
     ----------
@@ -80,17 +82,20 @@ class Engine(ABC):
     Raises
     ------
     EngineError
-        When `snapshot_every` or `deaths_allowed` is no such number.
+        When one of these is no such number.
     """
 
     name: str
     writes_files = True
 
-    def __init__(self, *, snapshot_every: int = 16, deaths_allowed: int = 2) -> None:
+    def __init__(self, *, snapshot_every: int = 16, deaths_allowed: int = 2, answer_within: float = 600.0) -> None:
         if snapshot_every < 1:
             raise EngineError(f"engine '{self.name}': snapshot_every = {snapshot_every!r}; expected at least 1.")
         if deaths_allowed < 0:
             raise EngineError(f"engine '{self.name}': deaths_allowed = {deaths_allowed!r}; expected 0 or more.")
+        if not answer_within > 0:
+            raise EngineError(f"engine '{self.name}': answer_within = {answer_within!r}; expected a positive number.")
+        self.answer_within = answer_within
         self.snapshot_every = snapshot_every
         self.deaths_allowed = deaths_allowed
         self._forget()
@@ -271,6 +276,9 @@ class Engine(ABC):
             for name, reply in self._ask(requests).items()
         }
 
+    def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
+        """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""
+
     def build_again(self, agents: Sequence[str]) -> None:
         """Begin to build agents that were lost as they were first; whoever waits next hears of it."""
         self.respawn(agents)
@@ -374,7 +382,10 @@ class Engine(ABC):
         for request in requests:
             self.submit(request)
         while any(request.agent not in answers and request.agent not in lost for request in requests):
-            more, gone = self.wait()
+            more, gone = self.wait(self.answer_within)
+            if not more and not gone:
+                _LOGGER.warning("engine '%s': no answer within %g s", self.name, self.answer_within)
+                self.end_silent_workers()
             answers.update(more)
             lost.update(gone)
         for name, answer in answers.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import wait
+from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 
@@ -26,7 +27,7 @@ class ProcessEngine(Engine):
     workers : int, optional
         Number of processes; agents are dealt out to them in turn. By default one for each agent, but no more than there
         are processors.
-    snapshot_every, deaths_allowed : int
+    snapshot_every, deaths_allowed, answer_within
         As of `Engine`.
 
     Raises
@@ -37,8 +38,8 @@ class ProcessEngine(Engine):
 
     name = "process"
 
-    def __init__(self, workers: int | None = None, *, snapshot_every: int = 16, deaths_allowed: int = 2) -> None:
-        super().__init__(snapshot_every=snapshot_every, deaths_allowed=deaths_allowed)
+    def __init__(self, workers: int | None = None, **of_every_engine: Any) -> None:
+        super().__init__(**of_every_engine)
         if workers is not None and workers < 1:
             raise EngineError(f"engine 'process': workers = {workers!r}; expected at least 1.")
         self.workers = workers
@@ -74,6 +75,12 @@ class ProcessEngine(Engine):
             of_home = [name for name, other in self._homes.items() if other == home]
             lost.update({name: Lost(reason, at_work=name == asked) for name in of_home})
         return answers, lost
+
+    def end_silent_workers(self) -> None:
+        """Kill the processes that owe an answer."""
+        for worker in self._processes:
+            if worker.queue:
+                worker.process.kill()
 
     def interrupt(self) -> Exchange:
         """Let all solves end as Ctrl-C would, and wait for what they have."""

@@ -53,6 +53,25 @@ def test_the_same_reports_when_a_worker_is_killed(engine: DaskEngine) -> None:
     assert engine.bytes_down[1:3] == serial.bytes_down[1:3]
 
 
+def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
+    serial = SerialEngine()
+    serial.start(SPECS)
+    expected = play(serial, 5)
+    with DaskEngine(workers=2, answer_within=2.0) as engine:
+        engine.start(SPECS)
+        stopped = engine.process_ids["a"]
+
+        def stop(number: int) -> None:
+            if number == 2:
+                os.kill(stopped, signal.SIGSTOP)
+
+        try:
+            assert play(engine, 5, stop) == expected
+            assert sum(engine.deaths.values()) == 1
+        finally:
+            os.kill(stopped, signal.SIGCONT)
+
+
 def test_it_listens_here_only(engine: DaskEngine) -> None:
     workers = [c for p in map(psutil.Process, engine.process_ids.values()) for c in p.net_connections("tcp")]
     assert {c.laddr.ip for c in workers if c.status == psutil.CONN_LISTEN} == {"127.0.0.1"}

@@ -85,6 +85,23 @@ def test_kill_interrupt_and_failures() -> None:
     assert ends_within(3, remaining)
 
 
+def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
+    with SerialEngine() as serial:
+        serial.start(SPECS)
+        expected = play(serial, 5)
+    with ProcessEngine(workers=2, answer_within=1.0) as engine:
+        engine.start(SPECS)
+        stopped = engine.process_ids["a"]
+
+        def stop(number: int) -> None:
+            if number == 2:
+                os.kill(stopped, signal.SIGSTOP)
+
+        assert play(engine, 5, stop) == expected
+        assert engine.deaths == {"a": 1}
+        assert not is_alive(stopped)
+
+
 @pytest.mark.ctrl_c
 def test_ctrl_c_ends_the_workers_in_the_middle_of_a_solve() -> None:
     with ProcessEngine(workers=1) as engine:
