@@ -37,6 +37,7 @@ HOMES = {
 NEIGHBOURS = (("a", "b"), ("b", "c"), ("d", "e"), ("e", "f"))
 MIDDLE = ("b", "e")
 FLIGHT = 5  # steps
+ROUNDS = 36  # of a team, with one schedule
 LEAST_DRIVE = 0.15  # newton seconds, by the players of the middle
 START, GOAL, GOAL_RADIUS = (-2.6, -1.0, 0.0), (2.5, 0.8), 0.35
 # Who hits or catches, from when to when, in sixtieths of the game; and where the puck should be in the second of them.
@@ -258,14 +259,20 @@ def touches(plans: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[list[str], i
     return order, longest
 
 
-def search(**case) -> tuple[pyo.ConcreteModel, rcp.SolveResult]:
+def search(together: bool = False, **case) -> tuple[pyo.ConcreteModel, rcp.SolveResult | rcp.teams.TeamResult]:
     """Solve from one schedule after the other until the plan is strict and the puck is passed twice."""
     options = {key: case.pop(key) for key in ("backend", "tee")}
     options["backend"] = options["backend"] or "vectorised"
     for kicks in range(len(KICKS)):
-        m = build(**case, kicks=kicks)
-        # Without polish: a score that is strict asks for no more.
-        result = rcp.solve(m, strategies="barrier", polish=False, **options)
+        if together:
+            now = game(**case, kicks=kicks)
+            result = team(now).solve(rcp.teams.Hub(rounds=ROUNDS))
+            m = pyo.ConcreteModel(name="hit and catch as a team")
+            m.score, m.plans = now.score, result.plans
+        else:
+            m = build(**case, kicks=kicks)
+            # Without polish: a score that is strict asks for no more.
+            result = rcp.solve(m, strategies="barrier", polish=False, **options)
         plans = plans_of(m)
         score, (order, flight) = m.score(plans), touches(plans)
         print(f"{score}\ntouched by {', '.join(order)}; longest flight {flight} steps\n")
@@ -286,7 +293,7 @@ def draw(figure, m: pyo.ConcreteModel) -> None:
     around = np.linspace(0, 2 * np.pi, 60)
     field.plot(GOAL[0] + GOAL_RADIUS * np.cos(around), GOAL[1] + GOAL_RADIUS * np.sin(around), color="tab:red")
     axis = below.subplots()
-    for name in m.me:
+    for name in HOMES:
         if plans[name]["me.c"].max() > 0.1:
             axis.step(time[1:], plans[name]["me.c"], where="pre", label=name)
     axis.set_xlabel("time [s]")
@@ -305,5 +312,12 @@ if __name__ == "__main__":
 
     coarse = {"steps": 30}
     run_example(
-        build, draw, cases={"game": {}}, default="game", coarse=coarse, size=(10, 9), search=search, animate=animate
+        build,
+        draw,
+        cases={"game": {}, "team": {"seed": 0, "together": True}},
+        default="game",
+        coarse=coarse,
+        size=(10, 9),
+        search=search,
+        animate=animate,
     )

@@ -5,6 +5,7 @@ study are done, are values of `engine=`. A `Checkpoint` is a file to go on from.
 """
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint, fingerprint
+from pyrobocop_pyomo.distributed.closing import ClosedPlan, Closing
 from pyrobocop_pyomo.distributed.consensus_residuals import ConsensusResiduals
 from pyrobocop_pyomo.distributed.coordination import Coordination, Physics, TeamState
 from pyrobocop_pyomo.distributed.hub_method import Hub
@@ -33,6 +34,7 @@ from pyrobocop_pyomo.execution.engines import find_engine
 from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.simulated_network import SimulatedNetwork
 from pyrobocop_pyomo.execution.worker_host import HostedProblem, HostedSpec
 
 __all__ = [
@@ -41,6 +43,8 @@ __all__ = [
     "BarrierPath",
     "BarrierRounds",
     "Checkpoint",
+    "ClosedPlan",
+    "Closing",
     "ConsensusResiduals",
     "ConstantBarrier",
     "ConstantPenalties",
@@ -69,6 +73,7 @@ __all__ = [
     "Report",
     "Round",
     "SerialEngine",
+    "SimulatedNetwork",
     "Sova",
     "TargetedPenalties",
     "TeamHorizon",

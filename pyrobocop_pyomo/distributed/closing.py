@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 from pyomo.core.base.var import Var
 
@@ -15,17 +15,41 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 
+from .agents import KeepApart
 from .local_problem import IPOPT_OPTIONS, DeltaOfOrder
 from .merging import MergedModel
 from .rounds import PlanScore, Round, is_success
-
-if TYPE_CHECKING:
-    from .team import Team
 
 AllValues = Mapping[str, Mapping[str, Array]]
 _NEAR = 1.6  # times the distance to keep: couples of robots that the first problem keeps apart
 _TOO_NEAR = 0.99  # times the distance: couples that the next problem keeps apart as well
 _TRIES = 8  # problems of one closing step, with couples that have come near in the one before
+
+
+class OneModelTeam(Protocol):
+    """A team that can be stated as one model."""
+
+    @property
+    def names(self) -> list[str]:
+        """Of the robots."""
+        ...
+
+    @property
+    def keep_apart(self) -> KeepApart | None:
+        """Which distance the robots keep."""
+        ...
+
+    def central(self, *, keep_apart: bool) -> MergedModel:
+        """Make one model of the whole team."""
+        ...
+
+    def plans_of(self, merged: MergedModel) -> dict[str, dict[str, Array]]:
+        """Read the plans of all agents from it."""
+        ...
+
+    def score_of(self, merged: MergedModel) -> Any:
+        """Score the values that stand on it."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -80,7 +104,7 @@ class Closing:
         waited = tried < 0 or record.number - tried >= self.every
         return waited and record.mu is not None and record.mu <= self.below
 
-    def carry_out(self, team: Team, values: AllValues, until: str) -> ClosedPlan:
+    def carry_out(self, team: OneModelTeam, values: AllValues, until: str) -> ClosedPlan:
         """Plan for all agents in one model, from their values.
 
         Parameters
@@ -156,7 +180,7 @@ class ClosedPlan:
     iterations: int = 0
     cpu_seconds: float = 0.0
 
-    def take(self, team: Team, merged: MergedModel) -> None:
+    def take(self, team: OneModelTeam, merged: MergedModel) -> None:
         """Read plan, score and objective from a model."""
         self.plans = team.plans_of(merged)
         self.score = team.score_of(merged)
@@ -167,7 +191,7 @@ class ClosedPlan:
         return self.score.strict if until == "strict" and self.score is not None else is_success(self.score)
 
 
-def _keep_apart(team: Team, merged: MergedModel, reach: float) -> bool:
+def _keep_apart(team: OneModelTeam, merged: MergedModel, reach: float) -> bool:
     """Keep those apart that are nearer than so many times their distance; whether there are new ones."""
     rule, robots = team.keep_apart, [merged.parts[name] for name in team.names]
     if rule is None or len(robots) < 2 or not rule.constrain(merged.model, robots, reach * rule.distance):

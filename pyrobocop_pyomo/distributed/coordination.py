@@ -15,6 +15,7 @@ from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 
+from .acceleration import AndersonAcceleration
 from .agents import KeepApart, Shared
 from .consensus import Consensus
 from .consensus_residuals import ConsensusResiduals
@@ -23,6 +24,8 @@ from .rounds import PlanScore, Round
 from .team_schedules import BarrierRounds, PenaltyRounds
 
 logger = logging.getLogger(__name__)
+
+_FIRST_TRIES = 4
 
 Plans = Mapping[str, Mapping[str, Array]]
 
@@ -63,6 +66,8 @@ class TeamState:
         How much slower than at first mu falls.
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
+    acceleration : AndersonAcceleration
+        What it remembers of the last rounds, where there are no pairs.
     """
 
     round: int
@@ -74,6 +79,7 @@ class TeamState:
     positions: dict[str, Array]
     slowness: float = 1.0
     closing_tried: int = -1
+    acceleration: AndersonAcceleration = field(default_factory=AndersonAcceleration)
 
     def arrays(self) -> dict[str, Array]:
         """Everything as arrays by name."""
@@ -84,6 +90,7 @@ class TeamState:
             "target": self.target,
             "slowness": np.array(self.slowness),
             "closing_tried": np.array(self.closing_tried),
+            "steps": np.array(self.acceleration.steps),
         }
         for what in ("values", "multipliers", "positions"):
             arrays.update({f"{what}/{name}": array for name, array in getattr(self, what).items()})
@@ -106,6 +113,7 @@ class TeamState:
             **parts,
             slowness=float(arrays["slowness"]),
             closing_tried=int(arrays["closing_tried"]),
+            acceleration=AndersonAcceleration([(point, image) for point, image in arrays["steps"]]),
         )
 
 
@@ -191,6 +199,16 @@ class Coordination:
             else:
                 self._failed[name] = f"Ipopt: {reply.status}"
         return usable
+
+    def ask_until_all(self, orders: Mapping[str, Order]) -> dict[str, Report]:
+        """Have orders carried out, again for those without a point: a report may have been lost on its way."""
+        reports = self.ask(orders)
+        for _ in range(_FIRST_TRIES):
+            missing = {name: order for name, order in orders.items() if name not in {*reports, *self.frozen}}
+            if not missing:
+                break
+            reports.update(self.ask(missing))
+        return reports
 
     def all_values(self) -> dict[str, Mapping[str, Array]]:
         """Values of all variables, by agent and by name in its own model."""

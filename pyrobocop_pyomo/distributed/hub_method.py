@@ -12,7 +12,14 @@ from .closing import Closing
 from .coordination import Coordination, TeamState
 from .messages import Order, ProblemFacts
 from .rounds import Round, check_ending
-from .team_schedules import BarrierPath, BarrierRounds, PenaltyRestart, PenaltyRounds, TargetedPenalties
+from .team_schedules import (
+    BarrierPath,
+    BarrierRounds,
+    ConstantPenalties,
+    PenaltyRestart,
+    PenaltyRounds,
+    TargetedPenalties,
+)
 
 _FIRST_ITERATIONS = 300
 _HUB_ITERATIONS = 300
@@ -33,6 +40,8 @@ class Hub:
     ----------
     barrier : BarrierRounds
     penalties : PenaltyRounds
+        For teams with pairs. Without, penalties stay as they are given, and the rounds are accelerated
+        (`AndersonAcceleration`).
     rounds : int
         At most.
     until : {"strict", "practical", "rounds"}
@@ -102,7 +111,7 @@ class Hub:
             warm=False,
             weights=self._weights_in_time(work.facts[hub]),
         )
-        found = work.ask({hub: order})
+        found = work.ask_until_all({hub: order})
         work.refuse_missing(found, [hub])
         state.target = found[hub].values
         return state
@@ -116,10 +125,11 @@ class Hub:
         """All robots, then the hub, then the multipliers."""
         work.begin_round()
         scored = work.physics is not None and (state.mu is None or state.mu <= self.score_below)
-        reports = work.ask(self._robots_orders(work, state, with_plan=scored))
+        ask = work.ask if state.values else work.ask_until_all
+        reports = ask(self._robots_orders(work, state, with_plan=scored))
         work.take(state, reports)
         work.refuse_missing(state.values, work.robots)
-        before = state.target
+        before, at = state.target, _point(work, state)
         state.target = self._hub_values(work, state, with_plan=scored)
         hub = _name_of(work)
         residuals, gaps = work.residuals(state, _of_team(work, hub, state.target), _of_team(work, hub, before))
@@ -127,7 +137,13 @@ class Hub:
             if name in reports:  # the multipliers of a robot without a new plan stay
                 pull = work.facts[name].penalty.times(state.factors, gaps[name])
                 state.multipliers[name] = state.multipliers[name] + pull
-        return work.end_round(state, residuals, self.barrier, self.penalties, scored=scored)
+        penalties = self.penalties
+        if state.mu is None and set(reports) < set(work.robots):
+            state.acceleration.steps.clear()  # a round without all robots is no value of the map
+        elif state.mu is None:
+            _go_to(work, state, state.acceleration.next(at, _point(work, state)))
+            penalties = ConstantPenalties()  # the acceleration learns the map of these
+        return work.end_round(state, residuals, self.barrier, penalties, scored=scored)
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:
         others = work.others(state.positions)
@@ -172,6 +188,26 @@ class Hub:
         )
         reports = work.ask({hub: order})
         return reports[hub].values if hub in reports else state.target
+
+
+def _point(work: Coordination, state: TeamState) -> Array:
+    """What a round maps to itself where the team agrees: the target and the multipliers, in comparable units."""
+    scales = _scales(work)
+    parts = [state.target, *(state.multipliers[name] for name in work.robots)]
+    return np.concatenate([scale * part for scale, part in zip(scales, parts, strict=True)])
+
+
+def _go_to(work: Coordination, state: TeamState, point: Array) -> None:
+    scales = _scales(work)
+    ends = np.cumsum([scale.size for scale in scales])[:-1]
+    state.target, *others = (part / scale for scale, part in zip(scales, np.split(point, ends), strict=True))
+    state.multipliers.update(zip(work.robots, others, strict=True))
+
+
+def _scales(work: Coordination) -> list[Array]:
+    """Square roots of the penalties as given, for the target; their inverses, for the robots' multipliers."""
+    of_hub = np.sqrt(work.facts[_name_of(work)].penalty.diagonal)
+    return [of_hub, *(1.0 / np.sqrt(work.facts[name].penalty.diagonal) for name in work.robots)]
 
 
 def _name_of(work: Coordination) -> str:

@@ -103,7 +103,7 @@ class Sova:
             name: self._order(work, name, state, zero, factors, others.get(name), first=True, with_plan=False)
             for name, zero in state.multipliers.items()
         }
-        reports = work.ask(orders)
+        reports = work.ask_until_all(orders)
         work.refuse_missing(reports, work.robots)
         work.take(state, reports)
         state.target = work.consensus.mean(state.values)

@@ -43,11 +43,11 @@ PUBLIC = {
         draw_scene from_urdf hybrid_a_star parking_model signed_distance waypoint_initial_guess
     """,
     "teams": """
-        AgentFailure BalancedPenalties BarrierPath BarrierRounds Checkpoint ConsensusResiduals ConstantBarrier
-        ConstantPenalties Coordination DaskEngine Engine GrowingPenalties HostedProblem HostedSpec Hub
+        AgentFailure BalancedPenalties BarrierPath BarrierRounds Checkpoint ClosedPlan Closing ConsensusResiduals
+        ConstantBarrier ConstantPenalties Coordination DaskEngine Engine GrowingPenalties HostedProblem HostedSpec Hub
         LocalProblem MergedModel Method MpiEngine Order PenaltyMatrix PenaltyRestart PenaltyRounds Physics
         PlanScore PlanningStep ProblemFacts ProblemSpec ProcessEngine QuantityFacts Report Round SerialEngine
-        Sova TargetedPenalties TeamHorizon TeamResult TeamState find_engine fingerprint merge_agents
+        SimulatedNetwork Sova TargetedPenalties TeamHorizon TeamResult TeamState find_engine fingerprint merge_agents
     """,
     "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable linear_solver_options",

@@ -93,3 +93,20 @@ def test_a_team_without_physics_is_not_closed() -> None:
     """There is no score that could say whether it has to be."""
     result = replace(team(SMALL), physics=None).solve(rcp.teams.Hub(rounds=12), progress=False)
     assert not result.closings
+
+
+@pytest.mark.parametrize("late", [{}, {"a": 3}])
+def test_lost_and_late_reports(late: dict[str, int]) -> None:
+    """Rounds go on with what has arrived; the plan is strict all the same."""
+    network = rcp.teams.SimulatedNetwork(lost=0.2, late=late, seed=4, reliable=("rod",))
+    result = team(SMALL).solve(engine=network, progress=False)
+    assert sum(len(record.failures) for record in result.rounds) > 1
+    assert result.score is not None
+    assert result.score.strict
+
+
+def test_no_share_and_no_delay() -> None:
+    with pytest.raises(rcp.errors.EngineError, match="lost = 1.5"):
+        rcp.teams.SimulatedNetwork(lost=1.5)
+    with pytest.raises(rcp.errors.EngineError, match="late"):
+        rcp.teams.SimulatedNetwork(late={"a": -1})
