@@ -105,9 +105,11 @@ class TeamHorizon:
                 f"TeamHorizon: rounds = {rounds!r}, mu = {mu!r}; expected at least 1, and a positive number."
             )
         self.team = team
-        self._method = find_method(method, team)
-        if not isinstance(self._method, (Hub, Sova)):
-            raise TeamError(f"TeamHorizon: the method {self._method!r} is neither Hub nor Sova.")
+        found = find_method(method, team)
+        if not isinstance(found, (Hub, Sova)):
+            raise TeamError(f"TeamHorizon: the method {found!r} is neither Hub nor Sova.")
+        # A few rounds in each step, and no closing step: so the robots keep apart by themselves.
+        self._method = replace(found, closing=None)
         self._in_steps: Method = replace(
             self._method, barrier=ConstantBarrier(mu), penalties=ConstantPenalties(), rounds=rounds
         )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pyomo.environ as pyo
 import pytest
 from carts import GRID, pulling_team
+from pushing_team import task, team
 from test_engine_laws import FragileEngine
 
 import pyrobocop_pyomo as rcp
@@ -154,3 +157,16 @@ def test_robots_that_push_go_on_after_a_disturbance() -> None:
             assert not tick.failures
         counts = [iterations for record in tick.rounds for _, iterations, _ in record.reports.values()]
         assert np.mean(counts) < 40
+
+
+def test_robots_keep_apart_by_themselves() -> None:
+    """No closing step follows that would do it, as it does where a team plans once."""
+    whole = team(task(seed=3, robots=3, steps=6))
+    assert all(spec.neighbours == 0 for spec in whole.problem_specs())
+    with rcp.teams.TeamHorizon(whole, rounds=2) as horizon:
+        horizon.plan()
+        step = horizon.step(horizon.predicted())
+        places = [np.stack([plan["me.x"], plan["me.y"]]) for plan in horizon.read("me.x", "me.y").values()]
+    assert not step.failures
+    for one, other in combinations(places, 2):
+        assert np.linalg.norm(one - other, axis=0).min() > 0.2
