@@ -251,6 +251,11 @@ class PlanarScore:
             robot_end_speed=float(np.linalg.norm(speeds[:, 0, -1], axis=1).max() * self.rest_at_end),
         )
 
+    @property
+    def contact_step(self) -> ContactStep:
+        """What happens in one step under driving forces: a simulation of contact, for replays and closed loops."""
+        return ContactStep(self.body, self.robot, self.friction, self.step, self._resistance)
+
     def replay(self, plans: Mapping[str, Mapping[str, Array]]) -> DrivenReplay:
         """Play a combined plan back open loop: robots and object start as planned, and move under the robots' driving
         forces and the contact that these lead to. Forces of contact and the planned paths are not read.
@@ -268,11 +273,10 @@ class PlanarScore:
         if self.restitution:
             raise TrajectoryError(f"replay: restitution = {self.restitution:g}; only contact without it is simulated.")
         pose, twist, robots = self.combined(plans)
-        step = ContactStep(self.body, self.robot, self.friction, self.step, self._resistance)
         places, speeds, forces = (
             np.array([getattr(robot, name) for robot in robots.values()]) for name in ("position", "velocity", "force")
         )
-        found, unsolved = step.play(pose[0], twist, places[:, 0], speeds[:, 0], np.swapaxes(forces, 0, 1))
+        found, unsolved = self.contact_step.play(pose[0], twist, places[:, 0], speeds[:, 0], np.swapaxes(forces, 0, 1))
         return DrivenReplay(found, *self._from_goal(found[-1]), unsolved)
 
     def simulate(self, pose: Array, velocity: Array, wrench: Array) -> Array:

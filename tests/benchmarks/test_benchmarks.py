@@ -249,6 +249,14 @@ def test_planners_of_a_rod() -> None:
     assert max(most) < 10_000
 
 
+def test_worlds_in_which_a_team_moves() -> None:
+    rows = [line.split() for line in run_quick("team_execution").splitlines()[2:]]
+    assert [row[0] for row in rows] == 3 * ["closed"] + 3 * ["open"]
+    assert all(float(row[-1]) > 0 for row in rows[:3])
+    # Two ticks lead nowhere, and what differs between worlds differs in the end.
+    assert len({row[-4] for row in rows[3:]}) == 3
+
+
 def test_the_table_of_examples_shows_every_case_and_writes_its_pages(tmp_path: Path) -> None:
     shown = run_quick("example_table", "--docs", str(tmp_path))
     assert [line.split()[:2] for line in sorted(shown.splitlines()[2:])] == [
