@@ -45,7 +45,7 @@ import pyrobocop_pyomo as rcp
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import rod
 
-METHODS = ("central", "hub", "network", "paper")
+METHODS = ("central", "hub", "paper")
 
 
 def central(team: rcp.Team, steps: int) -> dict[str, Any]:
@@ -199,7 +199,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one task with two robots on a coarse mesh")
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 9), metavar=("FIRST", "LAST"))
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["central", "hub", "paper"])
+    parser.add_argument("--methods", nargs="+", choices=list(PLANNERS), default=list(METHODS))
     parser.add_argument("--robots", nargs="+", type=int, default=[4])
     parser.add_argument("--results", type=Path)
     given = parser.parse_args()

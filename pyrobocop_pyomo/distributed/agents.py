@@ -127,10 +127,11 @@ class Shared:
 
 @dataclass(frozen=True)
 class KeepApart:
-    """Robots that keep a distance from each other, each from where the others were in the round before.
+    """Robots that keep a distance from each other.
 
-    Robots do not see each other's unknowns, so their distance is bounded with the positions of the last round. Where
-    the rounds converge, the distance holds in the end; the physical score measures it.
+    Where a closing step follows the rounds, it keeps them apart. Without one, robots do not see each other's unknowns,
+    so their distance is bounded with the positions of the round before; where the rounds converge, it holds in the end.
+    The physical score measures it.
 
     Attributes
     ----------

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-from pyomo.core.base.var import Var
+from typing import Protocol
 
 from pyrobocop_pyomo.complementarity import active_sources, relax
 from pyrobocop_pyomo.errors import TeamError
@@ -16,11 +14,10 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 
 from .agents import KeepApart
-from .local_problem import IPOPT_OPTIONS, DeltaOfOrder
+from .local_problem import DELTA, IPOPT_OPTIONS
 from .merging import MergedModel
-from .rounds import PlanScore, Round, is_success
+from .rounds import PlanScore, Round, ends_rounds
 
-AllValues = Mapping[str, Mapping[str, Array]]
 _NEAR = 1.6  # times the distance to keep: couples of robots that the first problem keeps apart
 _TOO_NEAR = 0.99  # times the distance: couples that the next problem keeps apart as well
 _TRIES = 8  # problems of one closing step, with couples that have come near in the one before
@@ -39,16 +36,17 @@ class OneModelTeam(Protocol):
         """Which distance the robots keep."""
         ...
 
+    @property
+    def physics(self) -> Callable[[Mapping[str, Mapping[str, Array]]], PlanScore] | None:
+        """Scores the plans of all agents."""
+        ...
+
     def central(self, *, keep_apart: bool) -> MergedModel:
         """Make one model of the whole team."""
         ...
 
     def plans_of(self, merged: MergedModel) -> dict[str, dict[str, Array]]:
         """Read the plans of all agents from it."""
-        ...
-
-    def score_of(self, merged: MergedModel) -> Any:
-        """Score the values that stand on it."""
         ...
 
 
@@ -104,7 +102,7 @@ class Closing:
         waited = tried < 0 or record.number - tried >= self.every
         return waited and record.mu is not None and record.mu <= self.below
 
-    def carry_out(self, team: OneModelTeam, values: AllValues, until: str) -> ClosedPlan:
+    def carry_out(self, team: OneModelTeam, values: Mapping[str, Mapping[str, Array]], until: str) -> ClosedPlan:
         """Plan for all agents in one model, from their values.
 
         Parameters
@@ -122,11 +120,11 @@ class Closing:
         """
         started = time.process_time()
         merged = team.central(keep_apart=False)
-        _put_on(merged, values)
+        merged.put_on(values)
         _keep_apart(team, merged, _NEAR)
         if active_sources(merged.model):
             relax(merged.model, delta=1.0)
-        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DeltaOfOrder(), go_on_after_limit=True)
+        nlp = PersistentNLP(merged.model, IPOPT_OPTIONS, barrier=DELTA, go_on_after_limit=True)
         plan = ClosedPlan(plans={}, score=None, objective=float("nan"))
         position, warm = 0, False
         for _ in range(_TRIES):
@@ -141,7 +139,7 @@ class Closing:
             if not nlp.goes_on_from_last_point:
                 break
             plan.take(team, merged)
-            if plan.is_wanted(until):
+            if ends_rounds(plan.score, until):
                 break
             warm = not _keep_apart(team, merged, _TOO_NEAR)
             if not warm:
@@ -183,12 +181,8 @@ class ClosedPlan:
     def take(self, team: OneModelTeam, merged: MergedModel) -> None:
         """Read plan, score and objective from a model."""
         self.plans = team.plans_of(merged)
-        self.score = team.score_of(merged)
+        self.score = None if team.physics is None else team.physics(self.plans)
         self.objective = merged.objective_value()
-
-    def is_wanted(self, until: str) -> bool:
-        """Whether it is as good as the rounds have to make it."""
-        return self.score.strict if until == "strict" and self.score is not None else is_success(self.score)
 
 
 def _keep_apart(team: OneModelTeam, merged: MergedModel, reach: float) -> bool:
@@ -199,18 +193,3 @@ def _keep_apart(team: OneModelTeam, merged: MergedModel, reach: float) -> bool:
     # Whoever came near once may do so a little elsewhere next time.
     rule.constrain(merged.model, robots, _NEAR * rule.distance)
     return True
-
-
-def _put_on(merged: MergedModel, values: AllValues) -> None:
-    """Put the agents' values on the model of all, except where it holds a variable fast."""
-    for agent, own in values.items():
-        part = merged.parts.get(agent)
-        if part is None:
-            continue
-        for variable in part.component_objects(Var):
-            numbers = own.get(variable.name[len(part.name) + 1 :])
-            if numbers is None or variable.is_reference():
-                continue
-            for data, number in zip(variable.values(), numbers.tolist(), strict=True):
-                if not data.fixed:
-                    data.set_value(number, skip_validation=True)

@@ -131,11 +131,10 @@ class Coordination:
         Names of the agents that plan a motion of their own.
     hub : str or None
     keep_apart : KeepApart or None
+        Of the rounds: which distance robots keep from where the others were in the round before.
     physics : Physics or None
     graph : networkx graph or None
         Who talks to whom, where there is no hub in the middle.
-    heeds_others : bool
-        Whether robots keep apart from where the others were in the round before.
     """
 
     engine: Engine
@@ -146,7 +145,6 @@ class Coordination:
     keep_apart: KeepApart | None
     physics: Physics | None
     graph: Any = None
-    heeds_others: bool = True
     rounds: list[Round] = field(default_factory=list)
     plans: dict[str, Mapping[str, Array]] = field(default_factory=dict)
     frozen: dict[str, str] = field(default_factory=dict)
@@ -303,7 +301,7 @@ class Coordination:
 
     def others(self, positions: Mapping[str, Array]) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""
-        if self.keep_apart is None or len(positions) < 2 or not self.heeds_others:
+        if self.keep_apart is None or len(positions) < 2:
             return {}
         names, points = list(positions), np.array(list(positions.values()))
         count = min(self.keep_apart.neighbours, len(names) - 1)

@@ -129,7 +129,9 @@ class Hub:
         reports = ask(self._robots_orders(work, state, with_plan=scored))
         work.take(state, reports)
         work.refuse_missing(state.values, work.robots)
-        before, at = state.target, _point(work, state)
+        # A round without all robots is no value of the map that the acceleration learns.
+        accelerated = state.mu is None and len(reports) == len(work.robots)
+        before, at = state.target, _point(work, state) if accelerated else None
         state.target = self._hub_values(work, state, with_plan=scored)
         hub = _name_of(work)
         residuals, gaps = work.residuals(state, _of_team(work, hub, state.target), _of_team(work, hub, before))
@@ -138,11 +140,11 @@ class Hub:
                 pull = work.facts[name].penalty.times(state.factors, gaps[name])
                 state.multipliers[name] = state.multipliers[name] + pull
         penalties = self.penalties
-        if state.mu is None and set(reports) < set(work.robots):
-            state.acceleration.steps.clear()  # a round without all robots is no value of the map
-        elif state.mu is None:
+        if at is not None:
             _go_to(work, state, state.acceleration.next(at, _point(work, state)))
             penalties = ConstantPenalties()  # the acceleration learns the map of these
+        else:
+            state.acceleration.steps.clear()
         return work.end_round(state, residuals, self.barrier, penalties, scored=scored)
 
     def _robots_orders(self, work: Coordination, state: TeamState, *, with_plan: bool) -> dict[str, Order]:

@@ -14,7 +14,7 @@ from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.complementarity import active_sources, pairs_of, relax
+from pyrobocop_pyomo.complementarity import FollowBarrier, active_sources, pairs_of, relax
 from pyrobocop_pyomo.errors import EvaluationError, TeamError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control, phases_of
@@ -23,13 +23,12 @@ from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 
 from .agents import Agent, KeepApart, Shared
-from .merging import merge_agents
+from .merging import merge_agents, variable_numbers
 from .messages import Order, PenaltyMatrix, ProblemFacts, QuantityFacts, Report
 from .shifting import TimeShift
 
 FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
-DELTA_PER_MU = 2.0
-SMALLEST_DELTA = 1e-9
+DELTA = FollowBarrier(floor=1e-9, factor=2.0)
 # No loosened bounds: the two sides of a pair could both become slightly negative. The first point is feasible with
 # respect to bounds, and small multipliers suit pairs better than ones.
 # Damping keeps what only its barrier bounds from wandering off: the slip speed of a robot without contact.
@@ -118,7 +117,7 @@ class LocalProblem:
         if active_sources(self.model):
             relax(self.model, delta=1.0)
             self._pairs = len(pairs_of(self.model))
-            self._barrier = DeltaOfOrder()
+            self._barrier = _OrderedDelta()
         self.nlp = PersistentNLP(
             self.model,
             {**IPOPT_OPTIONS, **spec.options},
@@ -141,9 +140,9 @@ class LocalProblem:
     def _variables_of(self, name: str) -> list[tuple[str, Any]]:
         component = self._component(name)
         if isinstance(component, BlockData) or component.ctype is Block:
-            found = [(self._own_name(v), v) for v in component.component_objects(Var, descend_into=True)]
+            found = [(self._merged.own_name(v), v) for v in component.component_objects(Var, descend_into=True)]
         elif component.ctype is Var:
-            found = [(self._own_name(component), component)]
+            found = [(self._merged.own_name(component), component)]
         else:
             found = []
         if not found:
@@ -152,14 +151,6 @@ class LocalProblem:
                 f"{type(component).__name__}. Share variables."
             )
         return found
-
-    def _own_name(self, component: Any) -> str:
-        """The name of a component in the model of its agent, as all agents have it."""
-        name: str = component.name
-        for part in self._merged.parts.values():
-            if part is not self.model and name.startswith(part.name + "."):
-                return name[len(part.name) + 1 :]
-        return name
 
     def _add_quantity(self, name: str, component: Any) -> None:
         if any(known.name == name for known in self._quantities):
@@ -214,7 +205,7 @@ class LocalProblem:
     def _read_positions(self) -> Array | None:
         if not self._coordinates:
             return None
-        return np.array([_numbers(coordinate.values()) for coordinate in self._coordinates])
+        return np.array([variable_numbers(coordinate.values()) for coordinate in self._coordinates])
 
     # ---------------------------------------------------------------- what an engine asks for
 
@@ -225,7 +216,7 @@ class LocalProblem:
             tuple(self._quantities),
             self.penalty,
             self._pairs,
-            _numbers(self._variables),
+            variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
             variables,
             rows,
@@ -239,7 +230,7 @@ class LocalProblem:
         for phase in phases_of(part):
             for control in phase.record.names(Control):
                 component = phase.component(control)
-                name = self._own_name(component)
+                name = self._merged.own_name(component)
                 if name not in shared and not all(variable.fixed for variable in component.values()):
                     yield name
 
@@ -269,7 +260,7 @@ class LocalProblem:
         outcome = self.nlp.solve(options, warm=order.warm, mu=order.mu or 1e-4, mu_target=order.mu)
         usable = self.nlp.goes_on_from_last_point
         return Report(
-            _numbers(self._variables),
+            variable_numbers(self._variables),
             outcome.status.name,
             outcome.status.solved,
             usable,
@@ -277,7 +268,9 @@ class LocalProblem:
             time.process_time() - started,
             self._own_objective(),
             self._read_positions(),
-            {name: _numbers(component.values()) for name, component in self._plan.items()} if order.with_plan else {},
+            {name: variable_numbers(component.values()) for name, component in self._plan.items()}
+            if order.with_plan
+            else {},
         )
 
     def state(self) -> dict[str, Array]:
@@ -313,14 +306,11 @@ class LocalProblem:
 
     def read(self, names: Iterable[str]) -> dict[str, Array]:
         """Values of components over their index, by name."""
-        return {name: _numbers(self._component(name).values()) for name in names}
+        return {name: variable_numbers(self._component(name).values()) for name in names}
 
     def all_values(self) -> dict[str, dict[str, Array]]:
         """Values of all variables over their index, by agent and by name in its own model."""
-        return {
-            agent: {self._own_name(v): _numbers(v.values()) for v in part.component_objects(Var)}
-            for agent, part in self._merged.parts.items()
-        }
+        return self._merged.all_values()
 
     def advance(self, start: Mapping[str, float], elements: int = 1) -> tuple[Array, Array | None]:
         """Move the plan and its multipliers ahead in time; what comes after its end stays as the last element.
@@ -356,7 +346,7 @@ class LocalProblem:
                 self.nlp.restore(PrimalDualPoint(x), cold=True)
         if start:
             self._start_at(start)
-        return _numbers(self._variables), self._read_positions()
+        return variable_numbers(self._variables), self._read_positions()
 
     def _paths_of_states(self) -> dict[str, list[list[Any]]]:
         """Variables over time of the states that start where they are told, by name: one list in each agent's model."""
@@ -366,7 +356,7 @@ class LocalProblem:
                 component = phase.component(state)
                 path = [component[t] for t in phase.time]
                 if path[0].fixed:
-                    paths.setdefault(self._own_name(component), []).append(path)
+                    paths.setdefault(self._merged.own_name(component), []).append(path)
         return paths
 
     def _start_at(self, start: Mapping[str, float]) -> None:
@@ -384,20 +374,14 @@ class LocalProblem:
             return float("nan")
 
 
-class DeltaOfOrder:
+class _OrderedDelta:
     """delta as an order says: twice the barrier parameter, or fixed."""
 
     def __init__(self) -> None:
         self.fixed: float | None = None
 
     def delta_for(self, mu: float) -> float:
-        """Return twice mu, or what is fixed."""
-        return max(SMALLEST_DELTA, DELTA_PER_MU * mu) if self.fixed is None else self.fixed
+        return DELTA.delta_for(mu) if self.fixed is None else self.fixed
 
     def steps(self) -> Iterator[float]:
-        """Yield the smallest delta."""
-        yield SMALLEST_DELTA
-
-
-def _numbers(variables: Iterable[Any]) -> Array:
-    return np.array([0.0 if variable.value is None else variable.value for variable in variables], dtype=float)
+        yield from DELTA.steps()

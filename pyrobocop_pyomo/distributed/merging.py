@@ -49,6 +49,32 @@ class MergedModel:
                 return component
         return None
 
+    def own_name(self, component: Any) -> str:
+        """The name of a component in the model of its agent, as all agents have it."""
+        name: str = component.name
+        for part in self.parts.values():
+            if part is not self.model and name.startswith(part.name + "."):
+                return name[len(part.name) + 1 :]
+        return name
+
+    def all_values(self) -> dict[str, dict[str, Array]]:
+        """Values of all variables over their index, by agent and by name in its own model."""
+        return {
+            agent: {self.own_name(v): variable_numbers(v.values()) for v in part.component_objects(Var)}
+            for agent, part in self.parts.items()
+        }
+
+    def put_on(self, values: Mapping[str, Mapping[str, Array]]) -> None:
+        """Put values that `all_values` gave on the model, except where it holds a variable fast."""
+        for agent, part in self.parts.items():
+            for variable in part.component_objects(Var):
+                numbers = values.get(agent, {}).get(self.own_name(variable))
+                if numbers is None or variable.is_reference():
+                    continue
+                for data, number in zip(variable.values(), numbers.tolist(), strict=True):
+                    if not data.fixed:
+                        data.set_value(number, skip_validation=True)
+
     def objective_value(self) -> float:
         """Sum of the agents' objectives, each to be minimised."""
         return sum(float(value(objective)) for objective in _active(self.model, Objective))
@@ -57,6 +83,11 @@ class MergedModel:
         """Values over the index of an agent's components, by name."""
         found = {name: self.find(name, agent) for name in names}
         return {name: np.array([value(data) for data in component.values()]) for name, component in found.items()}
+
+
+def variable_numbers(variables: Iterable[Any]) -> Array:
+    """Their values; 0 where there is none."""
+    return np.array([0.0 if variable.value is None else variable.value for variable in variables], dtype=float)
 
 
 def build_model(agent: Agent) -> Any:

@@ -32,6 +32,11 @@ def is_success(score: PlanScore | None) -> bool:
     return score is not None and (score.strict or score.practical)
 
 
+def ends_rounds(score: PlanScore | None, until: str) -> bool:
+    """Whether a plan with this score is what the rounds were carried out for: never, where all of them are wanted."""
+    return (until == "strict" and score is not None and score.strict) or (until == "practical" and is_success(score))
+
+
 def check_ending(method: str, rounds: int, until: str) -> None:
     """Refuse a method whose rounds have no end, or none at all.
 

@@ -10,7 +10,7 @@ from pyrobocop_pyomo.numerics import Array
 
 from .closing import Closing
 from .coordination import Coordination, TeamState
-from .local_problem import DELTA_PER_MU
+from .local_problem import DELTA
 from .messages import Order
 from .rounds import Round, check_ending
 from .team_schedules import (
@@ -159,7 +159,7 @@ class Sova:
             linear,
             factors,
             state.mu if follow else None,
-            delta=DELTA_PER_MU * state.mu if pairs and state.mu is not None and not follow else None,
+            delta=DELTA.factor * state.mu if pairs and state.mu is not None and not follow else None,
             tolerance=work.tolerance(state.mu) if follow else 1e-6 if pairs else 1e-9,
             iterations=max(300, self.iterations) if first else self.iterations,
             warm=not first and (follow or not pairs),

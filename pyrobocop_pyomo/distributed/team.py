@@ -23,7 +23,7 @@ from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents
 from .messages import ProblemFacts
-from .rounds import PlanScore, Round, is_success
+from .rounds import PlanScore, Round, ends_rounds, is_success
 from .sova import Sova
 from .team_result import TeamResult
 from .team_schedules import PenaltyRestart
@@ -160,9 +160,13 @@ class Team:
                     "could never agree. Add an edge."
                 )
 
-    def is_closed_by(self, method: Method) -> bool:
-        """Whether a closing step makes the plan exact, so that robots need not heed each other before."""
-        return method.closing is not None and self.physics is not None
+    def closing_of(self, method: Method) -> Closing | None:
+        """The closing step of a method, for a team whose physics can say when it is needed."""
+        return method.closing if self.physics is not None else None
+
+    def kept_apart_in_rounds(self, method: Method) -> KeepApart | None:
+        """Which distance robots keep from where the others were; none where a closing step keeps them apart."""
+        return self.keep_apart if self.closing_of(method) is None else None
 
     # ---------------------------------------------------------------- problems
 
@@ -174,9 +178,8 @@ class Team:
         method : "hub", "sova" or a method
         """
         method = find_method(method, self)
-        neighbours = 0 if self.keep_apart is None else min(self.keep_apart.neighbours, len(self.robots) - 1)
-        if self.is_closed_by(method):
-            neighbours = 0  # the closing step keeps them apart
+        rule = self.kept_apart_in_rounds(method)
+        neighbours = 0 if rule is None else min(rule.neighbours, len(self.robots) - 1)
         physics = self.physics
         of_robots = () if physics is None else tuple(physics.robot_components)
         of_hub = () if physics is None else tuple(physics.hub_components)
@@ -185,16 +188,12 @@ class Team:
             everything = self._shared_by(self.names)
             for robot in self.robots:
                 agents = (robot,) if self.hub is None else (self.hub, robot)
-                specs.append(
-                    ProblemSpec(robot.name, agents, everything, self.keep_apart, neighbours, (*of_robots, *of_hub))
-                )
+                specs.append(ProblemSpec(robot.name, agents, everything, rule, neighbours, (*of_robots, *of_hub)))
             return specs
         assert self.hub is not None
         specs.append(ProblemSpec(self.hub.name, (self.hub,), self._shared_by(self.names), plan=of_hub))
         for robot in self.robots:
-            specs.append(
-                ProblemSpec(robot.name, (robot,), self._shared_by([robot.name]), self.keep_apart, neighbours, of_robots)
-            )
+            specs.append(ProblemSpec(robot.name, (robot,), self._shared_by([robot.name]), rule, neighbours, of_robots))
         return specs
 
     def _shared_by(self, robots: Sequence[str]) -> tuple[tuple[int, Shared, tuple[str, ...]], ...]:
@@ -304,8 +303,8 @@ def start_team(team: Team, method: Method, engine: Engine) -> Coordination:
     _refuse_forces_of_nobody(team, facts)
     hub = team.hub.name if team.hub is not None and not isinstance(method, Sova) else None
     graph = networkx.complete_graph(team.names) if team.graph is None else team.graph
-    heeds_others = not team.is_closed_by(method)
-    return Coordination(engine, facts, team.shared, team.names, hub, team.keep_apart, team.physics, graph, heeds_others)
+    rule = team.kept_apart_in_rounds(method)
+    return Coordination(engine, facts, team.shared, team.names, hub, rule, team.physics, graph)
 
 
 def _refuse_forces_of_nobody(team: Team, facts: Mapping[str, ProblemFacts]) -> None:
@@ -413,24 +412,20 @@ class _Rounds:
         return earlier
 
     def _is_done(self, record: Round) -> bool:
-        method = self._method
         if self._work.physics is None:
-            return record.agrees(method.tolerance)
-        score = record.score
-        return score is not None and (
-            (method.until == "strict" and score.strict) or (method.until == "practical" and is_success(score))
-        )
+            return record.agrees(self._method.tolerance)
+        return ends_rounds(record.score, self._method.until)
 
     def _is_closed(self, team: Team, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
-        closing = self._method.closing
-        if closing is None or self._work.physics is None or not closing.is_due(record, state.closing_tried):
+        closing = team.closing_of(self._method)
+        if closing is None or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
         closed = closing.carry_out(team, self._work.all_values(), self._method.until)
         self._closings.append(closed)
         self._keep_best(closed.score, closed.plans, closed.objective)
-        return closed.is_wanted(self._method.until)
+        return ends_rounds(closed.score, self._method.until)
 
     def _keep_best(self, score: PlanScore | None, plans: Plans, objective: float) -> None:
         if score is None:

@@ -48,6 +48,13 @@ def test_without_it_the_rounds_go_on() -> None:
     assert (len(result.rounds), list(result.closings)) == (13, [])
 
 
+def test_all_rounds_are_carried_out_where_they_are_asked_for() -> None:
+    """A closed plan is kept, and ends nothing."""
+    result = team(SMALL).solve(rcp.teams.Hub(rounds=13, until="rounds"), progress=False)
+    assert len(result.rounds) == 13
+    assert result.closings
+
+
 def test_engines_close_alike() -> None:
     """The closing step starts from numbers that travel, so where agents live does not show."""
     method = rcp.teams.Hub(rounds=12, closing=Closing(path=(1e-3,), iterations=3))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, missing_data, play
+from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, missing_data, play, stop_in_round
 
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.execution.dask_engine import DaskEngine
@@ -61,12 +61,8 @@ def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
         engine.start(SPECS)
         stopped = engine.process_ids["a"]
 
-        def stop(number: int) -> None:
-            if number == 2:
-                os.kill(stopped, signal.SIGSTOP)
-
         try:
-            assert play(engine, 5, stop) == expected
+            assert play(engine, 5, stop_in_round(2, stopped)) == expected
             assert sum(engine.deaths.values()) == 1
         finally:
             os.kill(stopped, signal.SIGCONT)

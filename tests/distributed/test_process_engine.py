@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, play
+from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, play, stop_in_round
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution.engine import AgentFailure
@@ -93,11 +93,7 @@ def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
         engine.start(SPECS)
         stopped = engine.process_ids["a"]
 
-        def stop(number: int) -> None:
-            if number == 2:
-                os.kill(stopped, signal.SIGSTOP)
-
-        assert play(engine, 5, stop) == expected
+        assert play(engine, 5, stop_in_round(2, stopped)) == expected
         assert engine.deaths == {"a": 1}
         assert not is_alive(stopped)
 

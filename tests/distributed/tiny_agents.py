@@ -87,6 +87,11 @@ class TinyProblem:
         return float(self.x[0])
 
 
+def stop_in_round(number: int, process: int) -> Callable[[int], None]:
+    """For `play`: a process stops before a round, and does not end."""
+    return lambda now: os.kill(process, signal.SIGSTOP) if now == number else None
+
+
 NAMES = ("hub", "a", "b", "c")
 SPECS = tuple(TinySpec(name, data=(seed, 5)) for seed, name in enumerate(NAMES))
 
