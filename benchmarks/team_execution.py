@@ -6,7 +6,7 @@ Each seed is a task of ``examples/rod.py``. At each tick the first forces of the
 contact that knows nothing of the plan, the rod is pushed by chance, and the team plans anew from where everybody is
 (`rcp.teams.TeamHorizon`). The simulated world is as the team believes (``as planned``), has 20 % more friction between
 robots and rod and a rod that is 20 % heavier (``other world``), or one robot stops after a third of the ticks and keeps
-its place (``robot stops``). Shown are
+its place: nobody knows (``robot stops``), or the others plan on without it (``robot left``). Shown are
 
 arrived     runs whose rod ends within 2 cm and 5 degrees of its goal
 near        within 5 cm and 10 degrees
@@ -38,7 +38,7 @@ import pyrobocop_pyomo as rcp
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import rod
 
-WORLDS = ("as planned", "other world", "robot stops")
+WORLDS = ("as planned", "other world", "robot stops", "robot left")
 LOOPS = ("closed", "open")
 PUSHED = 0.02  # standard deviation of the change of the rod's velocity in a tick, m/s and rad/s
 NEAR = ((0.02, 5.0), (0.05, 10.0))
@@ -55,14 +55,15 @@ class World:
             heavier = replace(score.body, mass=1.2 * score.body.mass, inertia=1.2 * score.body.inertia)
             score = replace(score, body=heavier, friction=1.2 * score.friction)
         self.step, self.names, self.random = score.contact_step, list(task.robots), np.random.default_rng(seed)
-        self.stops = self.names[seed % len(self.names)] if kind == "robot stops" else None
+        self.stops = self.names[seed % len(self.names)] if kind in ("robot stops", "robot left") else None
         self.pose, self.twist = np.array(task.start), np.zeros(3)
         self.places = np.array(list(task.robots.values()))
         self.speeds = np.zeros_like(self.places)
         self._guess = np.zeros(3 + 6 * len(self.names))
 
-    def move(self, forces: np.ndarray, stopped: bool) -> None:
-        """One step under driving forces of shape (robots, 2), and a push by chance."""
+    def move(self, driving: dict[str, np.ndarray], stopped: bool) -> None:
+        """One step under driving forces, N, and a push by chance."""
+        forces = np.array([driving.get(name, np.zeros(2)) for name in self.names])
         if stopped and self.stops is not None:
             forces[self.names.index(self.stops)] = 0.0
             self.speeds[self.names.index(self.stops)] = 0.0
@@ -81,9 +82,9 @@ class World:
         return found
 
 
-def forces_of(found: dict[str, dict[str, np.ndarray]], tick: int) -> np.ndarray:
-    """Driving forces of all robots over a step, shape (robots, 2)."""
-    return np.array([[plan["me.tau_x"][tick], plan["me.tau_y"][tick]] for plan in found.values()])
+def forces_of(found: dict[str, dict[str, np.ndarray]], tick: int) -> dict[str, np.ndarray]:
+    """Driving force of each robot over a step."""
+    return {name: np.array([plan["me.tau_x"][tick], plan["me.tau_y"][tick]]) for name, plan in found.items()}
 
 
 def run(task: rod.Task, kind: str, loop: str, seed: int, ticks: int) -> dict[str, Any]:
@@ -98,9 +99,13 @@ def run(task: rod.Task, kind: str, loop: str, seed: int, ticks: int) -> dict[str
         with rcp.teams.TeamHorizon(rod.team(task), rounds=3) as horizon:
             horizon.plan()
             for tick in range(ticks):
-                world.move(forces_of(horizon.read("me.tau_x", "me.tau_y"), 0), 3 * tick >= ticks)
+                stopped = 3 * tick >= ticks
+                if kind == "robot left" and stopped and world.stops in horizon.team.names:
+                    horizon.change_team(horizon.team.without(world.stops))
+                world.move(forces_of(horizon.read("me.tau_x", "me.tau_y"), 0), stopped)
+                measured = {name: at for name, at in world.measured().items() if name in ("rod", *horizon.team.names)}
                 started = time.process_time()
-                failures += len(horizon.step(world.measured()).failures)
+                failures += len(horizon.step(measured).failures)
                 seconds.append((time.process_time() - started) / len(task.robots))
     away = np.array(task.goal) - world.pose
     return {

@@ -312,6 +312,11 @@ class LocalProblem:
         """Values of all variables over their index, by agent and by name in its own model."""
         return self._merged.all_values()
 
+    def put_on(self, values: Mapping[str, Mapping[str, Array]]) -> None:
+        """Start from values that `all_values` gave, of this problem or of one that shares agents with it."""
+        self._merged.put_on(values)
+        self.nlp.restore(PrimalDualPoint(self.nlp.point()), cold=True)
+
     def advance(self, start: Mapping[str, float], elements: int = 1) -> tuple[Array, Array | None]:
         """Move the plan and its multipliers ahead in time; what comes after its end stays as the last element.
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from pyomo.core.base.var import Var
+
 from pyrobocop_pyomo.errors import CheckpointError, TeamError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
@@ -21,7 +23,7 @@ from .closing import ClosedPlan, Closing
 from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
-from .merging import MergedModel, merge_agents
+from .merging import MergedModel, build_model, merge_agents
 from .messages import ProblemFacts
 from .rounds import PlanScore, Round, ends_rounds, is_success
 from .sova import Sova
@@ -160,6 +162,39 @@ class Team:
                     "could never agree. Add an edge."
                 )
 
+    def without(self, *robots: str) -> Team:
+        """Make the team without some of its robots.
+
+        Parameters
+        ----------
+        *robots : str
+            Names of the robots that have left.
+
+        Returns
+        -------
+        Team
+            What a robot that left shared with the hub alone, such as its force, is held at zero in the model of the
+            hub; nobody keeps a distance from it.
+
+        Raises
+        ------
+        TeamError
+            For an unknown robot, or when nobody would be left, or the graph would fall apart.
+        """
+        for name in robots:
+            if name not in self.names:
+                raise TeamError(f"no robot '{name}' is in the team; there are {', '.join(self.names)}.")
+        left = [robot for robot in self.robots if robot.name not in robots]
+        hub = self.hub
+        if hub is not None:
+            of_one = [shared for shared in self.shared if shared.of_one_robot]
+            zero = tuple(component for shared in of_one for name in robots for component in shared.names_for(name))
+            hub = Agent(hub.name, _built_with_zeros, hub, zero)
+        graph = None if self.graph is None else self.graph.subgraph([robot.name for robot in left])
+        return Team(
+            robots=left, shared=self.shared, hub=hub, keep_apart=self.keep_apart, physics=self.physics, graph=graph
+        )
+
     def closing_of(self, method: Method) -> Closing | None:
         """The closing step of a method, for a team whose physics can say when it is needed."""
         return method.closing if self.physics is not None else None
@@ -287,6 +322,19 @@ class Team:
         with find_engine(engine) as running:
             rounds = _Rounds(method, start_team(self, method, running), Progress(progress), on_round)
             return rounds.run(self, None if checkpoint is None else Path(checkpoint), mark)
+
+
+def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
+    """Build an agent's model and hold what is named at zero."""
+    model = build_model(agent)
+    for name in components:
+        component = model.find_component(name)
+        if component is None:
+            raise TeamError(f"agent '{agent.name}': its model has no component '{name}', which its team shares.")
+        variables = [component] if component.ctype is Var else component.component_objects(Var)
+        for variable in variables:
+            variable.fix(0.0)
+    return model
 
 
 def start_team(team: Team, method: Method, engine: Engine) -> Coordination:

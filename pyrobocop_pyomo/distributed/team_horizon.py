@@ -116,14 +116,17 @@ class TeamHorizon:
         self._mu = mu
         self._number = 0
         self.engine = find_engine(engine)
+        self._state: TeamState | None = None
+        self._start()
+
+    def _start(self) -> None:
         try:
-            self._work = start_team(team, self._method, self.engine)
+            self._work = start_team(self.team, self._method, self.engine)
             self._needed = {name: set(states) for name, states in self._of_all("start_states").items()}
             self._of_all("advance", {name: ({}, 0) for name in self._work.facts})  # refuses what cannot be moved ahead
         except BaseException:
             self.stop()
             raise
-        self._state: TeamState | None = None
 
     def plan(self) -> PlanningStep:
         """Make the first plan, with all rounds of the method.
@@ -166,26 +169,58 @@ class TeamHorizon:
         TeamError
             When states are missing, unknown or not finite, or there is no plan yet.
         """
-        started, work, state = time.perf_counter(), self._work, self._state
+        started, state = time.perf_counter(), self._state
         if state is None:
             raise TeamError("TeamHorizon: there is no plan to go on from. Call plan() first.")
-        starts = self._starts(measured)
+        self._move(state, self._starts(measured), elements)
+        records = [self._in_steps.round(self._work, state) for _ in range(self._in_steps.rounds)]
+        self._number += 1
+        return PlanningStep(self._number, records, time.perf_counter() - started)
+
+    def _move(self, state: TeamState, starts: Mapping[str, Mapping[str, float]], elements: int) -> None:
+        """Move the plans of all agents ahead, and take over what they share then."""
+        work = self._work
         moved = self._of_all("advance", {name: (start, elements) for name, start in starts.items()})
         for name, (values, positions) in moved.items():
-            fact = work.facts[name]
             if positions is not None:
                 state.positions[name] = positions
             if name == work.hub:
                 state.target = values
                 continue
             state.values[name] = values
-            source = _later_values(fact, elements)
-            state.multipliers[name] = state.multipliers[name][source]
+            state.multipliers[name] = state.multipliers[name][_later_values(work.facts[name], elements)]
         if work.hub is None:
             state.target = work.consensus.mean(state.values)
-        records = [self._in_steps.round(work, state) for _ in range(self._in_steps.rounds)]
-        self._number += 1
-        return PlanningStep(self._number, records, time.perf_counter() - started)
+
+    def change_team(self, team: Team) -> None:
+        """Go on with a team that robots have left or joined, from the plans that there are.
+
+        Parameters
+        ----------
+        team : Team
+            Such as ``horizon.team.without("c")``. Agents with a name that was there before keep their plans; others
+            start from their guesses, and from where their models say.
+
+        Raises
+        ------
+        TeamError
+            When its models do not fit together, or cannot be moved ahead.
+        """
+        before, known = self._state, self._of_all("start_states")
+        multipliers = {} if before is None else before.multipliers
+        plans = self._work.all_values()
+        self.team = team
+        self._start()
+        if before is None:
+            return
+        facts = self._work.facts
+        self._of_all("put_on", dict.fromkeys(facts, (plans,)))
+        self._state = state = self._work.first_state(ConstantBarrier(self._mu))
+        state.factors, state.round = before.factors, before.round
+        for name in state.multipliers.keys() & multipliers.keys():
+            if state.multipliers[name].size == multipliers[name].size:
+                state.multipliers[name] = multipliers[name]
+        self._move(state, {name: known.get(name, {}) for name in facts}, 0)
 
     def predicted(self, elements: int = 1) -> dict[str, dict[str, float]]:
         """Where the plan says that each agent is after so many elements.

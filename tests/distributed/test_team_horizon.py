@@ -59,6 +59,35 @@ def test_disturbances_are_answered() -> None:
     assert max(np.abs(path[8:])) < max(np.abs(path[:8]))
 
 
+def test_a_robot_leaves_and_comes_back() -> None:
+    """With many rounds, those that are left plan as a team that never knew it."""
+    whole = pulling_team()
+    with rcp.teams.TeamHorizon(whole, PRECISE, rounds=40) as horizon:
+        horizon.plan()
+        measured = world(horizon)
+        horizon.step(measured)
+        horizon.change_team(whole.without("b"))
+        cart = measured["cart"]
+        horizon.step({name: measured[name] for name in ("cart", "a")}, elements=0)
+        alone = forces(horizon)
+        horizon.change_team(whole)
+        horizon.step(measured, elements=0)
+        together = forces(horizon)
+    here = pulling_team(cart["body.q"], cart["body.u"])
+    for found, whole in [(alone, here.without("b")), (together, here)]:
+        anew = whole.solve(PRECISE, progress=False)
+        expected = np.array([anew.agreed[f"pull[{name}].f"] for name in whole.names])
+        assert np.abs(found - expected).max() < 1e-5
+    assert np.abs(alone).max() > np.abs(together).max()
+
+
+def test_who_left_has_to_have_been_there() -> None:
+    with pytest.raises(TeamError, match="no robot 'c' is in the team; there are a, b"):
+        pulling_team().without("c")
+    with pytest.raises(TeamError, match="a team needs robots"):
+        pulling_team().without("a", "b")
+
+
 @pytest.mark.parametrize("deaths", [((9, 14), (11,)), ((30,), (31, 35))])
 def test_a_dead_worker_changes_nothing(deaths: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
     """Where an agent starts after a step belongs to its state."""
