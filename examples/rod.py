@@ -29,9 +29,8 @@ FRICTION, APART = 0.5, 0.25
 GROUND = planar.GroundFriction(coefficient=0.2, lever=0.25)
 ROD = planar.RigidBody(planar.Capsule(radius=0.05, half_length=0.45), mass=2.0, inertia=2.0 / 12, resistance=GROUND)
 DISC = planar.DiscRobot(planar.Disc(0.10), mass=1.0, force_limit=10.0, speed_limit=3.0)
-LONG_GROUND = planar.GroundFriction(coefficient=0.2, lever=0.75)
-LONG_ROD = planar.RigidBody(planar.Capsule(radius=0.05, half_length=1.45), 8.0, 8.0 * 9 / 12, LONG_GROUND)
 WEAK_DISC = planar.DiscRobot(planar.Disc(0.10), mass=1.0, force_limit=6.0, speed_limit=3.0)
+NAMES = (*ascii_lowercase, *(f"a{letter}" for letter in ascii_lowercase))
 
 Point = tuple[float, float]
 Pose = tuple[float, float, float]
@@ -60,7 +59,7 @@ class Task:
 
 
 def task(seed: int = 0, robots: int = 4, steps: int = STEPS) -> Task:
-    """A random task: the goal up to a metre away and turned; up to 9 robots around a rod, 16 along both its sides."""
+    """A random task: the goal up to a metre away and turned; up to 9 robots around a rod, more along both its sides."""
     random = np.random.default_rng(seed)
     angle = random.uniform(-pi, pi)
     distance, direction = random.uniform(0.3, 1.0), random.uniform(-pi, pi)
@@ -69,11 +68,18 @@ def task(seed: int = 0, robots: int = 4, steps: int = STEPS) -> Task:
     start = (0.0, 0.0, angle)
     if robots <= 9:
         places = places_around(random, start, robots)
-        return Task(ROD, DISC, start, goal, dict(zip(ascii_lowercase, places, strict=False)), steps)
-    along = np.linspace(-1.3, 1.3, robots // 2)
+        return Task(ROD, DISC, start, goal, dict(zip(NAMES, places, strict=False)), steps)
+    along = np.linspace(-1.3, 1.3, robots // 2) * ((robots // 2 - 1) / 7)  # as far from each other as eight on a side
     places = [(x, side * (0.15 + random.uniform(0.1, 0.4))) for side in (-1, 1) for x in along]
     placed = [(x * cos(angle) - y * sin(angle), x * sin(angle) + y * cos(angle)) for x, y in places]
-    return Task(LONG_ROD, WEAK_DISC, start, goal, dict(zip(ascii_lowercase, placed, strict=False)), steps)
+    return Task(long_rod(robots / 16), WEAK_DISC, start, goal, dict(zip(NAMES, placed, strict=False)), steps)
+
+
+def long_rod(times: float) -> planar.RigidBody:
+    """A rod for sixteen robots, or so many times as long."""
+    mass, ground = 8.0 * times, planar.GroundFriction(coefficient=0.2, lever=0.75 * times)
+    shape = planar.Capsule(radius=0.05, half_length=1.45 * times)
+    return planar.RigidBody(shape, mass, mass * (3.0 * times) ** 2 / 12, ground)
 
 
 def places_around(random: np.random.Generator, pose: Pose, robots: int) -> list[Point]:

@@ -11,6 +11,7 @@ Collaboration, 2024, arXiv:2410.23283, sec. V-D. Masses, limits, friction and th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -32,21 +33,49 @@ START = {"a": (0.0, 0.0), "b": (SIDE, 0.0), "c": (SIDE / 2, HEIGHT)}
 DURATION, DISTANCE = 6.0, 1.0
 
 
+@dataclass(frozen=True)
+class Walk:
+    """How far the truss goes, and in how many steps."""
+
+    steps: int = 60
+    distance: float = DISTANCE
+
+    @property
+    def grid(self) -> dict:
+        """Of every phase of every model."""
+        return {"duration": DURATION, "elements": self.steps, "scheme": "implicit_euler"}
+
+    @property
+    def last(self) -> dict[str, tuple[float, float]]:
+        """Where the guess ends: rolled over to the right."""
+        return {
+            "a": (SIDE / 2 + self.distance, HEIGHT),
+            "b": (SIDE, 0.0),
+            "c": (SIDE + self.distance, 0.0),
+        }
+
+
 def build(steps: int = 60, distance: float = DISTANCE) -> pyo.ConcreteModel:
-    """From standing on a and b to rest, with the centre of mass moved to the right."""
-    m = pyo.ConcreteModel(name="truss robot")
-    m.truss = b = rcp.PhaseBlock(duration=DURATION, elements=steps, scheme="implicit_euler")
-    last = {"a": (SIDE / 2 + distance, HEIGHT), "b": (SIDE, 0.0), "c": (SIDE + distance, 0.0)}
+    """The truss and the ground under all nodes in one model."""
+    m = truss(Walk(steps, distance))
+    m.me = rcp.PhaseBlock(NODES, **Walk(steps).grid)
     for node in NODES:
-        for axis, first, final in zip("xz", START[node], last[node], strict=True):
-            guess = np.linspace(first, final, steps + 1)
-            lowest = None if axis == "x" else 0.0
-            b.declare(f"{axis}_{node}", rcp.State(initial=first, initial_guess=guess, bounds=(lowest, None)))
+        state_contact(m.me[node], m.truss, m.ground[node], node)
+    return m
+
+
+# ------------------------------------------------------------------ the truss, and a node on the ground
+
+
+def truss(walk: Walk) -> pyo.ConcreteModel:
+    """From standing on a and b to rest, with the centre of mass moved to the right, under any forces of the ground."""
+    m = pyo.ConcreteModel(name="truss robot")
+    m.ground = rcp.PhaseBlock(NODES, rule=state_ground, **walk.grid)
+    m.truss = b = rcp.PhaseBlock(**walk.grid)
+    state_places(b, walk)
+    for node in NODES:
+        for axis in "xz":
             b.declare(f"v{axis}_{node}", rcp.State(initial=0, final=0, bounds=(-3, 3)))
-        # What the ground does: it presses, it pulls forward or backward, and the node slides.
-        b.declare(f"press_{node}", rcp.Control(bounds=(0, 200), initial_guess=5.0))
-        for part in ("forward", "backward", "slide"):
-            b.declare(f"{part}_{node}", rcp.Control(bounds=(0, 200), initial_guess=0.1))
     for i, j in EDGES:
         b.declare(f"length_{i}{j}", rcp.Algebraic(bounds=LENGTHS, initial_guess=SIDE))
         b.declare(f"force_{i}{j}", rcp.Control(bounds=(-FORCE, FORCE), initial_guess=5.0))
@@ -56,10 +85,11 @@ def build(steps: int = 60, distance: float = DISTANCE) -> pyo.ConcreteModel:
         rates = {}
         for node in NODES:
             force = {axis: sum(push(b, t, node, edge, axis) for edge in EDGES if node in edge) for axis in "xz"}
-            read = {name: getattr(b, f"{name}_{node}")[t] for name in ("vx", "vz", "press", "forward", "backward")}
-            rates[f"x_{node}"], rates[f"z_{node}"] = read["vx"], read["vz"]
-            rates[f"vx_{node}"] = (force["x"] + read["forward"] - read["backward"]) / MASS
-            rates[f"vz_{node}"] = (force["z"] + read["press"]) / MASS - GRAVITY
+            ground = m.ground[node]
+            for axis in "xz":
+                rates[f"{axis}_{node}"] = getattr(b, f"v{axis}_{node}")[t]
+            rates[f"vx_{node}"] = (force["x"] + ground.forward[t] - ground.backward[t]) / MASS
+            rates[f"vz_{node}"] = (force["z"] + ground.press[t]) / MASS - GRAVITY
         return rates
 
     @b.residual
@@ -70,24 +100,45 @@ def build(steps: int = 60, distance: float = DISTANCE) -> pyo.ConcreteModel:
     def tube(b, t):
         return sum(getattr(b, f"length_{i}{j}")[t] for i, j in EDGES) == TUBE
 
-    @b.complementarity
-    def ground(b, t):
-        pairs = {}
-        for node in NODES:
-            names = ("z", "vx", "press", "forward", "backward", "slide")
-            z, vx, press, forward, backward, slide = (getattr(b, f"{name}_{node}")[t] for name in names)
-            pairs[f"touches {node}"] = rcp.complements(press >= 0, z >= 0)
-            pairs[f"forward {node}"] = rcp.complements(forward >= 0, slide + vx >= 0)
-            pairs[f"backward {node}"] = rcp.complements(backward >= 0, slide - vx >= 0)
-            pairs[f"sticks {node}"] = rcp.complements(slide >= 0, FRICTION * press - forward - backward >= 0)
-        return pairs
-
     end = b.final_time
-    m.arrives = pyo.Constraint(expr=sum(getattr(b, f"x_{node}")[end] for node in NODES) / 3 == SIDE / 2 + distance)
+    middle = sum(getattr(b, f"x_{node}")[end] for node in NODES) / 3
+    m.arrives = pyo.Constraint(expr=middle == SIDE / 2 + walk.distance)
     m.effort = pyo.Objective(
         expr=b.integral(lambda b, t: sum(getattr(b, f"force_{i}{j}")[t] ** 2 for i, j in EDGES) / 100)
     )
     return m
+
+
+def state_places(b, walk: Walk) -> None:
+    """Where the nodes are."""
+    for node in NODES:
+        for axis, first, final in zip("xz", START[node], walk.last[node], strict=True):
+            guess = np.linspace(first, final, walk.steps + 1)
+            lowest = None if axis == "x" else 0.0
+            b.declare(f"{axis}_{node}", rcp.State(initial=first, initial_guess=guess, bounds=(lowest, None)))
+
+
+def state_ground(ground, node: str) -> None:
+    """What the ground does to a node: it presses, and pulls forward or backward, newtons."""
+    ground.press = rcp.Control(bounds=(0, 200), initial_guess=5.0)
+    for part in ("forward", "backward"):
+        ground.declare(part, rcp.Control(bounds=(0, 200), initial_guess=0.1))
+
+
+def state_contact(me, b, ground, node: str) -> None:
+    """A node presses on the ground where it touches it; where it slides, friction pulls against it."""
+    me.slide = rcp.Control(bounds=(0, 200), initial_guess=0.1)
+    z, vx = b.component(f"z_{node}"), b.component(f"vx_{node}")
+
+    @me.complementarity
+    def contact(me, t):
+        forward, backward = ground.forward[t], ground.backward[t]
+        return {
+            "touches": rcp.complements(ground.press[t] >= 0, z[t] >= 0),
+            "forward": rcp.complements(forward >= 0, me.slide[t] + vx[t] >= 0),
+            "backward": rcp.complements(backward >= 0, me.slide[t] - vx[t] >= 0),
+            "sticks": rcp.complements(me.slide[t] >= 0, FRICTION * ground.press[t] - forward - backward >= 0),
+        }
 
 
 def push(b, t, node, edge, axis):
@@ -103,16 +154,188 @@ def squared_distance(b, t, i, j):
     return sum((getattr(b, f"{axis}_{i}")[t] - getattr(b, f"{axis}_{j}")[t]) ** 2 for axis in "xz")
 
 
-def search(**case) -> tuple[pyo.ConcreteModel, rcp.SolveResult]:
-    """Build and solve, and say how well the motors follow the plan.
+# ------------------------------------------------------------------ a team: the truss, and the ground under each node
+
+
+def foot(walk: Walk, node: str) -> pyo.ConcreteModel:
+    """One node: its contact with the ground, and a kinematic copy of all nodes."""
+    m = pyo.ConcreteModel(name=node)
+    m.ground = rcp.PhaseBlock([node], rule=state_ground, **walk.grid)
+    m.truss = b = rcp.PhaseBlock(**walk.grid)
+    state_places(b, walk)
+    for name in NODES:
+        for axis, first, final in zip("xz", START[name], walk.last[name], strict=True):
+            b.declare(f"v{axis}_{name}", rcp.Control(initial_guess=(final - first) / DURATION))
+    b.ode(lambda b, t: {f"{q}_{n}": b.component(f"v{q}_{n}")[t] for n in NODES for q in "xz"})
+    m.me = rcp.PhaseBlock(**walk.grid)
+    state_contact(m.me, b, m.ground[node], node)
+    return m
+
+
+def team(walk: Walk) -> rcp.Team:
+    """The truss and its nodes have to agree on where the nodes go, and on what the ground does."""
+    return rcp.Team(
+        hub=rcp.Agent("robot", truss, walk),
+        robots=[rcp.Agent(node, foot, walk, node) for node in NODES],
+        shared=[
+            rcp.Shared(*(f"truss.{axis}_{node}" for node in NODES for axis in "xz"), penalty=20),
+            rcp.Shared(*(f"truss.v{axis}_{node}" for node in NODES for axis in "xz"), penalty=2),
+            rcp.Shared("ground[{robot}]", penalty=0.5),
+        ],
+        physics=WalkPhysics(walk),
+    )
+
+
+def search(together: bool = False, **case) -> tuple[pyo.ConcreteModel, rcp.SolveResult | rcp.teams.TeamResult]:
+    """Build and solve, or plan as a team, and say how well the motors follow the plan.
 
     The slow way down from delta = 1 finds better plans than the quick one here; a polish of 720 pairs would take long.
     """
     options = {key: case.pop(key) for key in ("backend", "tee")}
-    m = build(**case)
-    result = rcp.solve(m, strategies="continuation", polish=False, **options)
+    if together:
+        m = pyo.ConcreteModel(name="truss robot as a team")
+        result = team(Walk(**case)).solve()
+        m.plans = result.plans["robot"]
+        print(result.score)
+    else:
+        m = build(**case)
+        result = rcp.solve(m, strategies="continuation", polish=False, **options)
     print(track(m), end="\n\n")
     return m, result
+
+
+# ------------------------------------------------------------------ what a plan is worth, from its numbers alone
+
+READ = (
+    *(f"truss.{q}{axis}_{node}" for q in ("", "v") for node in NODES for axis in "xz"),
+    *(f"truss.{what}_{i}{j}" for what in ("length", "force") for i, j in EDGES),
+    *(f"ground[{node!r}].{what}" for what in ("press", "forward", "backward") for node in NODES),
+)
+
+
+def values_of(m: pyo.ConcreteModel) -> dict[str, np.ndarray]:
+    """The plan that stands on a model."""
+    return {name: np.array([entry.value for entry in m.find_component(name).values()]) for name in READ}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Numbers of a plan over time.
+
+    Attributes
+    ----------
+    places, velocities : arrays, shape (K + 1, 3, 2)
+        Of the nodes, metres and metres per second.
+    lengths, pushes, presses, drags : arrays, shape (K, 3)
+        Of the edges, metres and newtons; of the ground on the nodes, upward and to the right, newtons.
+    """
+
+    places: np.ndarray
+    velocities: np.ndarray
+    lengths: np.ndarray
+    pushes: np.ndarray
+    presses: np.ndarray
+    drags: np.ndarray
+
+    @classmethod
+    def of(cls, values: Mapping[str, np.ndarray]) -> Plan:
+        """Read it from values by name."""
+
+        def of_nodes(q: str) -> np.ndarray:
+            return np.array([[values[f"truss.{q}{axis}_{node}"] for axis in "xz"] for node in NODES]).transpose(2, 0, 1)
+
+        lengths, pushes = (np.array([values[f"truss.{q}_{i}{j}"] for i, j in EDGES]).T for q in ("length", "force"))
+        press, forward, backward = (
+            np.array([values[f"ground[{node!r}].{q}"] for node in NODES]).T for q in ("press", "forward", "backward")
+        )
+        return cls(of_nodes(""), of_nodes("v"), lengths, pushes, press, forward - backward)
+
+
+@dataclass(frozen=True)
+class WalkScore:
+    """What a plan of the truss is worth: the largest of each kind of residual over time.
+
+    Attributes
+    ----------
+    force : float
+        Mass times acceleration less all forces on a node, newtons.
+    gap_product, friction_product : float
+        Pressure times height, newton metres; friction that is missing where a node slides, watts.
+    excess : float
+        Friction beyond its cone, newtons.
+    length, tube : float
+        Of an edge, and of the tube, metres.
+    height : float
+        Of a node under the ground, metres.
+    distance : float
+        From where the centre of mass has to be, metres.
+    """
+
+    force: float
+    gap_product: float
+    friction_product: float
+    excess: float
+    length: float
+    tube: float
+    height: float
+    distance: float
+
+    @property
+    def strict(self) -> bool:
+        """Whether forces are within 0.05 N, products within 0.02, lengths within 0.1 mm, the rest within 2 mm."""
+        products = max(self.gap_product, self.friction_product)
+        lengths = max(self.length, self.tube)
+        return max(self.force, self.excess) < 0.05 and products < 0.02 and lengths < 1e-4 and self._arrives(0.002)
+
+    @property
+    def practical(self) -> bool:
+        """Whether forces are within 1 N, products within 0.02, all lengths and places within 2 cm."""
+        products = max(self.gap_product, self.friction_product)
+        lengths = max(self.length, self.tube)
+        return max(self.force, self.excess) < 1.0 and products < 0.02 and lengths < 0.02 and self._arrives(0.02)
+
+    def _arrives(self, within: float) -> bool:
+        return max(self.height, self.distance) < within
+
+    def __str__(self) -> str:
+        word = "strict" if self.strict else "practical" if self.practical else "not physically valid"
+        return f"walk: {word}\n" + "\n".join(f"  {name:18}{number:10.2e}" for name, number in vars(self).items())
+
+
+@dataclass(frozen=True)
+class WalkPhysics:
+    """Scores plans of the truss by its equations of motion and Coulomb's law."""
+
+    walk: Walk
+    robot_components: tuple[str, ...] = ("me.slide",)
+    hub_components: tuple[str, ...] = READ
+
+    def __call__(self, plans: Mapping[str, Mapping[str, np.ndarray]]) -> WalkScore:
+        """Recompute the residuals."""
+        plan, step = Plan.of(plans["robot"]), DURATION / self.walk.steps
+        places, velocities = plan.places[1:], plan.velocities[1:]
+        missing = MASS * np.diff(plan.velocities, axis=0) / step
+        missing[..., 0] -= plan.drags
+        missing[..., 1] -= plan.presses - MASS * GRAVITY
+        lengths = np.empty_like(plan.lengths)
+        for e, (i, j) in enumerate(combinations(range(3), 2)):
+            along = places[:, i] - places[:, j]
+            lengths[:, e] = np.linalg.norm(along, axis=1)
+            force = plan.pushes[:, e, None] * along / lengths[:, e, None]
+            missing[:, i] -= force
+            missing[:, j] += force
+        moved = np.abs(np.diff(plan.places, axis=0) - step * velocities).max()
+        sliding = velocities[..., 0]
+        return WalkScore(
+            force=float(np.abs(missing).max()),
+            gap_product=float((plan.presses * np.abs(places[..., 1])).max()),
+            friction_product=float((FRICTION * plan.presses * np.abs(sliding) + plan.drags * sliding).max()),
+            excess=float(max(0.0, (np.abs(plan.drags) - FRICTION * plan.presses).max())),
+            length=float(max(np.abs(lengths - plan.lengths).max(), moved)),
+            tube=float(np.abs(lengths.sum(axis=1) - TUBE).max()),
+            height=float(max(0.0, -places[..., 1].min())),
+            distance=float(abs(places[-1, :, 0].mean() - SIDE / 2 - self.walk.distance)),
+        )
 
 
 # ------------------------------------------------------------------ a model of the motors in place of the hardware
@@ -190,17 +413,9 @@ def track(m: pyo.ConcreteModel, seed: int = 0) -> Tracking:
 
 def plan_of(m: pyo.ConcreteModel) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Nodes, shape (K, 3, 2), and lengths, edge forces and ground forces, shape (K, 3), of a plan."""
-    found = m.truss.trajectory()
-    nodes = np.array([[found.states[f"{axis}_{node}"] for axis in "xz"] for node in NODES]).transpose(2, 0, 1)
-    of_edges = ("".join(edge) for edge in EDGES)
-    names = [
-        [f"length_{edge}" for edge in of_edges],
-        [f"force_{i}{j}" for i, j in EDGES],
-        [f"press_{n}" for n in NODES],
-    ]
-    series = [np.array([found.signals[name] for name in group]).T for group in names]
-    lengths = np.vstack([np.full(3, SIDE), series[0]])
-    return nodes, lengths, *(np.vstack([values[:1], values]) for values in series[1:])
+    plan = Plan.of(m.plans if hasattr(m, "plans") else values_of(m))
+    lengths = np.vstack([np.full(3, SIDE), plan.lengths])
+    return plan.places, lengths, *(np.vstack([values[:1], values]) for values in (plan.pushes, plan.presses))
 
 
 def rolled(lengths: np.ndarray, planned: np.ndarray, presses: np.ndarray) -> np.ndarray:
@@ -282,7 +497,7 @@ if __name__ == "__main__":
     run_example(
         build,
         draw,
-        cases={"roll": {}},
+        cases={"roll": {}, "team": {"together": True}},
         default="roll",
         coarse={"steps": 30},
         size=(9, 7),

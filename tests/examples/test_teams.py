@@ -43,7 +43,7 @@ def test_tasks_are_drawn_as_described(rod: ModuleType) -> None:
     task = rod.task(7)
     assert task.start == (0.0, 0.0, angle)
     assert task.goal == pytest.approx((distance * np.cos(direction), distance * np.sin(direction), angle + turn))
-    for robots in (4, 16):
+    for robots in (4, 16, 32):
         for seed in range(5):
             task = rod.task(seed, robots)
             places = np.array(list(task.robots.values()))

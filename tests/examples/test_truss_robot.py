@@ -82,6 +82,23 @@ def test_the_truss_walks_and_motors_follow(truss, tmp_path):
     assert truss.animate(m, tmp_path / "truss.gif").stat().st_size > 10_000
 
 
+@pytest.mark.casadi
+def test_nodes_walk_as_a_team(truss):
+    """What the team agrees on holds by the equations of motion and Coulomb's law, recomputed."""
+    m, result = truss.search(together=True, steps=30, backend=None, tee=False)
+    score = result.score
+    assert result.success
+    assert score.strict
+    assert score.distance < 1e-6
+    _, lengths, _, presses = truss.plan_of(m)
+    assert lengths.sum(axis=1) == pytest.approx(truss.TUBE, abs=1e-4)
+    assert {k for k in range(3) if presses[0, k] > 1.0} == {0, 1}
+    spoilt = {name: values.copy() for name, values in m.plans.items()}
+    spoilt["ground['a'].press"][3] += 5.0
+    found = truss.WalkPhysics(truss.Walk(30))({"robot": spoilt})
+    assert (found.practical, found.force) == (False, pytest.approx(5.0, abs=0.1))
+
+
 def test_the_script_reads_its_command_line():
     asked = [sys.executable, "-W", "error", PATH, "--help"]
     ended = subprocess.run(asked, capture_output=True, text=True, timeout=120)
