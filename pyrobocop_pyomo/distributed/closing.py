@@ -16,10 +16,11 @@ from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from .agents import KeepApart
 from .local_problem import DELTA, IPOPT_OPTIONS
 from .merging import MergedModel
-from .rounds import PlanScore, Round, ends_rounds
+from .rounds import PlanScore, Round, is_success
 
 _NEAR = 1.6  # times the distance to keep: couples of robots that the first problem keeps apart
 _TOO_NEAR = 0.99  # times the distance: couples that the next problem keeps apart as well
+_DEARER = 0.01
 _TRIES = 8  # problems of one closing step, with couples that have come near in the one before
 
 
@@ -68,7 +69,7 @@ class Closing:
     every : int
         Rounds between two tries.
     path : sequence of float
-        Barrier parameters, until the plan is what `Hub.until` asks for.
+        Barrier parameters, one after the other.
     iterations : int
         Limit of Ipopt's iterations with each.
 
@@ -102,7 +103,7 @@ class Closing:
         waited = tried < 0 or record.number - tried >= self.every
         return waited and record.mu is not None and record.mu <= self.below
 
-    def carry_out(self, team: OneModelTeam, values: Mapping[str, Mapping[str, Array]], until: str) -> ClosedPlan:
+    def carry_out(self, team: OneModelTeam, values: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
         """Plan for all agents in one model, from their values.
 
         Parameters
@@ -111,12 +112,11 @@ class Closing:
             With physics.
         values : mapping of agent to (mapping of component to float array)
             Of all variables in the agents' models.
-        until : {"strict", "practical", "rounds"}
 
         Returns
         -------
         ClosedPlan
-            Whatever it is worth: look at its score.
+            The best on the path, whatever it is worth: look at its score.
         """
         started = time.process_time()
         merged = team.central(keep_apart=False)
@@ -139,8 +139,6 @@ class Closing:
             if not nlp.goes_on_from_last_point:
                 break
             plan.take(team, merged)
-            if ends_rounds(plan.score, until):
-                break
             warm = not _keep_apart(team, merged, _TOO_NEAR)
             if not warm:
                 nlp.prepare()
@@ -179,10 +177,16 @@ class ClosedPlan:
     cpu_seconds: float = 0.0
 
     def take(self, team: OneModelTeam, merged: MergedModel) -> None:
-        """Read plan, score and objective from a model."""
-        self.plans = team.plans_of(merged)
-        self.score = None if team.physics is None else team.physics(self.plans)
-        self.objective = merged.objective_value()
+        """Read plan, score and objective from a model, unless the plan before is better."""
+        plans, objective = team.plans_of(merged), merged.objective_value()
+        assert team.physics is not None
+        score = team.physics(plans)
+        if self.score is not None:
+            worth, before = [(s.strict, is_success(s)) for s in (score, self.score)]
+            # A smaller mu costs a little; where it costs more, Ipopt was on its way.
+            if worth < before or (worth == before and objective > self.objective + _DEARER * abs(self.objective)):
+                return
+        self.plans, self.score, self.objective = plans, score, objective
 
 
 def _keep_apart(team: OneModelTeam, merged: MergedModel, reach: float) -> bool:

@@ -470,7 +470,7 @@ class _Rounds:
         if closing is None or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
-        closed = closing.carry_out(team, self._work.all_values(), self._method.until)
+        closed = closing.carry_out(team, self._work.all_values())
         self._closings.append(closed)
         self._keep_best(closed.score, closed.plans, closed.objective)
         return ends_rounds(closed.score, self._method.until)

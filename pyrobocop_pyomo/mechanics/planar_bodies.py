@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, Union
 
 import numpy as np
@@ -279,6 +280,9 @@ class DiscRobot:
             }
 
 
+_OVERLAP = 0.01  # metres: what a start may be measured to be inside a body
+
+
 def check_positive(thing: Any, *names: str) -> None:
     """Refuse quantities that are not positive and finite numbers."""
     for name in names:
@@ -314,6 +318,25 @@ class PhaseNumbers:
         numbers = {t: value(entry) for t, entry in getattr(self._phase, name).items()}
         setattr(self, name, numbers)
         return numbers
+
+
+def check_no_overlap(phase: Any, body: Any, names: Sequence[str], gap: Any) -> None:
+    """Refuse a robot that starts inside a body, where the model fixes both."""
+    start = phase.time.first()
+    own = {name: getattr(phase, name)[start] for name in "xyz" if hasattr(phase, name)}
+    pose = {name: getattr(body, name)[start] for name in names}
+    if not all(entry.fixed for entry in [*own.values(), *pose.values()]):
+        return
+    robot, at = (
+        SimpleNamespace(**{name: {start: value(entry)} for name, entry in entries.items()}) for entries in (own, pose)
+    )
+    distance = float(gap(robot, at, start).gap)
+    if distance < -_OVERLAP:
+        place = ", ".join(f"{value(entry):.3g}" for entry in own.values())
+        raise DeclarationError(
+            f"phase '{phase.name}': the robot starts at ({place}), {-distance:.3g} m inside the body of phase "
+            f"'{body.name}'. Contact cannot undo that: move one of them."
+        )
 
 
 def check_has(phase: Any, beside: Any, *names: str) -> None:

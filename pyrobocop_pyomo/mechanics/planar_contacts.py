@@ -12,7 +12,7 @@ from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.phases import Algebraic, Control
 
-from .planar_bodies import POSE, TWIST, WRENCH, PhaseNumbers, check_free, check_has, check_positive
+from .planar_bodies import POSE, TWIST, WRENCH, PhaseNumbers, check_free, check_has, check_no_overlap, check_positive
 from .planar_shapes import Disc, PlanarGap, PlanarShape
 
 UNKNOWNS = ("c", "alpha_plus", "alpha_minus", "slip")
@@ -109,13 +109,15 @@ class PlanarContact:
         Raises
         ------
         DeclarationError
-            When a name is taken, a phase lacks a component, or grids differ.
+            When a name is taken, a phase lacks a component, grids differ, or the robot starts more than a centimetre
+            inside the body.
         """
         rows = ("contact_kinematics", "contact_wrench", "contact", "no_separation", "no_overlap_at_end")
         check_free(phase, *UNKNOWNS, *(PlanarGap._fields if lifted else ()), *rows)
         check_has(phase, phase, "x", "y", "vx", "vy")
         check_has(body, phase, *POSE, *TWIST)
         check_has(push, phase, *WRENCH)
+        check_no_overlap(phase, body, POSE, self._gap)
 
         phase.c = Control(bounds=(0, self.force_limit), initial_guess=_FIRST_FORCE)
         for name in UNKNOWNS[1:]:

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import DeclarationError
 from pyrobocop_pyomo.phases import Algebraic, Control
 
-from .planar_bodies import PhaseNumbers, check_free, check_has, check_positive
+from .planar_bodies import PhaseNumbers, check_free, check_has, check_no_overlap, check_positive
 from .rotations import Matrix, Vector, cross_product, inner_product, tangents_across
 from .spatial_bodies import POSITION, ROTATION, SPATIAL_WRENCH, SPIN, VELOCITY, entries_at, rotation_at
 from .spatial_shapes import SpatialGap, SpatialShape, Sphere
@@ -129,7 +129,8 @@ class SpatialContact:
         Raises
         ------
         DeclarationError
-            When a name is taken, a phase lacks a component, or grids differ.
+            When a name is taken, a phase lacks a component, grids differ, or the robot starts more than a centimetre
+            inside the body.
         """
         kept = self._lifted_names if lifted else ()
         rows = ("contact_kinematics", "contact_wrench", "contact", "no_separation", "no_overlap_at_end")
@@ -137,6 +138,7 @@ class SpatialContact:
         check_has(phase, phase, "x", "y", "z", "vx", "vy", "vz")
         check_has(body, phase, *POSITION, *VELOCITY, *SPIN, *(() if self.body.is_round else ROTATION))
         check_has(push, phase, *SPATIAL_WRENCH)
+        check_no_overlap(phase, body, POSITION if self.body.is_round else (*POSITION, *ROTATION), self._gap)
 
         phase.c = Control(bounds=(0, self.force_limit), initial_guess=_FIRST_FORCE)
         for name in (*TANGENTIAL, "slip"):

@@ -306,6 +306,21 @@ def test_restitution_keeps_momentum_and_returns_its_share_of_the_speed(restituti
 # ----------------------------------------------------------------- what is refused
 
 
+@pytest.mark.parametrize("lifted", [True, False])
+def test_a_start_inside_the_body_is_refused(lifted: bool) -> None:
+    m = pushing()
+    m.other, m.inside = rcp.PhaseBlock(**GRID), rcp.PhaseBlock(**GRID)
+    PUCK.state_wrench(m.other)
+    ROBOT.state_motion(m.inside, m.other, start=(-0.15, 0.0))
+    before = list(m.inside.component_map())
+    contact = planar.Contact(PUCK.shape, ROBOT.shape, friction=0.5)
+    with pytest.raises(DeclarationError, match=r"'inside': the robot starts at \(-0.15, 0\), 0.05 m inside the body"):
+        contact.state(m.inside, m.body, m.other, lifted=lifted)
+    assert list(m.inside.component_map()) == before
+    m.inside.x[0].fix(-0.195)  # within what may be measured
+    contact.state(m.inside, m.body, m.other, lifted=lifted)
+
+
 def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
     with pytest.raises(DeclarationError, match="mass = 0"):
         planar.RigidBody(planar.Disc(0.1), mass=0, inertia=1.0)

@@ -259,13 +259,15 @@ def test_a_copy_follows_its_velocities() -> None:
 # ----------------------------------------------------------------- contact
 
 
-def touching(friction: float, lifted: bool, body: Any = AFLOAT, **contact: Any) -> pyo.ConcreteModel:
+def touching(
+    friction: float, lifted: bool, body: Any = AFLOAT, start: float = -0.3 - 1e-6, **contact: Any
+) -> pyo.ConcreteModel:
     """A robot that touches a ball from the left, for one step of 0.01 s; both start at rest."""
     m, grid = pyo.ConcreteModel(), {**GRID, "duration": 0.01, "elements": 1}
     m.push = rcp.PhaseBlock(rule=body.state_wrench, **grid)
     m.body, m.me = rcp.PhaseBlock(**grid), rcp.PhaseBlock(**grid)
     body.state_motion(m.body, [m.push], start=REST)
-    DRONE.state_motion(m.me, m.push, start=(-0.3 - 1e-6, 0.0, 0.0), rest_at_end=False)
+    DRONE.state_motion(m.me, m.push, start=(start, 0.0, 0.0), rest_at_end=False)
     spatial.Contact(body.shape, DRONE.shape, friction=friction, **contact).state(m.me, m.body, m.push, lifted=lifted)
     return m
 
@@ -273,7 +275,7 @@ def touching(friction: float, lifted: bool, body: Any = AFLOAT, **contact: Any) 
 @pytest.mark.parametrize("body", [AFLOAT, spatial.RigidBody(SHAPES["box"], mass=1.0, inertia=0.1)], ids=["ball", "box"])
 def test_the_phases_are_complete(body: Any) -> None:
     for lifted in (True, False):
-        m = touching(0.5, lifted, body)
+        m = touching(0.5, lifted, body, start=-0.6)
         for phase in (m.body, m.me):
             phase.check()
 
