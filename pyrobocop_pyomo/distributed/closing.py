@@ -81,7 +81,7 @@ class Closing:
 
     below: float = 1e-3
     every: int = 12
-    path: tuple[float, ...] = (1e-3, 1e-4, 1e-5)
+    path: tuple[float, ...] = (1e-3, 1e-4, 1e-5, 1e-6)
     iterations: int = 200
 
     def __post_init__(self) -> None:
