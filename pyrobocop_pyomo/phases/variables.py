@@ -7,7 +7,7 @@ as the very variable, or as an expression in the two of the knots around.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any
 
@@ -72,12 +72,21 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: 
             add_row_of_end(block, name, variable[time], given, where)
         else:
             _impose_boundary_value(variable[time], given, f"{label} (declared at {state.declared_at})", where)
+    if state.initial_guess is None and record.restating is None:
+        _put_on_line(variable, state.line_between_ends(variable, grid.times))
     rows = dict(continuity_rows(variable, grid))
     if rows:
         continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
         record.generated_rows.add(f"{name}_continuity")
         for time, row in rows.items():
             continuity.add(time, row)
+
+
+def _put_on_line(variable: Any, line: Sequence[float] | None) -> None:
+    """Give a state the values of a line, as far as its bounds let it."""
+    for data, number in zip(variable.values(), line or (), strict=line is not None):
+        if not data.fixed:
+            data.set_value(within(number, data.bounds), skip_validation=True)
 
 
 def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: str, where: str) -> None:

@@ -31,7 +31,7 @@ from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
-from .strategies import DEFAULT_SEQUENCE, SOLVE, TIGHT, Strategy
+from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, SOLVE, TIGHT, Strategy
 from .strategy_runs import StrategyRuns
 from .violations import (
     GROWING,
@@ -141,7 +141,12 @@ class _Procedure:
                 continue
             self._try(strategy)
             if self._found.cut is not None or (self._places.place is not None and not self._places.pairs):
-                break
+                return
+        for strategy in OTHER_STARTS if chosen is None else ():
+            if self._found.best is None or self._found.best.excess(self._settings.tolerances) <= 1.0:
+                return
+            if self._found.need(strategy, self._places.pairs):
+                self._try(strategy)
 
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""

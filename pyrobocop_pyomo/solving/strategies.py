@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
@@ -13,7 +13,7 @@ from .ipopt_options import NEARLY_THERE
 
 
 class StartingPoint(enum.Enum):
-    """Where a strategy for models without pairs starts; the value is in words."""
+    """Where a strategy starts; the value is in words."""
 
     INITIAL_GUESS = "the user's initial guess"
     BEST = "the best point so far"
@@ -44,7 +44,7 @@ class Strategy:
     for_pairs : bool
         Whether it is one for models with pairs, or one for models without any.
     start : StartingPoint
-        Without pairs: where it starts.
+        Instead of the user's initial guess.
     elastic_rows : bool
         Without pairs: whether every row may be violated first, at a price.
     """
@@ -75,6 +75,11 @@ ELASTIC = Strategy(
 PROJECTION = Strategy("projection", None, from_initial_guess=False)
 
 DEFAULT_SEQUENCE = (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)
+# Where all of these ended infeasible, from the user's initial guess.
+OTHER_STARTS = (
+    Strategy("simulated, with pairs", BARRIER.schedule, start=StartingPoint.SIMULATED),
+    replace(ELASTIC, name="straight lines, with pairs", start=StartingPoint.STRAIGHT_LINES),
+)
 
 # Models without pairs: one run, and what follows where it fails. The order was measured on problems of optimal control
 # from naive and from random starts: a simulated start helps most often, then elastic rows, then fewer elements.

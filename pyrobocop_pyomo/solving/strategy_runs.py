@@ -22,7 +22,8 @@ from .polish import Exploration
 from .polished_runs import PolishedRuns
 from .settings import Settings
 from .solve_result import SolveResult
-from .strategies import BARRIER, CONTINUATION, PROJECTION, SOLVE, Strategy
+from .starts import put_start
+from .strategies import BARRIER, CONTINUATION, PROJECTION, SOLVE, StartingPoint, Strategy
 from .workplaces import Workplace, Workplaces
 
 logger = logging.getLogger(__name__)
@@ -120,6 +121,10 @@ class StrategyRuns:
             self.keep(iterate)
         if strategy.from_initial_guess:
             place.values.write(place.start)
+        if strategy.start is not StartingPoint.INITIAL_GUESS:
+            if not put_start(self._model, strategy.start):
+                return None
+            place.relaxed.start_lifted()
         return self._polished.run(place, strategy)
 
     def _start_on_coarse_mesh(self, place: Workplace) -> bool:

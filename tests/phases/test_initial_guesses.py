@@ -200,3 +200,22 @@ def test_a_guess_is_given_once_by_a_phase_of_its_own() -> None:
         b.initialize(phase(y=rcp.State()).trajectory())
     with pytest.raises(InitialGuessError, match=r"'duration': the initial guess is -1; it must be positive"):
         phase(duration=rcp.Duration(bounds=(1, 2))).initialize(duration=-1)
+
+
+@given(schemes, meshes)
+def test_without_a_guess_a_state_is_on_the_line_between_its_stated_ends(scheme: Any, mesh: Any) -> None:
+    b = phase(
+        scheme,
+        mesh,
+        both=rcp.State(initial=1.0, final=3.0),
+        first=rcp.State(initial=2.0, bounds=(None, 2.5)),
+        last=rcp.State(final=-1.0),
+        ranges=rcp.State(initial=(0.0, 1.0), final=(3.0, 4.0)),
+        none=rcp.State(),
+        given=rcp.State(initial=1.0, final=3.0, initial_guess=0.5),
+    )
+    times = np.array(list(b.time))
+    assert values(b.both) == pytest.approx(list(1.0 + 2.0 * times))
+    assert values(b.ranges) == pytest.approx(list(1.0 + 2.0 * times))
+    assert (set(values(b.first)), set(values(b.last)), set(values(b.none))) == ({2.0}, {-1.0}, {0.0})
+    assert set(values(b.given)[1:-1]) <= {0.5}

@@ -27,7 +27,7 @@ def pushed(
     m = pyo.ConcreteModel(name="pushed")
     duration = rcp.Duration(bounds=(1, 3), initial_guess=2) if free else 2.0
     m.phase = b = rcp.PhaseBlock(duration=duration, elements=elements, **{"scheme": "implicit_euler", **arguments})
-    b.x, b.v = rcp.State(initial=1.0), rcp.State(initial=-1.0)
+    b.x, b.v = rcp.State(initial=1.0, initial_guess=0), rcp.State(initial=-1.0, initial_guess=0)
     b.push = rcp.Control(bounds=(-2, 2))
     b.contact = rcp.Algebraic(bounds=(0, None))
 
