@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import logging
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,33 @@ ARGUMENTS = {"objective": 6, "constraint": 7, "objective_mayer": 3, "get_object_
 WITH_PARAMETERS = ("objective", "constraint", "objective_mayer")
 
 _INFINITE = 1e19  # as Ipopt has it
+
+
+class _OldNames:
+    """Names of infinity and of no number that NumPy 2 has removed, on NumPy while a problem class is asked.
+
+    Classes were written with them, and say nothing else with them than `numpy.inf` and `numpy.nan`.
+    """
+
+    def __init__(self) -> None:
+        names = {"Inf": np.inf, "Infinity": np.inf, "infty": np.inf, "PINF": np.inf, "NINF": -np.inf, "NaN": np.nan}
+        self._missing = {name: number for name, number in names.items() if not hasattr(np, name)}
+        self._lock, self._asked = threading.Lock(), 0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._asked += 1
+            for name, number in self._missing.items():
+                setattr(np, name, number)
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._asked -= 1
+            for name in self._missing if not self._asked else ():
+                delattr(np, name)
+
+
+_OLD_NAMES = _OldNames()
 
 
 class Methods:
@@ -61,7 +89,8 @@ class Methods:
         """
         what = f"{self.class_name}.{name}({shown})"
         try:
-            return getattr(self._problem, name)(*arguments)
+            with _OLD_NAMES:
+                return getattr(self._problem, name)(*arguments)
         except ProblemClassError:
             raise
         except ExpressionArrayError as error:

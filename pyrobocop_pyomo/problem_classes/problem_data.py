@@ -224,6 +224,9 @@ class _ProblemReader:
 
     def _ends(self, name: str, sizes: Sizes) -> Array:
         found = self._methods.numbers(name)
+        if isinstance(found, list) and [len(part) for part in found[:-1]] in ([sizes.states], [sizes.states] * 2):
+            # Some classes give algebraics at the start as well, which the equations determine.
+            found = found[:-1] if len(found[-1]) == sizes.algebraics != sizes.states else found
         flat = np.concatenate(found) if isinstance(found, list) else found
         if name == "initialcondition" and len(flat) == sizes.states:
             flat = np.concatenate([flat, flat])

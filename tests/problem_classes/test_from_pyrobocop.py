@@ -215,6 +215,35 @@ def test_poses_are_affine_where_they_can_be():
 # -------------------------------------------------------------------- what is refused
 
 
+class OfItsTime(problem_styles.Pendulum):
+    """Bounds in the words of NumPy before version 2, and algebraics at the start, of which there are none."""
+
+    def bounds(self, i):
+        upper = np.array([2 * np.pi, 10, np.infty, np.Infinity, 10])  # noqa: NPY201
+        return np.array([-2 * np.pi, -10, np.NINF, -np.Inf, -10]), upper  # noqa: NPY201
+
+
+def test_names_that_numpy_has_removed_are_there_while_a_class_is_asked():
+    before = {name: hasattr(np, name) for name in ("Infinity", "infty", "PINF", "NINF", "Inf", "NaN")}
+    m = rcp.from_pyrobocop(OfItsTime())
+    assert {name: hasattr(np, name) for name in before} == before
+    expected = rcp.from_pyrobocop(problem_styles.Pendulum())
+    assert [v.bounds for v in m.phase.x1.values()] == [v.bounds for v in expected.phase.x1.values()]
+
+
+class StartOfAlgebraics(problem_styles.OneSided):
+    """Gives values of the algebraics at the start."""
+
+    def initialcondition(self):
+        start = super().initialcondition()
+        return *(start if isinstance(start, tuple) else (start, start)), np.zeros(self.get_info()[1])
+
+
+def test_algebraics_at_the_start_are_left_to_the_equations():
+    m, expected = (rcp.from_pyrobocop(problem()) for problem in (StartOfAlgebraics, problem_styles.OneSided))
+    assert [v.value for v in m.phase.x0.values()] == [v.value for v in expected.phase.x0.values()]
+
+
 class Stretching(problem_styles.Car):
     def get_object_vertices(self, V, ind, x, xdot, y, u):
         super().get_object_vertices(V, ind, x, xdot, y, u)
