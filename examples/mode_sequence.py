@@ -47,7 +47,7 @@ def build(
 def state_push(b, contact, initial=(None, None, None), final=(None, None, None), rate_bound=None) -> None:
     """Push at one point of the slider without slipping."""
     for (name, bounds), start, end in zip(POSE_BOUNDS.items(), initial, final, strict=True):
-        b.declare(name, rcp.State(initial=start, final=end, bounds=bounds))
+        b.declare(name, rcp.State(initial=start, final=end, bounds=bounds, initial_guess=0.0))
     b.normal = rcp.Control(bounds=(0, 0.5))
     b.tangential = rcp.Control(bounds=(-1, 1))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Union
@@ -92,7 +92,7 @@ class Declaration:
     bounds : (lower, upper), or function of the time index that returns such a pair
         None where there is no bound.
     initial_guess : number, array, function of the time index, or None
-        Where the solver starts. By default 0, and for a state with stated ends the line between them.
+        Where the solver starts. By default 0, and for a state the value that it starts with, or else ends with.
     units : Pyomo unit or None
         Units of the variable, such as ``pyo.units.m``; numbers of this declaration are meant in them.
     index : int, iterable of labels, Set, or list of several of these, optional
@@ -194,28 +194,6 @@ class State(Declaration):
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Element boundaries and collocation points."""
         return StateNodes(name, grid)
-
-    def line_between_ends(self, variable: Any, times: Sequence[float]) -> list[float] | None:
-        """Its values on the straight line between the ends of a variable; constant where one end is stated.
-
-        Returns
-        -------
-        list of float or None
-            At all times; None where neither end is stated.
-        """
-        first, last = variable[times[0]], variable[times[-1]]
-        from_start, from_end = first.fixed or self.initial is not None, last.fixed or self.final is not None
-        if not from_start and not from_end:
-            return None
-        start, end = (first if from_start else last).value, (last if from_end else first).value
-        start, end = (end if start is None else start), (start if end is None else end)
-        if start is None:
-            return None
-        # Twice, because both ends may be ranges: nearest to the other, then the other nearest to it.
-        start = start if first.fixed else within(within(end, last.bounds) if from_end else start, first.bounds)
-        end = end if last.fixed else within(start, last.bounds)
-        span = times[-1] - times[0]
-        return [start + (end - start) * ((t - times[0]) / span) for t in times]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -87,13 +87,26 @@ def set_straight_lines(block: Any, record: PhaseRecord) -> None:
     A range counts with the value nearest to the other end. Where only one end is stated the state stays there, and
     where none is it keeps its initial guess.
     """
+    times = record.grid.times
+    span = times[-1] - times[0]
     lines: dict[str, InitialGuess] = {}
     for name in record.names_of_states:
+        variable = block.component(name)
         declaration = record.declarations[name]
         assert isinstance(declaration, State)
-        line = declaration.line_between_ends(block.component(name), record.grid.times)
-        if line is not None:
-            lines[name] = line
+        first, last = variable[times[0]], variable[times[-1]]
+        from_start = first.fixed or declaration.initial is not None
+        from_end = last.fixed or declaration.final is not None
+        if not from_start and not from_end:
+            continue
+        start, end = (first if from_start else last).value, (last if from_end else first).value
+        start, end = (end if start is None else start), (start if end is None else end)
+        if start is None:
+            continue
+        # Twice, because both ends may be ranges: nearest to the other, then the other nearest to it.
+        start = start if first.fixed else within(within(end, last.bounds) if from_end else start, first.bounds)
+        end = end if last.fixed else within(start, last.bounds)
+        lines[name] = [start + (end - start) * ((t - times[0]) / span) for t in times]
     set_guesses(block, record, lines)
 
 

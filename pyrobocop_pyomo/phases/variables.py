@@ -73,7 +73,7 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: 
         else:
             _impose_boundary_value(variable[time], given, f"{label} (declared at {state.declared_at})", where)
     if state.initial_guess is None and record.restating is None:
-        _put_on_line(variable, state.line_between_ends(variable, grid.times))
+        stay_at_stated_end(variable, grid.times)
     rows = dict(continuity_rows(variable, grid))
     if rows:
         continuity = add_generated(block, record, f"{name}_continuity", Constraint(list(rows)))
@@ -82,11 +82,12 @@ def _add_state(block: Any, record: PhaseRecord, name: str, state: State, label: 
             continuity.add(time, row)
 
 
-def _put_on_line(variable: Any, line: Sequence[float] | None) -> None:
-    """Give a state the values of a line, as far as its bounds let it."""
-    for data, number in zip(variable.values(), line or (), strict=line is not None):
+def stay_at_stated_end(variable: Any, times: Sequence[float]) -> None:
+    """Give a state the value that it starts with at all times, or the one that it ends with; nothing without either."""
+    stated = [variable[time].value for time in (times[0], times[-1]) if variable[time].fixed]
+    for data in variable.values() if stated else ():
         if not data.fixed:
-            data.set_value(within(number, data.bounds), skip_validation=True)
+            data.set_value(within(stated[0], data.bounds), skip_validation=True)
 
 
 def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: str, where: str) -> None:

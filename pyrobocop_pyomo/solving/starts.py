@@ -137,11 +137,12 @@ def _put_on_straight_lines(model: Any, *, keep_guesses: bool) -> bool:
 
 def _has_guess(phase: Any, name: str) -> bool:
     """Whether the values of a state are any but those that it gets by default."""
-    declaration, component = phase.record.declarations[name], phase.component(name)
-    line = declaration.line_between_ends(component, phase.record.grid.times) or [0.0] * len(component)
-    return declaration.initial_guess is not None or any(
-        not variable.fixed and variable.value is not None and variable.value != within_bounds(number, variable)
-        for variable, number in zip(component.values(), line, strict=True)
+    component, times = phase.component(name), phase.record.grid.times
+    ends = [component[time].value for time in (times[0], times[-1]) if component[time].fixed]
+    default = next(iter(ends), None) or 0.0
+    return phase.record.declarations[name].initial_guess is not None or any(
+        not variable.fixed and variable.value is not None and variable.value != within_bounds(default, variable)
+        for variable in component.values()
     )
 
 

@@ -249,10 +249,10 @@ def test_planners_of_a_rod() -> None:
 
 def test_worlds_in_which_a_team_moves() -> None:
     rows = [line.split() for line in run_quick("team_execution").splitlines()[2:]]
-    assert [row[0] for row in rows] == 3 * ["closed"] + 3 * ["open"]
-    assert all(float(row[-1]) > 0 for row in rows[:3])
+    assert [row[0] for row in rows] == 4 * ["closed"] + 4 * ["open"]
+    assert all(float(row[-1]) > 0 for row in rows[:4])
     # Two ticks lead nowhere, and what differs between worlds differs in the end.
-    assert len({row[-4] for row in rows[3:]}) == 3
+    assert len({row[-4] for row in rows[4:]}) == 3
 
 
 def test_the_table_of_examples_shows_every_case_and_writes_its_pages(tmp_path: Path) -> None:
@@ -362,3 +362,15 @@ def test_checks_before_a_solve_are_a_small_part_of_it() -> None:
 def test_solves_leave_no_memory_behind() -> None:
     table = run_quick("memory")
     assert table.count("pairs") >= 1
+
+
+def test_contact_is_planned_from_zero() -> None:
+    rows = [
+        line for line in run_quick("contact_from_nothing").splitlines() if line.startswith(("push box", "cart-pole"))
+    ]
+    assert len(rows) == 4
+    for row in rows:
+        cases, strict, *counts = row[40:].split()[:4]
+        assert (cases, strict) == ("1", "1")
+        if "rcp.solve" in row:
+            assert counts == ["1", "1"]  # certified, and claimed

@@ -180,7 +180,7 @@ def test_outputs_are_rules_expressions_and_applied_controls() -> None:
 def test_several_starts_find_the_better_valley() -> None:
     m = pyo.ConcreteModel()
     m.swing = b = rcp.PhaseBlock(duration=6.0, elements=30)
-    b.x = rcp.State(initial=1.0)
+    b.x = rcp.State(initial=1.0, initial_guess=0.0)
     b.v = rcp.State(initial=0.0)
     b.frequency = rcp.Parameter(bounds=(0.5, 6.0), initial_guess=5.5)
     b.ode(lambda b, t: {b.x: b.v[t], b.v: -(b.frequency**2) * b.x[t]})

@@ -21,7 +21,8 @@ Range = tuple[float, Any, float]
 class ReadPair:
     """``lower <= first <= upper ⟂ second``, as numbers and expressions; `second` is free in sign between the bounds.
 
-    The one-sided ``0 <= a ⟂ b >= 0`` is the range from 0 to infinity, where `second` has to be nonnegative.
+    The one-sided ``0 <= a ⟂ b >= 0`` is the range from 0 to infinity, where `second` has to be nonnegative. In one of
+    any sign, `second` is zero where `first` is above its lower bound, and anything where it is not.
     """
 
     name: str
@@ -30,10 +31,13 @@ class ReadPair:
     upper: float
     second: Any
     one_sided: bool
+    any_sign: bool = False
 
     def hull(self) -> list[Range]:
         """What holds in every branch."""
         rows: list[Range] = [(self.lower, self.first, self.upper)]
+        if self.any_sign:
+            return rows
         if self.lower == -math.inf and self.upper < math.inf:
             rows.append((-math.inf, self.second, 0.0))
         elif self.one_sided or self.upper == math.inf:
@@ -44,6 +48,8 @@ class ReadPair:
         """What holds in addition in each branch; one of them is true at every feasible point."""
         if self.lower == self.upper:
             return [[]]
+        if self.any_sign:
+            return [[(self.lower, self.first, self.lower)], [(0.0, self.second, 0.0)]]
         found: list[list[Range]] = []
         if self.lower > -math.inf:
             found.append([(self.lower, self.first, self.lower), (0.0, self.second, math.inf)])
@@ -54,6 +60,8 @@ class ReadPair:
     def natural(self) -> float:
         """Distance of the first side from its projection ``mid(lower, first - second, upper)``."""
         first, second = pyo.value(self.first), pyo.value(self.second)
+        if self.any_sign:
+            return max(min(abs(first - self.lower), abs(second)), self.lower - first, first - self.upper)
         if self.one_sided:
             return abs(min(first - self.lower, second)) + max(0.0, first - self.upper)
         return abs(first - min(max(first - second, self.lower), self.upper))
@@ -63,6 +71,8 @@ class ReadPair:
         first, second = pyo.value(self.first), pyo.value(self.second)
         if self.lower == self.upper:
             return 0.0
+        if self.any_sign:
+            return abs((first - self.lower) * second)
         low = abs((first - self.lower) * max(second, 0.0)) if self.lower > -math.inf else 0.0
         high = abs((self.upper - first) * min(second, 0.0)) if self.upper < math.inf and not self.one_sided else 0.0
         return max(low, high)
@@ -78,6 +88,11 @@ def read_pairs(model: Any) -> list[ReadPair]:
 
 
 def _read(data: Any) -> ReadPair:
+    if data.ctype is Complementarity and data.bounds[1] == "any sign":
+        (lower, first, upper), (_, second, _) = _side(data.args[0], data.bounds[0]), _side(data.args[1], None)
+        if not math.isfinite(lower):
+            lower, first, upper = -upper, -first, -lower
+        return ReadPair(data.name, lower, first, upper, second, one_sided=True, any_sign=True)
     if data.ctype is Complementarity:
         sides = [_side(*pair) for pair in zip(data.args, data.bounds, strict=True)]
     else:

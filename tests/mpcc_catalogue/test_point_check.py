@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyomo import mpec
 
-from pyrobocop_pyomo.complementarity import Complementarity, complements
+from pyrobocop_pyomo.complementarity import Complementarity, complements, either_zero
 
-from .point_check import Point, PointCheck, read_pairs
+from .point_check import Point, PointCheck, check_point, read_pairs
 
 FORMS = {
     "one-sided": lambda x, y: (x >= 1, y >= 0),
@@ -77,3 +77,17 @@ def test_as_good_as_looks_in_the_direction_of_the_objective(best: float, gap: fl
     assert better.as_good_as(best, maximise=False)
     assert not worse.as_good_as(best, maximise=False)
     assert worse.as_good_as(best, maximise=True)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "violation", "natural"),
+    [(0.0, -3.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, -0.2, 0.0, 0.2), (-0.1, 4.0, 0.1, 0.1), (3.5, 0.0, 0.5, 0.0)],
+)
+def test_a_second_side_of_any_sign_is_read(first: float, second: float, violation: float, natural: float) -> None:
+    m = pyo.ConcreteModel()
+    m.a, m.b = pyo.Var(bounds=(0, 3)), pyo.Var()
+    m.pair = Complementarity(expr=either_zero(m.a >= 0, m.b))
+    m.a.set_value(first, skip_validation=True)
+    m.b.set_value(second)
+    point = check_point(m)
+    assert (point.violation, point.natural) == (pytest.approx(violation), pytest.approx(natural))

@@ -203,7 +203,7 @@ def test_a_guess_is_given_once_by_a_phase_of_its_own() -> None:
 
 
 @given(schemes, meshes)
-def test_without_a_guess_a_state_is_on_the_line_between_its_stated_ends(scheme: Any, mesh: Any) -> None:
+def test_without_a_guess_a_state_stays_at_its_stated_end(scheme: Any, mesh: Any) -> None:
     b = phase(
         scheme,
         mesh,
@@ -214,8 +214,7 @@ def test_without_a_guess_a_state_is_on_the_line_between_its_stated_ends(scheme: 
         none=rcp.State(),
         given=rcp.State(initial=1.0, final=3.0, initial_guess=0.5),
     )
-    times = np.array(list(b.time))
-    assert values(b.both) == pytest.approx(list(1.0 + 2.0 * times))
-    assert values(b.ranges) == pytest.approx(list(1.0 + 2.0 * times))
+    assert set(values(b.both)[:-1]) == {1.0}
+    assert set(values(b.ranges)[1:-1]) <= {0.0}
     assert (set(values(b.first)), set(values(b.last)), set(values(b.none))) == ({2.0}, {-1.0}, {0.0})
     assert set(values(b.given)[1:-1]) <= {0.5}

@@ -171,10 +171,11 @@ def test_without_obstacles_nothing_is_said_of_safety() -> None:
 
 
 def test_first_step_starts_where_the_equations_have_values():
-    """States without an initial guess are zero between the ends, where a rate by exp(-1 / T) has no value."""
+    """A guess of zero between the ends, where a rate by exp(-1 / T) has no value."""
     m = pyo.ConcreteModel(name="reactor")
     m.ahead = b = rcp.PhaseBlock(duration=1.0, elements=4)
     b.temperature = rcp.State(initial=350)
+    b.initialize({"temperature": 0.0})
     b.heat = rcp.Control(bounds=(-50, 50))
     b.ode(lambda b, t: {b.temperature: b.heat[t] - 1e3 * pyo.exp(-2000 / b.temperature[t])})
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.temperature[t] - 340) ** 2 + b.heat[t] ** 2))
