@@ -204,7 +204,7 @@ class TeamHorizon:
         Raises
         ------
         TeamError
-            When its models do not fit together, or cannot be moved ahead.
+            When its models do not fit together, or cannot be moved ahead. The horizon is stopped then.
         """
         before, known = self._state, self._of_all("start_states")
         multipliers = {} if before is None else before.multipliers

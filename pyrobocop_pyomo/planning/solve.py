@@ -81,7 +81,8 @@ def solve(
 
     The model is checked first, then relaxed, solved by runs of Ipopt, and taken back: afterwards it holds the best
     point found and is otherwise as it was. A relaxation that the user has applied is used and kept, without polish
-    where it is not lifted.
+    where it is not lifted. Where all strategies end infeasible from the initial guess, two follow from elsewhere:
+    "simulated, with pairs" and "straight lines, with pairs".
 
     Models without pairs are solved by one run, "solve". Where it fails, further strategies follow until one gives a
     solution by recomputed residuals; together they may take twice its iterations, each at most 500:

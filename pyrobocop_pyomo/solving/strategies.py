@@ -97,7 +97,7 @@ SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAI
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})
 
-STRATEGIES = {strategy.name: strategy for strategy in (*DEFAULT_SEQUENCE, SOLVE, TIGHTER, *SECOND_TRIES)}
+STRATEGIES = {strategy.name: strategy for strategy in (*DEFAULT_SEQUENCE, *OTHER_STARTS, SOLVE, TIGHTER, *SECOND_TRIES)}
 
 
 def as_strategies(choices: str | Strategy | Iterable[str | Strategy]) -> tuple[Strategy, ...]:
