@@ -25,7 +25,7 @@ _INFINITE = 1e19  # as Ipopt has it
 
 
 class _OldNames:
-    """Names of infinity and of no number that NumPy 2 has removed, on NumPy while a problem class is asked.
+    """Names of infinity and of no number that NumPy 2 has removed, on NumPy while a method of a problem class runs.
 
     Classes were written with them, and say nothing else with them than `numpy.inf` and `numpy.nan`.
     """
