@@ -2,6 +2,7 @@
 
     python benchmarks/mpcc_methods.py [--quick] [--methods WORD ...] [--problems WORD ...] [--backend WORD]
                                       [--time-limit SECONDS] [--details]
+                                      [--random N [--first SEED]]
 
 Each problem starts from its own start values, and the point that a method leaves on the model is checked from the
 statement of the model by code that no method shares (``tests/mpcc_catalogue/point_check.py``):
@@ -17,7 +18,8 @@ The natural residual is min(a, b), or the distance of a range from its projectio
 product of 1e-3 may be 1e5 times 1e-8, which is complementary, and one of 1e-4 may be 1e-2 times 1e-2, which is not.
 
 ``--methods`` and ``--problems`` take parts of names; problems are found by their tags as well. Methods that go through
-Pyomo's own transformation get the pairs as pairs of pyomo.mpec.
+Pyomo's own transformation get the pairs as pairs of pyomo.mpec. ``--random`` makes fresh problems of eight families
+(``known_mpccs/random_families.py``); ``seconds`` are CPU seconds.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from known_mpccs import MpccProblem, mpcc_problems
+from known_mpccs.random_families import random_problems
 from mpcc_ways import METHODS, Effort
 from table import Table, show_progress
 
@@ -91,13 +94,13 @@ def run(problem: MpccProblem, method: Callable[..., Effort], backend: str, limit
     """Solve one problem by one method; an exception is part of the answer."""
     model = problem.build()
     check = PointCheck(model)
-    started = time.perf_counter()
+    started = time.process_time()
     effort, error = None, ""
     try:
         effort = method(model, backend, limit)
     except Exception as exception:  # whatever a method raises counts against it, and the next problem is tried
         error = type(exception).__name__
-    seconds = time.perf_counter() - started
+    seconds = time.process_time() - started
     return Outcome(problem, None if error else check.point(), effort, seconds, error, check.maximise)
 
 
@@ -133,13 +136,16 @@ def main() -> None:
     parser.add_argument("--problems", nargs="+", metavar="WORD", help="names or tags")
     parser.add_argument("--backend", choices=BACKENDS, help="which Ipopt; by default the best that is present")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds per problem and method")
+    parser.add_argument("--random", type=int, metavar="N", help="instead: N problems of each of eight random families")
+    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first random problem")
     parser.add_argument("--details", action="store_true", help="one line per problem as well")
     arguments = parser.parse_args()
     logging.getLogger("pyomo").setLevel(logging.CRITICAL)  # what a method says about a point is in the table
 
     words = {"IN_PROCESS_ASL": "asl", "IN_PROCESS_CASADI": "casadi", "IN_PROCESS_VECTORISED": "vectorised"}
     backend = arguments.backend or words.get(rcp.ipopt.available_backends()[0].name, "executable")
-    problems = chosen(arguments.problems, mpcc_problems(), lambda problem: [problem.name, *problem.tags])
+    known = mpcc_problems() if arguments.random is None else [*random_problems(arguments.first, arguments.random)]
+    problems = chosen(arguments.problems, known, lambda problem: [problem.name, *problem.tags])
     if arguments.quick:
         problems = [problem for problem in problems if problem.name in QUICK]
     methods = chosen(arguments.methods, METHODS.items(), lambda item: [item[0]])

@@ -8,15 +8,18 @@ from dataclasses import replace
 from typing import Any
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 
-from .ipopt_options import IpoptOptions, inexact, warm_continuation
+from .ipopt_options import WARM_ITERATIONS, IpoptOptions, inexact, warm_continuation
 from .iterate_log import IterateLog
 from .iterates import Iterate, StopReason
 from .session import Session
 from .settings import Settings
 from .violations import growing_variables
 
+# From here on a polish may lead to the exact branch; above, the nearest branch is often another one.
+POLISHED_EARLY = 1e-4
 # So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
 SHORTENED_STEPS = 4
 
@@ -34,6 +37,8 @@ class Continuation:
     sign : float
         1 where the objective is minimised, -1 where it is maximised.
     options : IpoptOptions
+    deadline : Deadline
+        That of the whole solve, or the end of this strategy's share of it.
     exact : bool
         Whether runs before the last have to be solved to the end: where multipliers decide how the relaxation goes on.
 
@@ -55,12 +60,13 @@ class Continuation:
         settings: Settings,
         sign: float,
         options: IpoptOptions,
+        deadline: Deadline,
         *,
         exact: bool,
     ) -> None:
         self._session, self._log, self._values = session, log, values
         self._settings, self._sign, self._options, self._exact = settings, sign, options, exact
-        self._deadline = settings.deadline
+        self._deadline = deadline
         self._on_the_way: dict[int, Iterate] = {}  # alive, so that no other object gets the same identity
 
     def run(
@@ -71,6 +77,7 @@ class Continuation:
         purpose: Mapping[str, Any] | None = None,
         label: str = "solve",
         leads_no_further: Callable[[Iterate], bool] = lambda iterate: False,
+        is_enough: Callable[[Iterate], bool] = lambda iterate: False,
     ) -> Iterate:
         """Run the schedule and return the best point, which need not be the one on the model.
 
@@ -86,13 +93,15 @@ class Continuation:
             Of the one run of a model without pairs.
         leads_no_further : callable
             Whether to end a shrinking schedule at a point, though it is not the last one.
+        is_enough : callable
+            Whether a polish of the last solution leads to the end; called once, where the step after it failed.
         """
         if schedule is None:
             self._take(replace(self._session.run(None, self._options.resolve(), self._deadline), label=label))
         elif isinstance(schedule, BarrierSchedule):
             self._follow(schedule)
         else:
-            self._shrink(schedule, start, purpose or {}, leads_no_further)
+            self._shrink(schedule, start, purpose or {}, leads_no_further, is_enough)
             self._check_best()
         return self.best
 
@@ -116,13 +125,14 @@ class Continuation:
         start: Iterate | None,
         purpose: Mapping[str, Any],
         leads_no_further: Callable[[Iterate], bool],
+        is_enough: Callable[[Iterate], bool],
     ) -> None:
         """Solve for one delta after the other; where a step is too long, take a shorter one from the last solution."""
         wanted = list(schedule.steps())[::-1]
         final = wanted[0]
         if start is not None:
             self._values.write(start.values)
-        shortened = 0
+        shortened, polished = 0, False
         while wanted:
             delta = wanted.pop()
             on_the_way = {} if self._exact or delta == final else inexact(delta)
@@ -133,7 +143,12 @@ class Continuation:
                 if leads_no_further(iterate):
                     return
                 start = iterate
-            elif start is not None and _is_shorter(start, delta) and shortened < SHORTENED_STEPS:
+                continue
+            if start is not None and not polished and (start.delta or 1.0) <= POLISHED_EARLY:
+                polished = True
+                if is_enough(start):
+                    return
+            if start is not None and _is_shorter(start, delta) and shortened < SHORTENED_STEPS:
                 assert start.delta is not None
                 wanted += [delta, (delta * start.delta) ** 0.5]
                 self._values.write(start.values)
@@ -142,7 +157,7 @@ class Continuation:
                 return  # there is no point to go on from
             else:
                 # A failed run leaves multipliers that are worth nothing, and often a point that is.
-                start = None
+                start, purpose = None, {"max_iter": WARM_ITERATIONS, **purpose}
                 self._values.write(self.best.values)
 
     def _run(
@@ -156,6 +171,8 @@ class Continuation:
         )
 
     def _take(self, iterate: Iterate, *, start: Iterate | None = None, on_the_way: bool = False) -> Iterate:
+        if iterate.stop_reason is StopReason.TIME_LIMIT and not self._settings.deadline.has_passed:
+            iterate = replace(iterate, stop_reason=StopReason.ITERATION_LIMIT)  # its share has ended, not the solve
         if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
             # More iterations would only take it further: Ipopt itself calls that diverging much later.
             iterate = replace(iterate, stop_reason=StopReason.DIVERGED)

@@ -6,7 +6,7 @@ import logging
 
 from .iterates import Iterate, StopReason
 from .settings import Settings
-from .strategies import CONTINUATION, TIGHT, Strategy
+from .strategies import BARRIER_TO_THE_END, CONTINUATION, TIGHT, Strategy
 
 logger = logging.getLogger(__name__)
 
@@ -100,6 +100,10 @@ class FoundPoints:
             self.cut = StopReason.TIME_LIMIT
         return self.cut is not None or self.is_certified(self.best)
 
+    def are_cut(self) -> bool:
+        """Whether there is no time left, or somebody interrupted."""
+        return self.cut is not None or self._settings.deadline.has_passed
+
     def leads_no_further(self, relaxed: Iterate) -> bool:
         """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.
 
@@ -133,9 +137,9 @@ class FoundPoints:
             if not self.is_certified(self.best):
                 self.cut = StopReason.TIME_LIMIT
             return False
-        if not self.is_certified(self.best):
-            return True
         small = pairs <= CROSS_CHECKED_PAIRS
+        if not self.is_certified(self.best):
+            return strategy is not BARRIER_TO_THE_END or (not small and self._was_cut_short())
         if strategy is TIGHT:
             return small or settings.strategies is not None
         # A certified point is a local solution. In large problems, which tend to have many, and where two solves have
@@ -144,6 +148,10 @@ class FoundPoints:
         if self.led_by_coarse_mesh:
             return False  # both ways were gone there
         return strategy is CONTINUATION and (not small or self._disagree()) and settings.polish
+
+    def _was_cut_short(self) -> bool:
+        """Whether the first strategy used all of its share of iterations."""
+        return self.first is not None and self.first.stop_reason is StopReason.ITERATION_LIMIT
 
     def _disagree(self) -> bool:
         """Whether the strategies so far have found different solutions, or one of them none."""

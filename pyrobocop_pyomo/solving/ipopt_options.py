@@ -29,6 +29,9 @@ DEFAULT = {"max_iter": 3000, "diverging_iterates_tol": 1e15}
 # Ipopt loosens all bounds a little by default, and the two sides of a pair could both become slightly negative.
 DEFAULT_WITH_PAIRS = {**DEFAULT, "bound_relax_factor": 0.0}
 
+# A warm run that takes more does not get anywhere, nor does one that goes on from a failed run.
+WARM_ITERATIONS = 500
+
 _WARM_PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
 
 
@@ -47,8 +50,8 @@ def warm_start(mu: float, push: float = 1e-9) -> dict[str, Any]:
 
 
 def warm_continuation(delta: float | None) -> dict[str, Any]:
-    """Go on with a smaller delta. A step that takes so many iterations from the last solution does not get anywhere."""
-    return {**warm_start(min(IPOPT_MU_INIT, delta or 1e-6)), "max_iter": 500}
+    """Go on with a smaller delta."""
+    return {**warm_start(min(IPOPT_MU_INIT, delta or 1e-6)), "max_iter": WARM_ITERATIONS}
 
 
 def inexact(delta: float) -> dict[str, Any]:
@@ -60,7 +63,7 @@ def inexact(delta: float) -> dict[str, Any]:
 # branch multipliers grow without bound, and Ipopt would take its tolerance relative to them: hence s_max.
 POLISH = {**warm_start(1e-6, 1e-8), "s_max": 1e8}
 # Where the polish fails. Ipopt's tolerance is absolute, and would hide products of this size.
-TIGHTENED = {"tol": 1e-10, "s_max": 1e8}
+TIGHTENED = {"tol": 1e-10, "s_max": 1e8, "max_iter": WARM_ITERATIONS}
 # The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.
 SOLVE_AGAIN = {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
 # The answer on a coarse mesh is nearly that on a fine one.

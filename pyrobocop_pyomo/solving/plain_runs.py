@@ -152,7 +152,7 @@ class PlainRuns:
         if strategy.start is StartingPoint.COARSE_MESH:
             return self._start_on_coarser_copy()
         if strategy.start is not StartingPoint.BEST:
-            return put_start(self._model, strategy.start)
+            return put_start(self._model, strategy)
         best = self._found.best
         if best is None or best.values is None:
             return False

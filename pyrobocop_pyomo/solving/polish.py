@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -106,6 +108,30 @@ class Exploration:
             return np.inf
         elsewhere = iterations - self.explored_iterations
         return self._share(pairs) * max(EXPLORED_WORK, EXPLORED_WORK_SHARE * elsewhere) - self.work
+
+    def may_go_on(self, pairs: int, iterations: int) -> bool:
+        """Whether anything is left of the budget, in seconds and in work."""
+        return self.budget(pairs) > 0.0 and self.work_within(pairs, iterations) >= 1.0
+
+    @contextlib.contextmanager
+    def counted(self, iterations: Callable[[], int]) -> Iterator[None]:
+        """Count what is done meanwhile as exploring.
+
+        Parameters
+        ----------
+        iterations : callable
+            Gives those of Ipopt in all runs so far.
+        """
+        started, before, explored = time.perf_counter(), iterations(), self.explored_iterations
+        seconds = self.seconds
+        try:
+            yield
+        finally:
+            # What explores branches in between has counted itself.
+            taken = iterations() - before - (self.explored_iterations - explored)
+            self.seconds = seconds + time.perf_counter() - started
+            self.work += taken
+            self.explored_iterations += taken
 
     def _share(self, pairs: int) -> float:
         return min(1.0, max(0.0, 2.0 - pairs / EXPLORED_PAIRS)) if self.factor is None else self.factor

@@ -10,10 +10,11 @@ from typing import Any
 from pyrobocop_pyomo.complementarity import Geometric
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 
-from .continuation import Continuation
+from .continuation import POLISHED_EARLY, Continuation
 from .found_points import CROSS_CHECKED_PAIRS, FoundPoints
 from .ipopt_options import TIGHTENED, IpoptOptions
 from .iterate_log import IterateLog
@@ -21,7 +22,7 @@ from .iterates import Iterate, StopReason
 from .polish import Exploration, Polish
 from .session import Session
 from .settings import Settings
-from .strategies import Strategy
+from .strategies import FIRST_SHARE_OF_TIME, Strategy
 from .workplaces import Workplace
 
 logger = logging.getLogger(__name__)
@@ -60,7 +61,17 @@ class PolishedRuns:
     def run(self, place: Workplace, strategy: Strategy, label: str = "solve") -> Iterate:
         """Run the strategy's schedule and polish the best point of it."""
         found, continuation = self._found, self.continuation(place, strategy)
-        relaxed = continuation.run(strategy.schedule, label=label, leads_no_further=found.leads_no_further)
+        early: list[Iterate] = []
+
+        def is_enough(relaxed: Iterate) -> bool:
+            early.append(self._improved(place, strategy, relaxed, continuation))
+            return found.is_certified(early[-1])
+
+        relaxed = continuation.run(
+            strategy.schedule, label=label, leads_no_further=found.leads_no_further, is_enough=is_enough
+        )
+        if early and found.is_certified(early[-1]):
+            return early[-1]
         if found.leads_no_further(continuation.last):
             place.values.write(relaxed.values)
             return replace(relaxed, strategy=strategy.name, values=self._values.read())
@@ -81,6 +92,7 @@ class PolishedRuns:
             self._settings,
             self._sign,
             self._options(place, strategy),
+            self._deadline(strategy),
             exact=not place.relaxed.shifted_rows,
         )
 
@@ -125,6 +137,8 @@ class PolishedRuns:
         if continuation.last.stop_reason.is_final:
             self._found.cut = continuation.last.stop_reason
             return iterate
+        if not relaxed.converged and relaxed.largest_product > POLISHED_EARLY:
+            return iterate  # its nearest branch is hardly that of a solution
         polish, compiled = self._polish(place)
         if polish is None or compiled is None:
             return iterate
@@ -153,10 +167,19 @@ class PolishedRuns:
         if polish.interrupted:
             self._found.cut = StopReason.INTERRUPTED
 
+    def _deadline(self, strategy: Strategy) -> Deadline:
+        """That of the solve; a strategy that others follow if it is cut short gets a share of the time that is left."""
+        deadline = self._settings.deadline
+        shared = self._settings.strategies is None and strategy.large_problem_iterations is not None
+        if deadline.left is None or not shared:
+            return deadline
+        return deadline.within(FIRST_SHARE_OF_TIME * deadline.left)
+
     def _options(self, place: Workplace, strategy: Strategy) -> IpoptOptions:
         options: Mapping[str, Any] = strategy.options
         small = len(place.relaxed.pairs) <= CROSS_CHECKED_PAIRS
-        if self._settings.strategies is None and small and strategy.small_problem_iterations is not None:
-            # A small problem that takes longer does not get anywhere; the next strategy does.
-            options = {"max_iter": strategy.small_problem_iterations, **options}
+        share = strategy.small_problem_iterations if small else strategy.large_problem_iterations
+        if self._settings.strategies is None and share is not None:
+            # A problem that takes longer rarely gets anywhere; the next strategy does.
+            options = {"max_iter": share, **options}
         return place.options(self._settings).with_strategy(options)

@@ -31,7 +31,7 @@ from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
-from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, SOLVE, TIGHT, Strategy
+from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, OTHER_WAYS, SOLVE, TIGHT, Strategy
 from .strategy_runs import StrategyRuns
 from .violations import (
     GROWING,
@@ -45,6 +45,8 @@ from .workplaces import Workplaces
 
 logger = logging.getLogger(__name__)
 
+# Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
+PATIENCE, REQUESTED_PATIENCE = 3, 8
 # So many components that are not met are named where the first run gave up.
 SHOWN_AT_FIRST = 3
 
@@ -73,6 +75,8 @@ class _Procedure:
         self._guess = InitialGuess(model, self._values)
         self._found = FoundPoints(settings, self._check.sign)
         self._places = Workplaces(model, settings, self._guess)
+        self._exploration = Exploration(settings.exploration, self._started)
+        self._tried: set[str] = set()
         self._runs = StrategyRuns(
             model,
             settings,
@@ -81,7 +85,7 @@ class _Procedure:
             self._found,
             self._guess,
             self._places,
-            Exploration(settings.exploration, self._started),
+            self._exploration,
             solve_model,
             has_pairs=self._has_pairs,
         )
@@ -129,6 +133,7 @@ class _Procedure:
             else:
                 self._go_through_those_without_pairs()
             self._runs.explore()
+            self._go_other_ways()
             if self._found.best is not None and self._found.cut is not StopReason.INTERRUPTED:
                 self._classify(self._found.best)
 
@@ -147,6 +152,28 @@ class _Procedure:
                 return
             if self._found.need(strategy, self._places.pairs):
                 self._try(strategy)
+
+    def _go_other_ways(self) -> None:
+        """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
+        pairs, found, without_gain = self._places.pairs, self._found, 0
+        patience = PATIENCE if self._settings.exploration is None else REQUESTED_PATIENCE
+        for strategy in OTHER_WAYS if self._settings.strategies is None and pairs else ():
+            if found.best is None or found.best.certificate is not Certificate.PROVEN or found.are_cut():
+                return
+            if without_gain == patience or not self._exploration.may_go_on(pairs, self._iterations()):
+                return
+            if strategy.name in self._tried:
+                continue
+            best = found.best
+            self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
+            with self._exploration.counted(self._iterations):
+                self._try(strategy)
+            without_gain = without_gain + 1 if found.best is best else 0
+            if not without_gain:
+                self._runs.explore()
+
+    def _iterations(self) -> int:
+        return sum(step.iterations for step in self._log.steps)
 
     def _go_through_those_without_pairs(self) -> None:
         """One run; where it fails, what else may lead to a solution."""
@@ -172,6 +199,7 @@ class _Procedure:
     def _try(self, strategy: Strategy) -> None:
         """Run a strategy; what an earlier one found stays whatever happens."""
         found = self._found
+        self._tried.add(strategy.name)
         try:
             iterate = self._runs.run(strategy)
         except KeyboardInterrupt:

@@ -15,12 +15,14 @@ from pyrobocop_pyomo.phases import State, phases_of
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_not_remeshed
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
 
-from .strategies import StartingPoint
+from .random_starts import RandomStarts
+from .strategies import StartingPoint, Strategy
 
 logger = logging.getLogger(__name__)
 
 # A start need not be exact, and a stiff motion must not take long (LSODA would not stop where an exception is raised).
 SIMULATED_BY = SimulationOptions(method="RK45", rtol=1e-5, atol=1e-7, most_evaluations=5000)
+RANDOM_SEED = 0  # a solve that is repeated draws the same starts
 # A copy has so many times fewer elements, and no fewer than this.
 COARSER, LEAST_COARSE_ELEMENTS = 4, 4
 
@@ -58,14 +60,18 @@ def defined_start(model: Any) -> str:
     return f"The initial guess could not be evaluated: {undefined}. Started instead with {' and '.join(how)}."
 
 
-def put_start(model: Any, start: StartingPoint) -> bool:
-    """Put a start on the model, which holds the user's initial guess.
+def put_start(model: Any, strategy: Strategy) -> bool:
+    """Put the start of a strategy on the model, which holds the user's initial guess.
 
     Returns
     -------
     bool
         False where there is no such start, or it is the initial guess.
     """
+    start = strategy.start
+    if start is StartingPoint.RANDOM:
+        RandomStarts(model, RANDOM_SEED, {None: 1.0}).put(strategy.draw)
+        return True
     if start is StartingPoint.STRAIGHT_LINES:
         return _put_on_straight_lines(model, keep_guesses=False)
     if start is StartingPoint.SIMULATED:

@@ -21,6 +21,7 @@ class StartingPoint(enum.Enum):
     SIMULATED = "the motion under the controls of the initial guess"
     COARSE_MESH = "the answer on fewer elements"
     INSIDE_BOUNDS = "the middle of the bounds"
+    RANDOM = "random values around the initial guess"
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class Strategy:
         Instead of the one that the call asks for.
     options : mapping
         Of Ipopt, for this strategy; the caller's win.
-    small_problem_iterations : int, optional
-        Ipopt's iterations, where it is one of the default sequence and the problem is small.
+    small_problem_iterations, large_problem_iterations : int, optional
+        Ipopt's iterations in each run, where it is one of the default sequence.
     from_initial_guess : bool
         Whether it starts from the user's initial guess, or from the best point so far.
     for_pairs : bool
@@ -47,6 +48,8 @@ class Strategy:
         Instead of the user's initial guess.
     elastic_rows : bool
         Without pairs: whether every row may be violated first, at a price.
+    draw : int
+        Of a random start: which one.
     """
 
     name: str
@@ -54,16 +57,29 @@ class Strategy:
     relaxation: Any = None
     options: Mapping[str, Any] = field(default_factory=dict)
     small_problem_iterations: int | None = None
+    large_problem_iterations: int | None = None
     from_initial_guess: bool = True
     for_pairs: bool = True
     start: StartingPoint = StartingPoint.INITIAL_GUESS
     elastic_rows: bool = False
+    draw: int = 0
 
+
+# So many starts are drawn at most.
+RANDOM_STARTS = 32
+# Large problems that need more iterations of one run are usually solved sooner by the next strategy.
+FIRST_SHARE = 600
+# Of the time that is left, where there is a limit.
+FIRST_SHARE_OF_TIME = 0.3
 
 # With delta = 2 mu the central path of a relaxed pair that nothing else decides has a * b = mu (minimise
 # -mu log a - mu log b - mu log(delta - a b)): the path that interior-point methods for complementarity follow.
-BARRIER = Strategy("barrier", FollowBarrier(factor=2.0), small_problem_iterations=300)
-TIGHT = Strategy("tight", Fixed(1e-8), small_problem_iterations=100)
+BARRIER = Strategy(
+    "barrier", FollowBarrier(factor=2.0), small_problem_iterations=300, large_problem_iterations=FIRST_SHARE
+)
+# Its remaining iterations, where a large problem was not solved by any strategy.
+BARRIER_TO_THE_END = Strategy("barrier to the end", BARRIER.schedule)
+TIGHT = Strategy("tight", Fixed(1e-8), small_problem_iterations=100, large_problem_iterations=FIRST_SHARE // 2)
 CONTINUATION = Strategy("continuation", Geometric(first=1.0, factor=0.1, last=1e-8), small_problem_iterations=200)
 ELASTIC = Strategy(
     "elastic",
@@ -74,12 +90,19 @@ ELASTIC = Strategy(
 )
 PROJECTION = Strategy("projection", None, from_initial_guess=False)
 
-DEFAULT_SEQUENCE = (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION)
+DEFAULT_SEQUENCE = (BARRIER, TIGHT, CONTINUATION, ELASTIC, PROJECTION, BARRIER_TO_THE_END)
 # Where all of these ended infeasible, from the user's initial guess.
 OTHER_STARTS = (
     Strategy("simulated, with pairs", BARRIER.schedule, start=StartingPoint.SIMULATED),
     replace(ELASTIC, name="straight lines, with pairs", start=StartingPoint.STRAIGHT_LINES),
 )
+
+# Beyond a certified point: other ways down from the initial guess and other starts, as long as exploring pays.
+_RANDOM = tuple(
+    replace(BARRIER, name=f"random start {k}", start=StartingPoint.RANDOM, draw=k) for k in range(1, RANDOM_STARTS + 1)
+)
+_ADAPTIVE = replace(BARRIER, name="adaptive, with pairs", options={"mu_strategy": "adaptive"})
+OTHER_WAYS = (CONTINUATION, *_RANDOM[:2], ELASTIC, _ADAPTIVE, *_RANDOM[2:])
 
 # Models without pairs: one run, and what follows where it fails. The order was measured on problems of optimal control
 # from naive and from random starts: a simulated start helps most often, then elastic rows, then fewer elements.

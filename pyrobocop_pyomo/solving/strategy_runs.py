@@ -122,7 +122,7 @@ class StrategyRuns:
         if strategy.from_initial_guess:
             place.values.write(place.start)
         if strategy.start is not StartingPoint.INITIAL_GUESS:
-            if not put_start(self._model, strategy.start):
+            if not put_start(self._model, strategy):
                 return None
             place.relaxed.start_lifted()
         return self._polished.run(place, strategy)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError, SolveFailed
@@ -18,18 +17,16 @@ from pyrobocop_pyomo.execution.sending import check_picklable
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP, Task, run_tasks, study_engine
 from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
-from pyrobocop_pyomo.phases import PhaseBlockData, note_outcome
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
+from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.progress import Progress
+from pyrobocop_pyomo.solving.random_starts import RandomStarts
 
 from .named_data import by_component
 from .outcomes import COMMON_COLUMNS, Column, Outcome, StudyResult, ranked, result_or_error, seconds_left, table_row
 
 logger = logging.getLogger(__name__)
-
-WAVES = 4  # cosines in a curve over time: enough to change its shape, few enough to stay near the dynamics
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +187,7 @@ class _StartSolver:
 
     def __init__(self, model: Any, seed: int, spread: Any, options: Mapping[str, Any]) -> None:
         self._model, self._options, self._values = model, options, VariableValues.of_free(model)
-        self._random = None if spread is None else RandomStarts(model, seed, spread)
+        self._random = None if spread is None else RandomStarts(model, seed, spreads(model, spread))
         self.progress: Callable[[int], Progress | bool] = lambda number: False
 
     def solve(self, number: int, *, deadline: Deadline) -> StartOutcome:
@@ -209,72 +206,8 @@ class _StartSolver:
         return StartOutcome(number, result=result, error=error, seconds=seconds, values=found)
 
 
-class RandomStarts:
-    """Draws values for the free variables of a model.
-
-    Parameters
-    ----------
-    model : Block
-        Its values are the initial guess.
-    seed : int
-    spread : float, mapping or iterable
-        How far from the initial guess; see `multistart`.
-
-    Raises
-    ------
-    ModelError
-        If the spread makes no sense.
-    """
-
-    def __init__(self, model: Any, seed: int, spread: Any) -> None:
-        self._seed = seed
-        self._groups: list[tuple[list[Any], FloatArray, FloatArray, FloatArray, bool]] = []
-        wanted = _spreads(model, spread)
-        for component in model.component_objects(Var, active=True):
-            factor = wanted.get(id(component), wanted.get(None, 0.0))
-            members = [member for member in component.values() if not member.fixed]
-            if factor <= 0.0 or not members:
-                continue
-            guess = np.array([_initial_guess(member) for member in members])
-            reach = np.maximum(1.0, np.abs(guess))
-            lower = np.array([-np.inf if member.lb is None else member.lb for member in members])
-            upper = np.array([np.inf if member.ub is None else member.ub for member in members])
-            bounded = np.isfinite(lower) & np.isfinite(upper)
-            down = np.where(bounded, guess - lower, np.minimum(reach, guess - lower))
-            up = np.where(bounded, upper - guess, np.minimum(reach, upper - guess))
-            over_time = component.is_indexed() and isinstance(component.parent_block(), PhaseBlockData)
-            self._groups.append((members, guess, factor * down, factor * up, over_time))
-        if not self._groups:
-            raise ModelError(
-                f"'{model.name}': no free variable is left to vary. Give a positive spread to one of them, or starts=1."
-            )
-
-    def put(self, number: int) -> None:
-        """Put start `number` on the model; the same number gives the same point, however many are drawn."""
-        generator = np.random.default_rng([self._seed, number])
-        for members, guess, down, up, over_time in self._groups:
-            draw = _curve(generator, len(members)) if over_time else generator.uniform(-1.0, 1.0, len(members))
-            values = guess + np.where(draw < 0.0, draw * down, draw * up)
-            for variable, number_of in zip(members, values.tolist(), strict=True):
-                variable.set_value(number_of, skip_validation=True)
-
-
-def _curve(generator: np.random.Generator, size: int) -> FloatArray:
-    """A smooth curve within -1 and 1."""
-    place = np.linspace(0.0, np.pi, size)
-    waves = np.cos(np.outer(np.arange(WAVES), place))
-    weights = generator.uniform(-1.0, 1.0, WAVES) / np.arange(1, WAVES + 1)
-    # Uniform in its size as well: without the division the curves would crowd around the initial guess.
-    curve = weights @ waves
-    return np.asarray(curve / max(np.abs(curve).max(), 1e-12) * generator.uniform())
-
-
-def _initial_guess(variable: Any) -> float:
-    """The value, moved within the bounds; without a value, the number nearest to zero within them."""
-    return within_bounds(0.0 if variable.value is None else float(variable.value), variable)
-
-
-def _spreads(model: Any, spread: Any) -> dict[Any, float]:
+def spreads(model: Any, spread: Any) -> dict[int | None, float]:
+    """Read how far the variables of a component go: by the identity of the component, None for all others."""
     given = [(None, spread)] if isinstance(spread, (int, float)) else by_component(spread, model)
     found = {}
     for component, number in given:

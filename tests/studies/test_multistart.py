@@ -20,7 +20,8 @@ from pyrobocop_pyomo.execution import sending, tasks
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.solving.progress import Progress
-from pyrobocop_pyomo.studies.multistart import RandomStarts
+from pyrobocop_pyomo.solving.random_starts import RandomStarts
+from pyrobocop_pyomo.studies.multistart import spreads
 
 # The function of the same name hides its module from an import statement.
 module = importlib.import_module("pyrobocop_pyomo.studies.multistart")
@@ -77,7 +78,7 @@ def test_starts_lie_within_bounds_and_reach(seed, number, spread):
     m.both, m.low = pyo.Var(bounds=(-2, 8), initialize=0), pyo.Var(bounds=(5, None), initialize=7)
     m.free, m.fixed = pyo.Var(), pyo.Var(initialize=1.5)
     m.fixed.fix()
-    RandomStarts(m, seed, spread).put(number)
+    RandomStarts(m, seed, spreads(m, spread)).put(number)
     assert -2 * spread <= m.both.value <= 8 * spread
     assert max(5, 7 - 7 * spread) <= m.low.value <= 7 + 7 * spread
     assert -spread <= m.free.value <= spread
@@ -86,7 +87,7 @@ def test_starts_lie_within_bounds_and_reach(seed, number, spread):
 
 def test_a_start_does_not_depend_on_what_was_drawn_before():
     m = two_valleys()
-    starts = RandomStarts(m, 0, 1.0)
+    starts = RandomStarts(m, 0, spreads(m, 1.0))
     starts.put(5)
     alone = (m.x.value, m.y.value)
     for number in range(6):
@@ -98,7 +99,7 @@ def test_a_mapping_varies_only_what_it_names():
     for by_name in (True, False):
         m = two_valleys()
         spread = {"x": 0.5} if by_name else [(m.x, 0.5)]
-        RandomStarts(m, 0, spread).put(1)
+        RandomStarts(m, 0, spreads(m, spread)).put(1)
         assert m.y.value == 0.1
         assert m.x.value != 3.2
 
@@ -109,7 +110,7 @@ def test_curves_over_time_are_smooth():
     b.x = rcp.State(bounds=(-1, 1), initial_guess=0)
     b.ode(lambda b, t: {b.x: 0.0})
     for number in range(1, 10):
-        RandomStarts(m, 0, 1.0).put(number)
+        RandomStarts(m, 0, spreads(m, 1.0)).put(number)
         values = [b.x[t].value for t in b.points]
         assert max(abs(after - before) for before, after in itertools.pairwise(values)) < 0.2
         assert max(map(abs, values)) <= 1.0
