@@ -51,9 +51,7 @@ def _bilevel(random: np.random.Generator) -> Made:
         sum(at_x[k, i] * m.x[i] for i in m.x) + sum(at_y[k, j] * m.y[j] for j in m.y) + rest[k] for k in range(rows)
     ]
     state_follower(m, cost, list(m.y.values()), where)
-    m.cost = pyo.Objective(
-        expr=sum((m.x[i] - x[i]) ** 2 for i in m.x) + sum((m.y[i] - y[i]) ** 2 for i in m.y)
-    )
+    m.cost = pyo.Objective(expr=sum((m.x[i] - x[i]) ** 2 for i in m.x) + sum((m.y[i] - y[i]) ** 2 for i in m.y))
     return m, 0.0
 
 
@@ -95,8 +93,9 @@ def _traffic(random: np.random.Generator) -> Made:
 
     m.balance = pyo.Constraint(
         list(demand),
-        rule=lambda m, n, g: sum(m.flow[a, g] for a in arcs if a[0] == n) - sum(m.flow[a, g] for a in arcs if a[1] == n)
-        == demand[n, g],
+        rule=lambda m, n, g: (
+            sum(m.flow[a, g] for a in arcs if a[0] == n) - sum(m.flow[a, g] for a in arcs if a[1] == n) == demand[n, g]
+        ),
     )
     for g in goals:
         m.time[g, g].fix(0)

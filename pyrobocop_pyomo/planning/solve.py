@@ -134,9 +134,11 @@ def solve(
     polish : bool
         Polish the point of each strategy; without it, a point is as complementary as its relaxation.
     exploration : float, optional
-        How long to explore branches for better optima, as a multiple of the time that the rest of the solve took so
-        far; ``float("inf")`` for no limit but `time_limit`. By default 1 up to 100 pairs, and at least a second; then
-        less, and 0 from 200 pairs; and not more iterations than those so far, or 300.
+        How long to look for better optima beyond a certified point, as a multiple of the time that the rest of the
+        solve took so far: in branches farther away, by other ways down, and from up to 32 random starts;
+        ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
+        point. By default 1 up to 100 pairs, and at least a second; then less, and 0 from 200 pairs; not more
+        iterations than those so far, or 300; and three ways and starts in a row.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear

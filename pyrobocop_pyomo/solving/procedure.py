@@ -156,21 +156,29 @@ class _Procedure:
     def _go_other_ways(self) -> None:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
         pairs, found, without_gain = self._places.pairs, self._found, 0
-        patience = PATIENCE if self._settings.exploration is None else REQUESTED_PATIENCE
+        requested, before, ends = self._settings.exploration is not None, found.best, []
         for strategy in OTHER_WAYS if self._settings.strategies is None and pairs else ():
-            if found.best is None or found.best.certificate is not Certificate.PROVEN or found.are_cut():
-                return
-            if without_gain == patience or not self._exploration.may_go_on(pairs, self._iterations()):
-                return
+            best = found.best
+            if best is None or best.certificate is not Certificate.PROVEN or found.are_cut():
+                break
+            if without_gain == (REQUESTED_PATIENCE if requested else PATIENCE):
+                break
+            if not self._exploration.may_go_on(pairs, self._iterations()):
+                break
             if strategy.name in self._tried:
                 continue
-            best = found.best
             self._classify(best)  # another relaxation takes away the rows whose multipliers this asks for
             with self._exploration.counted(self._iterations):
-                self._try(strategy)
+                iterate = self._try(strategy)
+            ends.append(f"'{strategy.name}' " + (f"{iterate.objective:.6g}" if iterate is not None else "no point"))
             without_gain = without_gain + 1 if found.best is best else 0
             if not without_gain:
                 self._runs.explore()
+        if ends and before is not None and (requested or found.best is not before):
+            self._guess.remarks.append(
+                f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}', relaxed "
+                f"where they led to nothing better: {', '.join(ends)}. exploration= asks for more of them."
+            )
 
     def _iterations(self) -> int:
         return sum(step.iterations for step in self._log.steps)
@@ -196,8 +204,8 @@ class _Procedure:
             if self._found.are_enough():
                 return
 
-    def _try(self, strategy: Strategy) -> None:
-        """Run a strategy; what an earlier one found stays whatever happens."""
+    def _try(self, strategy: Strategy) -> Iterate | None:
+        """Run a strategy, and return where it ended; what an earlier one found stays whatever happens."""
         found = self._found
         self._tried.add(strategy.name)
         try:
@@ -206,16 +214,17 @@ class _Procedure:
             if found.best is None:
                 raise
             found.cut = StopReason.INTERRUPTED
-            return
+            return None
         except PyRobocopError as error:
             if found.best is None:
                 raise
             logger.warning("'%s': strategy '%s' failed: %s", self._model.name, strategy.name, error)
-            return
+            return None
         if iterate is not None:
             if iterate.stop_reason.is_final and found.cut is None:
                 found.cut = iterate.stop_reason
             self._runs.keep(iterate)
+        return iterate
 
     def _classify(self, best: Iterate) -> None:
         """Look for the multipliers of the pairs; what has no derivatives has none."""
