@@ -138,7 +138,7 @@ def solve(
         solve took so far: in branches farther away, by other ways down, and from up to 32 random starts;
         ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
         point. By default 1 up to 100 pairs, and at least a second; then less, and 0 from 200 pairs; not more
-        iterations than those so far, or 300; and three ways and starts in a row.
+        iterations than those so far, or 300; and, after a solve of at most 300 iterations, three ways and starts.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear

@@ -22,6 +22,8 @@ from .violations import growing_variables
 POLISHED_EARLY = 1e-4
 # So often on the way down is a step halved, in powers of ten, before the next one is taken without multipliers.
 SHORTENED_STEPS = 4
+# After so many failures in a row the steps between are left out: with less room they fail as well.
+FAILED_STEPS = 2
 
 
 class Continuation:
@@ -132,7 +134,7 @@ class Continuation:
         final = wanted[0]
         if start is not None:
             self._values.write(start.values)
-        shortened, polished = 0, False
+        shortened, failed, polished = 0, 0, False
         while wanted:
             delta = wanted.pop()
             on_the_way = {} if self._exact or delta == final else inexact(delta)
@@ -142,7 +144,7 @@ class Continuation:
             if iterate.converged:
                 if leads_no_further(iterate):
                     return
-                start = iterate
+                start, failed = iterate, 0
                 continue
             if start is not None and not polished and (start.delta or 1.0) <= POLISHED_EARLY:
                 polished = True
@@ -157,7 +159,9 @@ class Continuation:
                 return  # there is no point to go on from
             else:
                 # A failed run leaves multipliers that are worth nothing, and often a point that is.
-                start, purpose = None, {"max_iter": WARM_ITERATIONS, **purpose}
+                start, purpose, failed = None, {"max_iter": WARM_ITERATIONS, **purpose}, failed + 1
+                if failed >= FAILED_STEPS:
+                    wanted = wanted[:1]
                 self._values.write(self.best.values)
 
     def _run(

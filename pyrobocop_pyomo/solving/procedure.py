@@ -45,6 +45,8 @@ from .workplaces import Workplaces
 
 logger = logging.getLogger(__name__)
 
+# By default, other ways follow a solve of at most so many iterations of Ipopt.
+SHORT_SOLVE = 300
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
 PATIENCE, REQUESTED_PATIENCE = 3, 8
 # So many components that are not met are named where the first run gave up.
@@ -157,6 +159,8 @@ class _Procedure:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
         pairs, found, without_gain = self._places.pairs, self._found, 0
         requested, before, ends = self._settings.exploration is not None, found.best, []
+        if not requested and self._iterations() > SHORT_SOLVE:
+            return
         for strategy in OTHER_WAYS if self._settings.strategies is None and pairs else ():
             best = found.best
             if best is None or best.certificate is not Certificate.PROVEN or found.are_cut():

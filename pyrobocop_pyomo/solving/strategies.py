@@ -102,7 +102,7 @@ _RANDOM = tuple(
     replace(BARRIER, name=f"random start {k}", start=StartingPoint.RANDOM, draw=k) for k in range(1, RANDOM_STARTS + 1)
 )
 _ADAPTIVE = replace(BARRIER, name="adaptive, with pairs", options={"mu_strategy": "adaptive"})
-OTHER_WAYS = (CONTINUATION, *_RANDOM[:2], ELASTIC, _ADAPTIVE, *_RANDOM[2:])
+OTHER_WAYS = (CONTINUATION, *_RANDOM[:3], ELASTIC, _ADAPTIVE, *_RANDOM[3:])
 
 # Models without pairs: one run, and what follows where it fails. The order was measured on problems of optimal control
 # from naive and from random starts: a simulated start helps most often, then elastic rows, then fewer elements.
