@@ -1,0 +1,130 @@
+"""Other people's models at the initial point: what is fixed there, before or after, is a condition of the model."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pyomo.environ as pyo
+import pytest
+from harness.dae import solved
+from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
+from pyomo.dae import ContinuousSet, DerivativeVar
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+OURS = pyo.TransformationFactory("pyrobocop.collocation")
+FEED, FLOW, VOLUME, RATE, HORIZON = 20.0, 1.0, 1.5, 0.4, 4.0
+
+
+def reactor(explicit=False):
+    """A stirred tank as flowsheet programs write it: holdup, accumulation, and algebraics with bounds."""
+    m = pyo.ConcreteModel(name="reactor")
+    m.t = ContinuousSet(bounds=(0, HORIZON))
+    m.holdup = pyo.Var(m.t, initialize=10.0)
+    m.accumulation = DerivativeVar(m.holdup, wrt=m.t, initialize=0.0)
+    m.feed = pyo.Var(m.t, initialize=1.0, bounds=(0, None))
+    m.volume = pyo.Var(m.t, initialize=1.0, bounds=(0, None))
+    m.flow = pyo.Var(m.t, initialize=1.0, bounds=(0, None))
+    m.content = pyo.Var(m.t, initialize=5.0, bounds=(0, None))
+    m.made = pyo.Var(m.t, initialize=-1.0)
+    right = lambda m, t: FLOW * m.feed[t] - m.flow[t] * m.content[t] + m.made[t]  # noqa: E731
+    if explicit:
+        m.balance = pyo.Constraint(m.t, rule=lambda m, t: m.accumulation[t] == right(m, t))
+    else:
+        m.balance = pyo.Constraint(m.t, rule=lambda m, t: 2 * m.accumulation[t] == 2 * right(m, t))
+    m.definition = pyo.Constraint(m.t, rule=lambda m, t: m.volume[t] * m.content[t] == m.holdup[t])
+    m.reaction = pyo.Constraint(m.t, rule=lambda m, t: m.made[t] == -RATE * m.volume[t] * m.content[t] ** 2)
+    m.hydraulics = pyo.Constraint(m.t, rule=lambda m, t: m.flow[t] == FLOW * (m.volume[t] / VOLUME) ** 0.5)
+    return m
+
+
+def feed_at(t):
+    return FEED if t == 0 else FEED / 2
+
+
+def steady_content():
+    return brentq(lambda c: FLOW * FEED - FLOW * c - RATE * VOLUME * c**2, 0, FEED)
+
+
+def content_at_the_end():
+    """By an integrator that knows nothing of collocation."""
+
+    def rate(t, n):
+        c = n / VOLUME
+        return FLOW * FEED / 2 - FLOW * c - RATE * VOLUME * c**2
+
+    answer = solve_ivp(rate, (0, HORIZON), [VOLUME * steady_content()], rtol=1e-11, atol=1e-11)
+    return answer.y[0, -1] / VOLUME
+
+
+def fix_inputs(m):
+    for t in m.t:
+        m.feed[t].fix(feed_at(t))
+    m.volume.fix(VOLUME)
+
+
+def free_variables(m):
+    """How many more variables than equations, counted by Pyomo."""
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    assert len(graph.maximum_matching()) == len(graph.constraints)
+    return len(graph.variables) - len(graph.constraints)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
+@pytest.mark.parametrize(("derivatives", "explicit"), product(["substitute", "keep"], [False, True]))
+@pytest.mark.parametrize("fixed_before", product([False, True], repeat=2))
+def test_a_steady_start_is_a_condition_whenever_it_is_stated(scheme, derivatives, explicit, fixed_before):
+    m = reactor(explicit)
+    if fixed_before[0]:
+        m.volume.fix(VOLUME)
+    if fixed_before[1]:
+        m.accumulation[0].fix(0)
+    OURS.apply_to(m, wrt=m.t, nfe=16, ncp=3, scheme=scheme, derivatives=derivatives)
+    fix_inputs(m)
+    m.accumulation[0].fix(0)
+    assert free_variables(m) == 0
+    solved(m)
+    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+    assert m.accumulation[0].value == 0
+    assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-5)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("explicit", [False, True])
+def test_a_steady_start_as_a_row(explicit):
+    m = reactor(explicit)
+    m.steady = pyo.Constraint(expr=m.accumulation[0] == 0)
+    OURS.apply_to(m, wrt=m.t, nfe=16)
+    fix_inputs(m)
+    assert free_variables(m) == 0
+    assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+@pytest.mark.casadi
+def test_a_derivative_that_is_freed_again():
+    m = reactor(explicit=True)
+    OURS.apply_to(m, wrt=m.t, nfe=8)
+    fix_inputs(m)
+    m.accumulation[0].fix(0)
+    assert m.accumulation[0].fixed
+    m.accumulation[0].unfix()
+    assert not m.accumulation[0].fixed
+    m.holdup[0].fix(3.0)
+    assert free_variables(m) == 0
+    solved(m)
+    assert m.content[0].value == pytest.approx(2.0)
+    assert m.accumulation[0].value == pytest.approx(FLOW * FEED - FLOW * 2 - RATE * VOLUME * 4)
+
+
+@pytest.mark.casadi
+def test_a_steady_start_survives_another_mesh_and_a_copy():
+    m = reactor(explicit=True)
+    OURS.apply_to(m, wrt=m.t, nfe=4)
+    m.accumulation[0].fix(0)
+    OURS.apply_to(m, wrt=m.t, nfe=16)
+    m = m.clone()
+    fix_inputs(m)
+    assert m.accumulation[0].fixed
+    assert free_variables(m) == 0
+    assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
