@@ -8,7 +8,7 @@ the scheme's solution of ``x' = v, v' = a``, where ``v`` is continuous; with the
 An equation is explicit when a row says ``dx[t] == f``, not just within a disjunct, and the derivative is found nowhere
 else, at each collocation point. The row is then deactivated, ``f`` goes into the collocation rows, which saves half of
 the variables, and under the name of the derivative there is an expression, ``f`` itself: it can be read after a solve,
-by whatever solver, and used in further rows.
+by whatever solver, used in further rows, and fixed.
 """
 
 from __future__ import annotations
@@ -43,14 +43,40 @@ from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, var
 
 
 class RightHandSide(ExpressionData):
-    """The right-hand side that replaces a derivative; it has a value, as a variable has."""
+    """The right-hand side that replaces a derivative; it has a value, and can be fixed, as a variable can.
 
-    __slots__ = ()
+    Fixing activates the equation ``dx[t] == f``, with the derivative in it as a fixed variable: a condition, such as a
+    steady start. So it does not matter whether a derivative is fixed before or after the transformation.
+    """
+
+    __slots__ = ("_derivative", "_row")
+
+    def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
+        super().__init__(side, component)
+        self._derivative = derivative
+        self._row = row
 
     @property
     def value(self) -> float | None:
         """The value of the derivative; None where something in it has none."""
-        return numeric_value(self, exception=False)
+        return self._derivative.value if self.fixed else numeric_value(self, exception=False)
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the derivative is fixed here."""
+        return bool(self._row.active)
+
+    def fix(self, *value: Any, skip_validation: bool = False) -> None:
+        """Fix the derivative, at a number or at its value."""
+        self._derivative.fix(*(value or (self.value,)), skip_validation=skip_validation)
+        self._row.activate()
+
+    def unfix(self) -> None:
+        """Take back `fix`."""
+        self._row.deactivate()
+        self._derivative.fix(None, skip_validation=True)
+
+    free = unfix
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -319,11 +345,11 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
 def restore_derivatives(discretisation: Discretisation) -> None:
     """Put the derivatives and their equations back where they were declared."""
     for substitution in discretisation.substitutions:
-        for row in substitution.rows:
+        for row, (data, value) in zip(substitution.rows, substitution.values, strict=True):
+            if not row.active:
+                data.unfix()
+                data.set_value(value, skip_validation=True)
             row.activate()
-        for data, value in substitution.values:
-            data.unfix()
-            data.set_value(value, skip_validation=True)
         substitution.parent.del_component(substitution.expression)
         substitution.derivative.parent_block().del_component(substitution.derivative)
         substitution.parent.add_component(substitution.name, substitution.derivative)
@@ -394,6 +420,7 @@ def _substitute(
     aside.add_component(name if aside.component(name) is None else unique_component_name(aside, name), derivative)
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
-    for index, side in sides.items():
-        put_part(expression, index, RightHandSide(side, expression))  # the indices are those of the derivative
+    for data, row in zip(needed, rows, strict=True):
+        index = data.index()  # the indices are those of the derivative
+        put_part(expression, index, RightHandSide(sides[index], expression, data, row))
     discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))

@@ -15,7 +15,7 @@ The others are deactivated. With several sets there is more to say: an equation 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -26,7 +26,7 @@ from pyrobocop_pyomo.errors import TranscriptionError
 from .absent_values import AbsentValues
 from .derivatives import explicit_candidates
 from .line_ends import find_line_ends
-from .point_values import rows_that_hold
+from .point_values import Decision, columns_that_rows_give, rows_that_hold
 from .record import Discretisation
 from .row_variables import RowVariables, has_a_value, row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
@@ -50,8 +50,10 @@ class HoldingRows:
         What the constraints hold whose rows were all looked at; see `deactivate_rows`.
     used : set of int
         Ids of the variables in rows that hold.
-    undetermined : list of ConstraintData
+    undetermined : list of (ConstraintData, variables)
         Equations of the user's that were deactivated because they leave variables undetermined.
+    asked_for : set of int
+        Ids of variables at first points that other rows hold, such as ``dx[0] == 0``.
     """
 
     def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
@@ -78,7 +80,8 @@ class HoldingRows:
         }
         self.in_rows: dict[int, RowVariables] = {}
         self.used: set[int] = set()
-        self.undetermined: list[Any] = []
+        self.undetermined: list[tuple[Any, list[Any]]] = []
+        self.asked_for: set[int] = set()
         self._refused: TranscriptionError | None = None
 
     def deactivate_rows(self, deactivated: list[Any]) -> bool:
@@ -291,14 +294,16 @@ class HoldingRows:
                 self.values.along_space,
                 self._needed(own),
             )
-            for (data, variables), holds in zip(own, answers, strict=True):
-                if holds:
+            for (data, variables), decision in zip(own, answers, strict=True):
+                if decision is Decision.HOLDS:
                     determined.update(map(id, variables))
+                    self.used.update(map(id, variables_of_row(data)))
                 elif id(data.parent_component()) in self._generated:
                     del data.parent_component()[data.index()]
                 else:
                     self._deactivate(data, deactivated)
-                    self.undetermined.append(data)
+                    if decision is Decision.UNDECIDED:
+                        self.undetermined.append((data, variables))
         for data, ids in inequalities:
             if candidates.keys() & ids <= determined:
                 determined |= ids
@@ -306,9 +311,26 @@ class HoldingRows:
                 self._deactivate(data, deactivated)
         for key in candidates.keys() - determined - (self.used & self.values.along_space):
             self.values.absent[key] = candidates[key]
-            if key in self._users and self._refused is None:
-                self._refused = self.values.refusal(self._users[key], candidates[key][0])
+            if key in self._users and not self._is_initial_condition(key):
+                self._refused = self._refused or self.values.refusal(self._users[key], candidates[key][0])
         self.used |= determined
+
+    def _is_initial_condition(self, key: int) -> bool:
+        """True, and noted, for a variable that a row of its own holds, and that the rows at the first point can give."""
+        row, (_, domain, time) = self._users[key], self.values.candidates[key]
+        rows = [[id(variable) for variable in variables] for _, variables in self.undetermined]
+        derivatives = [k for k, (data, _, _) in self.values.candidates.items() if self._is_rate(data)]
+        given = columns_that_rows_give(rows, [*derivatives, *self.values.candidates])
+        if row.ctype is not Constraint or not row.equality or not self.values.is_first(domain, time):
+            return False
+        if key in self.values.along_space or given.isdisjoint(map(id, variables_of_row(row))):
+            return False
+        self.asked_for.add(key)
+        return True
+
+    def _is_rate(self, data: Any) -> bool:
+        component = data.parent_component()
+        return any(component is rate for one in self._discretisations.values() for _, rate in one.derivatives)
 
     def _needed(self, pending: list[tuple[Any, list[Any]]]) -> set[int]:
         """Ids of the derivatives along space that conditions hold."""
@@ -337,10 +359,19 @@ class HoldingRows:
                     found.append(list({id(v): v for v in variables_of_row(data) if not v.fixed}.values()))
         return found
 
+    def what_follows(self, rows: Iterable[Any], ids: Collection[int]) -> tuple[Any, ...]:
+        """The variables of rows that have these ids, or that the user has fixed at their points."""
+        ids = {*ids, *self.values.fixed_rates, *self.values.conditions}
+        return tuple({id(v): v for row in rows for v in variables_of_row(row) if id(v) in ids}.values())
+
     def _check_fixed(self) -> None:
+        used, candidates = set(self.used), self.values.candidates
+        for row, variables in self.undetermined:
+            if all(self.values.is_first(*candidates[id(v)][1:]) for v in variables if id(v) in candidates):
+                used |= {id(variable) for variable in variables_of_row(row)}
         for key, data in self.values.fixed_rates.items():
             component = data.parent_component()
-            if key not in self.used and not all(point.fixed for point in component.values()):
+            if key not in used and not all(point.fixed for point in component.values()):
                 raise TranscriptionError(
                     f"'{data.name}': is fixed, but every row that holds it holds an algebraic or control as well, "
                     "which has no value at that point. State the condition in states alone, or choose lobatto."

@@ -72,8 +72,8 @@ def free_variables(m):
 
 @pytest.mark.casadi
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
-@pytest.mark.parametrize(("derivatives", "explicit"), product(["substitute", "keep"], [False, True]))
-@pytest.mark.parametrize("fixed_before", product([False, True], repeat=2))
+@pytest.mark.parametrize(("derivatives", "explicit"), list(product(["substitute", "keep"], [False, True])))
+@pytest.mark.parametrize("fixed_before", list(product([False, True], repeat=2)))
 def test_a_steady_start_is_a_condition_whenever_it_is_stated(scheme, derivatives, explicit, fixed_before):
     m = reactor(explicit)
     if fixed_before[0]:
@@ -87,7 +87,8 @@ def test_a_steady_start_is_a_condition_whenever_it_is_stated(scheme, derivatives
     solved(m)
     assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
     assert m.accumulation[0].value == 0
-    assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-5)
+    if scheme != "lobatto":  # the feed jumps at a stage of it
+        assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-6)
 
 
 @pytest.mark.casadi
