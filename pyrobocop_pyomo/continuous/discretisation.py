@@ -180,11 +180,10 @@ def _parts_that_hold(
     rows: HoldingRows, parts: list[tuple[list[Any], set[int]]], definitions: dict[int, Any]
 ) -> Iterator[tuple[list[Any], set[int]]]:
     """Rows at the first point that hold, though they leave variables to choose: the model may fix these later."""
-    values = rows.values
     for part, free in parts:
         if definitions.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(free):
             continue  # with the values that controls show
-        if values.along_space.isdisjoint(free) and all(values.is_first(*values.absent[key][1:]) for key in free):
+        if all(map(rows.values.is_like_the_first, free)):
             yield part, free
 
 

@@ -297,7 +297,8 @@ class HoldingRows:
             for (data, variables), decision in zip(own, answers, strict=True):
                 if decision is Decision.HOLDS:
                     determined.update(map(id, variables))
-                    self.used.update(map(id, variables_of_row(data)))
+                    if self._is_initial(variables):
+                        self.used.update(map(id, variables_of_row(data)))
                 elif id(data.parent_component()) in self._generated:
                     del data.parent_component()[data.index()]
                 else:
@@ -327,6 +328,11 @@ class HoldingRows:
             return False
         self.asked_for.add(key)
         return True
+
+    def _is_initial(self, variables: list[Any]) -> bool:
+        """Whether the candidates among variables stand at the first point of a set."""
+        places = (self.values.candidates.get(id(variable)) for variable in variables)
+        return all(place is None or self.values.is_first(*place[1:]) for place in places)
 
     def _is_rate(self, data: Any) -> bool:
         component = data.parent_component()
@@ -365,14 +371,14 @@ class HoldingRows:
         return tuple({id(v): v for row in rows for v in variables_of_row(row) if id(v) in ids}.values())
 
     def _check_fixed(self) -> None:
-        used, candidates = set(self.used), self.values.candidates
+        used = set(self.used)
         for row, variables in self.undetermined:
-            if all(self.values.is_first(*candidates[id(v)][1:]) for v in variables if id(v) in candidates):
+            if self._is_initial(variables):
                 used |= {id(variable) for variable in variables_of_row(row)}
         for key, data in self.values.fixed_rates.items():
             component = data.parent_component()
             if key not in used and not all(point.fixed for point in component.values()):
                 raise TranscriptionError(
-                    f"'{data.name}': is fixed, but every row that holds it holds an algebraic or control as well, "
-                    "which has no value at that point. State the condition in states alone, or choose lobatto."
+                    f"'{data.name}': is fixed, but no equation that holds at that point has it. State the condition in "
+                    "states alone, index the equation by the whole set, or choose lobatto."
                 )

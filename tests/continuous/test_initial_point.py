@@ -6,9 +6,9 @@ from itertools import product
 
 import pyomo.environ as pyo
 import pytest
-from harness.dae import solved
+from harness.dae import driven_tank, solved
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
-from pyomo.dae import ContinuousSet, DerivativeVar
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -129,3 +129,35 @@ def test_a_steady_start_survives_another_mesh_and_a_copy():
     assert m.accumulation[0].fixed
     assert free_variables(m) == 0
     assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("before", [True, False])
+def test_a_rate_beside_a_state_decides_on_the_control_at_the_start_alone(before):
+    found = []
+    for fixes in (False, True):
+        m = driven_tank(initialize=0)
+        m.effort = Integral(m.t, rule=lambda m, t: (m.x[t] - 2) ** 2 + m.u[t] ** 2)
+        m.cost = pyo.Objective(expr=m.effort)
+        if fixes and before:
+            m.dx[0].fix(0.25)
+        OURS.apply_to(m, nfe=4)
+        if fixes and not before:
+            m.dx[0].fix(0.25)
+        found.append(pyo.value(solved(m).cost))
+    assert m.u[0].value == pytest.approx(1.25)
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+def test_a_profile_that_jumps_after_the_start_may_be_fixed_afterwards(scheme):
+    """No row ties the value at the start to the next one when both are given."""
+    m = driven_tank(initialize=0)
+    OURS.apply_to(m, nfe=4, scheme=scheme)
+    for t in m.t:
+        m.u[t].fix(5 if t == 0 else 1)
+    assert free_variables(m) == 0
+    solved(m)
+    assert all(x.value == pytest.approx(1) for x in m.x.values())
+    assert m.dx[0].value == pytest.approx(4)
