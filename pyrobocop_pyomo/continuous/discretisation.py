@@ -160,7 +160,9 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     for part, free in _parts_that_hold(rows, parts, hold):
         hold.update((id(row), row) for row in part)
         for key in free:
-            absent.pop(key)[0].unfix()
+            del absent[key]
+    for key in rows.asked_for & absent.keys() - sources.keys() - definitions.keys():
+        del absent[key]
     for row in hold.values():
         row.activate()
     discretisation.deactivated = [row for row in discretisation.deactivated if id(row) not in hold]

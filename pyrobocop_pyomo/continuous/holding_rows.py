@@ -317,14 +317,18 @@ class HoldingRows:
         self.used |= determined
 
     def _is_initial_condition(self, key: int) -> bool:
-        """True, and noted, for a variable that a row of its own holds, and that the rows at the first point can give."""
+        """True, and noted, for a variable in an equation of its own at the first point, which others there can meet.
+
+        An equation of controls alone is none: nothing else would know of it.
+        """
         row, (_, domain, time) = self._users[key], self.values.candidates[key]
-        rows = [[id(variable) for variable in variables] for _, variables in self.undetermined]
-        derivatives = [k for k, (data, _, _) in self.values.candidates.items() if self._is_rate(data)]
-        given = columns_that_rows_give(rows, [*derivatives, *self.values.candidates])
         if row.ctype is not Constraint or not row.equality or not self.values.is_first(domain, time):
             return False
-        if key in self.values.along_space or given.isdisjoint(map(id, variables_of_row(row))):
+        rows = [[id(variable) for variable in variables] for _, variables in self.undetermined]
+        derivatives = [k for k, (data, _, _) in self.values.candidates.items() if self._is_rate(data)]
+        known = columns_that_rows_give(rows, [*derivatives, *self.values.candidates])
+        known |= self._discretisations[id(domain)].state_ids()
+        if key in self.values.along_space or known.isdisjoint(map(id, variables_of_row(row))):
             return False
         self.asked_for.add(key)
         return True

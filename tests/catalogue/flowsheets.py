@@ -1,13 +1,14 @@
 """Dynamic flowsheets of IDAES whose property packages need nothing compiled, as its users write them.
 
 Each entry builds a flowsheet, and fixes its inputs and initial conditions on the points that its time has then. The
-feed changes after the start, so that there is something to follow.
+feed may change after the start, so that there is something to follow.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import pyomo.environ as pyo
@@ -28,7 +29,7 @@ class Flowsheet(NamedTuple):
     """A model, what is fixed in it, and a variable to look at."""
 
     build: Callable[[], Any]
-    fix: Callable[[Any], None]
+    fix: Callable[..., None]
     output: Callable[[Any, float], Any]
 
 
@@ -51,14 +52,14 @@ def tank(m: Any) -> Any:
     )
 
 
-def fix_feed(m: Any, inlet: Any, flow: float = 1.0) -> None:
+def fix_feed(m: Any, inlet: Any, changes: bool, flow: float = 1.0) -> None:
     for t in m.fs.time:
         inlet.flow_vol[t].fix(flow)
         inlet.temperature[t].fix(303.15)
         inlet.pressure[t].fix(101325.0)
         for species, concentration in SPECIES.items():
-            changed = 0.5 if species == "NaOH" and t > 0 else 1.0
-            inlet.conc_mol_comp[t, species].fix(changed * concentration)
+            factor = 0.5 if changes and species == "NaOH" and t > 0 else 1.0
+            inlet.conc_mol_comp[t, species].fix(factor * concentration)
 
 
 def reactor() -> Any:
@@ -67,8 +68,8 @@ def reactor() -> Any:
     return m
 
 
-def fix_reactor(m: Any) -> None:
-    fix_feed(m, m.fs.r.inlet)
+def fix_reactor(m: Any, changes: bool = True) -> None:
+    fix_feed(m, m.fs.r.inlet, changes)
     m.fs.r.volume.fix(1.5)
     m.fs.r.heat_duty.fix(0)
     m.fs.fix_initial_conditions("steady-state")
@@ -82,15 +83,15 @@ def tanks_in_series() -> Any:
     return m
 
 
-def fix_tanks(m: Any) -> None:
-    fix_feed(m, m.fs.first.inlet)
+def fix_tanks(m: Any, changes: bool = True) -> None:
+    fix_feed(m, m.fs.first.inlet, changes)
     for unit, volume in ((m.fs.first, 1.5), (m.fs.second, 0.8)):
         unit.volume.fix(volume)
         unit.heat_duty.fix(0)
     m.fs.fix_initial_conditions("steady-state")
 
 
-def controlled_tank() -> Any:
+def controlled_tank(calculated: bool) -> Any:
     """The level drives the flow out; a PI controller heats to keep a concentration."""
     m = flowsheet("controlled tank")
     m.fs.r = tank(m)
@@ -105,18 +106,24 @@ def controlled_tank() -> Any:
     m.fs.temperature = pyo.Reference(m.fs.r.control_volume.properties_out[:].temperature)
     m.fs.heat = pyo.Reference(m.fs.r.control_volume.heat[:])
     m.fs.control = PIDController(
-        process_var=m.fs.temperature, manipulated_var=m.fs.heat, controller_type=ControllerType.PI
+        process_var=m.fs.temperature,
+        manipulated_var=m.fs.heat,
+        controller_type=ControllerType.PI,
+        calculate_initial_integral=calculated,
     )
     return m
 
 
-def fix_controlled_tank(m: Any) -> None:
-    fix_feed(m, m.fs.r.inlet, 1.2)
+def fix_controlled_tank(m: Any, changes: bool = True) -> None:
+    fix_feed(m, m.fs.r.inlet, changes, 1.2)
     m.fs.control.setpoint.fix(310.0)
     m.fs.control.gain_p.fix(1e6)
     m.fs.control.gain_i.fix(1e6)
     m.fs.control.mv_ref.fix(0)
-    m.fs.control.mv_integral_component[m.fs.time.first()].fix(0)
+    if m.fs.control.config.calculate_initial_integral:
+        m.fs.heat[m.fs.time.first()].fix(1e7)
+    else:
+        m.fs.control.mv_integral_component[m.fs.time.first()].fix(0)
     m.fs.fix_initial_conditions("steady-state")
     m.fs.r.control_volume.energy_accumulation[m.fs.time.first(), :].unfix()
     m.fs.r.control_volume.properties_out[m.fs.time.first()].temperature.fix(305.0)
@@ -138,8 +145,8 @@ def pipe_reactor() -> Any:
     return m
 
 
-def fix_pipe_reactor(m: Any) -> None:
-    fix_feed(m, m.fs.r.inlet)
+def fix_pipe_reactor(m: Any, changes: bool = True) -> None:
+    fix_feed(m, m.fs.r.inlet, changes)
     m.fs.r.length.fix(0.5)
     m.fs.r.volume.fix(0.5)
     m.fs.r.control_volume.heat.fix(0)
@@ -149,6 +156,9 @@ def fix_pipe_reactor(m: Any) -> None:
 FLOWSHEETS = {
     "reactor": Flowsheet(reactor, fix_reactor, lambda m, t: m.fs.r.outlet.conc_mol_comp[t, "NaOH"]),
     "tanks in series": Flowsheet(tanks_in_series, fix_tanks, lambda m, t: m.fs.second.outlet.conc_mol_comp[t, "NaOH"]),
-    "controlled tank": Flowsheet(controlled_tank, fix_controlled_tank, lambda m, t: m.fs.temperature[t]),
+    "controlled tank": Flowsheet(partial(controlled_tank, False), fix_controlled_tank, lambda m, t: m.fs.temperature[t]),
+    "tank with a controller that starts": Flowsheet(
+        partial(controlled_tank, True), fix_controlled_tank, lambda m, t: m.fs.temperature[t]
+    ),
     "pipe reactor": Flowsheet(pipe_reactor, fix_pipe_reactor, lambda m, t: m.fs.r.outlet.conc_mol_comp[t, "NaOH"]),
 }
