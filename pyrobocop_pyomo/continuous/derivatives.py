@@ -320,7 +320,7 @@ def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> d
         # On a set that is still to be discretised there will be more of them.
         if not any(id(axis.domain) in open_ids for axis in axes_of(derivative))
         for data in derivative.values()
-        if not data.fixed and data.lower is None and data.upper is None
+        if data.lower is None and data.upper is None and not (data.fixed and data.value is None)
     }
     for key in discretisation.state_ids():
         candidates.pop(key, None)
@@ -404,11 +404,11 @@ def _substitute(
     sides = {data.index(): explicit[id(data)][1] for data in needed}
     home = rewrite_rows(discretisation, state, derivative, sides)
     rows, values = [explicit[id(data)][0] for data in needed], [(data, data.value) for data in needed]
-    for row in rows:
-        row.deactivate()
-    for data in needed:
-        data.fix(None, skip_validation=True)
-        data.stale = True
+    for data, row in zip(needed, rows, strict=True):
+        if not data.fixed:  # otherwise the row is a condition, as after `RightHandSide.fix`
+            row.deactivate()
+            data.fix(None, skip_validation=True)
+            data.stale = True
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
     aside = home.component("replaced")

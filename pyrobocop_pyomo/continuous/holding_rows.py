@@ -381,7 +381,10 @@ class HoldingRows:
                 used |= {id(variable) for variable in variables_of_row(row)}
         for key, data in self.values.fixed_rates.items():
             component = data.parent_component()
-            if key not in used and not all(point.fixed for point in component.values()):
+            axes = tuple(axis for axis in axes_of(component) if id(axis.domain) in self._discretisations)
+            line = [component[axis.join(axis.others(data.index()), t)] for axis in axes for t in axis.domain]
+            # Where nothing else along the set holds the derivative either, the number is not part of any statement.
+            if key not in used and any(id(point) in used and not point.fixed for point in line):
                 raise TranscriptionError(
                     f"'{data.name}': is fixed, but no equation that holds at that point has it. State the condition in "
                     "states alone, index the equation by the whole set, or choose lobatto."
