@@ -1,0 +1,84 @@
+"""Dynamic flowsheets of IDAES go through unchanged, in whatever order they are fixed and discretised."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyomo.environ as pyo
+import pytest
+from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
+
+import pyrobocop_pyomo as rcp
+
+pytest.importorskip("idaes", reason="idaes-pse is not installed", exc_type=ImportError)
+from catalogue.flowsheets import FLOWSHEETS, HORIZON
+
+pytestmark = [pytest.mark.slow, pytest.mark.casadi, pytest.mark.filterwarnings("ignore")]
+OURS, THEIRS = "pyrobocop.collocation", "dae.collocation"
+REACTOR_STEADY = 20.316088
+
+
+def discretised(name: str, way: str, before: bool = False, **options: Any) -> Any:
+    flowsheet = FLOWSHEETS[name]
+    m = flowsheet.build()
+    if before:
+        flowsheet.fix(m, changes=False)
+    pyo.TransformationFactory(way).apply_to(m, wrt=m.fs.time, nfe=6, ncp=3, **options)
+    flowsheet.fix(m)
+    return m
+
+
+def solved_output(name: str, m: Any) -> list[float]:
+    result = rcp.solve(m, progress=False, options={"tol": 1e-10})
+    result.raise_for_status()
+    assert result.doubts == ()
+    return [pyo.value(FLOWSHEETS[name].output(m, t)) for t in (0, HORIZON / 2, HORIZON)]
+
+
+def sizes(m: Any) -> tuple[int, int]:
+    """Numbers of variables and of equations, by Pyomo; all of which can be matched."""
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    assert len(graph.maximum_matching()) == len(graph.variables)
+    return len(graph.variables), len(graph.constraints)
+
+
+@pytest.mark.parametrize("name", FLOWSHEETS)
+def test_answers_are_those_of_dae_collocation_in_every_order(name: str) -> None:
+    theirs = discretised(name, THEIRS, scheme="LAGRANGE-RADAU")
+    expected, largest = solved_output(name, theirs), sizes(theirs)[0]
+    for before, derivatives in ((False, "substitute"), (True, "substitute"), (False, "keep")):
+        m = discretised(name, OURS, before, derivatives=derivatives)
+        variables, equations = sizes(m)
+        assert variables == equations
+        assert variables <= largest
+        assert solved_output(name, m) == pytest.approx(expected, rel=1e-6)
+    if name == "reactor":
+        assert expected[0] == pytest.approx(REACTOR_STEADY, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", FLOWSHEETS)
+def test_both_orders_give_one_program(name: str) -> None:
+    assert sizes(discretised(name, OURS, True)) == sizes(discretised(name, OURS, False))
+
+
+@pytest.mark.parametrize(("scheme", "before"), [("gauss", True), ("lobatto", False)])
+def test_other_schemes_meet_a_fine_mesh(scheme: str, before: bool) -> None:
+    """With a feed that does not change, so that Lobatto's first stage sees what the others see.
+
+    The holdup of water is of index 2: Gauss has to know of the volume, to leave one row out at each element boundary.
+    """
+    found = []
+    for options in ({"nfe": 6, "ncp": 3, "scheme": scheme}, {"nfe": 30, "ncp": 4}):
+        m = FLOWSHEETS["reactor"].build()
+        if before:
+            m.fs.r.volume.fix(1.5)
+        pyo.TransformationFactory(OURS).apply_to(m, wrt=m.fs.time, **options)
+        FLOWSHEETS["reactor"].fix(m, changes=False)
+        m.fs.r.control_volume.material_accumulation[0, "Liq", "NaOH"].unfix()
+        m.fs.r.outlet.conc_mol_comp[0, "NaOH"].fix(40.0)
+        variables, equations = sizes(m)
+        assert variables == equations
+        found.append(solved_output("reactor", m))
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+    assert found[0][0] == pytest.approx(40.0)
+    assert found[0][2] == pytest.approx(REACTOR_STEADY, rel=0.02)
