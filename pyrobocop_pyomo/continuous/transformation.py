@@ -26,7 +26,7 @@ from .values import PreviousValues, refuse_later_components
 logger = logging.getLogger(__name__)
 
 # As users of pyomo.dae write them.
-DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss"}
+DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss", "BACKWARD": "implicit_euler"}
 # Relative width below which two boundaries count as one number with rounding.
 LEAST_WIDTH = 1e-9
 
