@@ -12,6 +12,8 @@ import pyrobocop_pyomo as rcp
 
 pytest.importorskip("idaes", reason="idaes-pse is not installed", exc_type=ImportError)
 from catalogue.flowsheets import FLOWSHEETS, HORIZON
+from idaes.core.util.initialization import initialize_by_time_element
+from idaes.core.util.scaling import calculate_scaling_factors
 
 pytestmark = [pytest.mark.slow, pytest.mark.casadi, pytest.mark.filterwarnings("ignore")]
 OURS, THEIRS = "pyrobocop.collocation", "dae.collocation"
@@ -82,3 +84,37 @@ def test_other_schemes_meet_a_fine_mesh(scheme: str, before: bool) -> None:
     assert found[0] == pytest.approx(found[1], rel=1e-3)
     assert found[0][0] == pytest.approx(40.0)
     assert found[0][2] == pytest.approx(REACTOR_STEADY, rel=0.02)
+
+
+def test_initialisation_in_time_by_idaes() -> None:
+    """It goes from element to element with a solver that solves square models."""
+    m = discretised("reactor", OURS)
+    initialize_by_time_element(m.fs, m.fs.time, solver=pyo.SolverFactory("pyrobocop.ipopt"))
+    guess = FLOWSHEETS["reactor"].output(m, HORIZON).value
+    assert solved_output("reactor", m)[2] == pytest.approx(guess, rel=1e-6)
+
+
+def test_a_control_with_fewer_points_by_its_reference() -> None:
+    """Units show variables of their control volumes as references."""
+    m = FLOWSHEETS["reactor"].build()
+    discretiser = pyo.TransformationFactory(OURS)
+    discretiser.apply_to(m, wrt=m.fs.time, nfe=6, ncp=3)
+    FLOWSHEETS["reactor"].fix(m)
+    m.fs.r.heat_duty.unfix()
+    off = [(m.fs.r.outlet.temperature[t] - 300) ** 2 for t in m.fs.time]
+    m.cost = pyo.Objective(expr=sum(off) + 1e-14 * sum(heat**2 for heat in m.fs.r.heat_duty.values()))
+    discretiser.reduce_collocation_points(m, var=m.fs.r.heat_duty, ncp=1, contset=m.fs.time)
+    rcp.solve(m, progress=False).raise_for_status()
+    times = [t for t in m.fs.time if 0 < t <= 1]
+    assert [m.fs.r.heat_duty[t].value for t in times] == pytest.approx([m.fs.r.heat_duty[1].value] * 3)
+    assert abs(m.fs.r.heat_duty[2].value - m.fs.r.heat_duty[1].value) > 1e5
+
+
+def test_scaling_factors_of_idaes_are_used() -> None:
+    m = discretised("reactor", OURS)
+    calculate_scaling_factors(m.fs)
+    factors = [block.scaling_factor for block in m.block_data_objects() if hasattr(block, "scaling_factor")]
+    result = rcp.solve(m, progress=False)
+    result.raise_for_status()
+    assert sum(map(len, factors)) > 100
+    assert pyo.value(FLOWSHEETS["reactor"].output(m, 0)) == pytest.approx(REACTOR_STEADY, rel=1e-6)

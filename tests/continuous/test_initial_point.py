@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from itertools import product
 
 import pyomo.environ as pyo
@@ -11,6 +12,9 @@ from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ContradictionError
 
 OURS = pyo.TransformationFactory("pyrobocop.collocation")
 FEED, FLOW, VOLUME, RATE, HORIZON = 20.0, 1.0, 1.5, 0.4, 4.0
@@ -161,3 +165,62 @@ def test_a_profile_that_jumps_after_the_start_may_be_fixed_afterwards(scheme):
     solved(m)
     assert all(x.value == pytest.approx(1) for x in m.x.values())
     assert m.dx[0].value == pytest.approx(4)
+
+
+@pytest.mark.parametrize("scheme", ["radau", "lobatto"])
+def test_what_does_not_hold_at_the_start_is_named(scheme, caplog):
+    m = driven_tank(initialize=0)
+    m.limit = pyo.Constraint(m.t, rule=lambda m, t: m.u[t] <= 3)
+    with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
+        OURS.apply_to(m, nfe=4, scheme=scheme)
+    assert ("these do not hold there: 'limit'" in caplog.text) == (scheme == "radau")
+
+
+@pytest.mark.casadi
+def test_scaled_copies_know_what_is_fixed():
+    m = reactor(explicit=True)
+    OURS.apply_to(m, nfe=8)
+    fix_inputs(m)
+    m.accumulation[0].fix(0)
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    for variable in (m.holdup, m.content):
+        m.scaling_factor[variable] = 0.1
+    scaling = pyo.TransformationFactory("core.scale_model")
+    scaled = scaling.create_using(m, rename=False)
+    assert free_variables(scaled) == 0
+    scaling.propagate_solution(solved(scaled), m)
+    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+def rigid_pendulum(start):
+    """Of index three: the rod's force is in no equation that the states leave open."""
+    m = pyo.ConcreteModel("rigid pendulum")
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x, m.y, m.v, m.w = (pyo.Var(m.t, initialize=start) for start in (1.0, 0.1, 0.0, 0.0))
+    m.force = pyo.Var(m.t, initialize=1.0)
+    m.dx, m.dy, m.dv, m.dw = (DerivativeVar(state) for state in (m.x, m.y, m.v, m.w))
+    m.right = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.v[t])
+    m.up = pyo.Constraint(m.t, rule=lambda m, t: m.dy[t] == m.w[t])
+    m.push = pyo.Constraint(m.t, rule=lambda m, t: m.dv[t] == -m.force[t] * m.x[t])
+    m.pull = pyo.Constraint(m.t, rule=lambda m, t: m.dw[t] == -m.force[t] * m.y[t] - 9.81)
+    m.rod = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] ** 2 + m.y[t] ** 2 == 1)
+    m.x[0].fix(start), m.y[0].fix(0), m.v[0].fix(0), m.w[0].fix(0)
+    return m
+
+
+@pytest.mark.casadi
+def test_a_model_of_index_three_has_the_answer_of_dae_collocation():
+    found = []
+    for way in ("dae.collocation", "pyrobocop.collocation"):
+        m = rigid_pendulum(1.0)
+        pyo.TransformationFactory(way).apply_to(m, nfe=8, ncp=3)
+        found.append([m.x[1].value, m.y[1].value, m.force[1].value] if solved(m) else None)
+    assert found[0] == pytest.approx(found[1], rel=1e-8)
+
+
+@pytest.mark.casadi
+def test_an_inconsistent_start_of_higher_index_is_said_by_name():
+    m = rigid_pendulum(0.9)
+    OURS.apply_to(m, nfe=8, ncp=3)
+    with pytest.raises(ContradictionError, match=r"rod\[0"):
+        rcp.solve(m, progress=False)
