@@ -137,8 +137,8 @@ def main() -> None:
     print()
     table = Table(
         [
-            ("model", "<34"), ("transformation", "<22"), ("variables", ">9d"), ("iterations", ">10d"), ("CPU s", ">6.2f"),
-            ("objective", ">10.4g"), ("point", "<16"),
+            ("model", "<34"), ("transformation", "<22"), ("variables", ">9d"), ("iterations", ">10d"),
+            ("CPU s", ">6.2f"), ("objective", ">10.4g"), ("point", "<16"),
         ]
     )  # fmt: skip
     table.header()

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.errors import TranscriptionError
 from .absent_values import AbsentValues
 from .derivatives import explicit_candidates
 from .line_ends import find_line_ends
-from .point_values import Decision, columns_that_rows_give, rows_that_hold
+from .point_values import PointDecision, columns_that_rows_give, rows_that_hold
 from .record import Discretisation
 from .row_variables import RowVariables, has_a_value, row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
@@ -295,7 +295,7 @@ class HoldingRows:
                 self._needed(own),
             )
             for (data, variables), decision in zip(own, answers, strict=True):
-                if decision is Decision.HOLDS:
+                if decision is PointDecision.HOLDS:
                     determined.update(map(id, variables))
                     if self._is_initial(variables):
                         self.used.update(map(id, variables_of_row(data)))
@@ -303,7 +303,7 @@ class HoldingRows:
                     del data.parent_component()[data.index()]
                 else:
                     self._deactivate(data, deactivated)
-                    if decision is Decision.UNDECIDED:
+                    if decision is PointDecision.UNDECIDED:
                         self.undetermined.append((data, variables))
         for data, ids in inequalities:
             if candidates.keys() & ids <= determined:

@@ -21,7 +21,7 @@ from typing import Any
 from pyrobocop_pyomo.numerics.matching import Matching, maximum_matching
 
 
-class Decision(Enum):
+class PointDecision(Enum):
     """What becomes of a row at a point without a stage."""
 
     HOLDS = "holds"
@@ -35,7 +35,7 @@ def rows_that_hold(
     candidates: Collection[int],
     along_space: set[int],
     needed: set[int],
-) -> list[Decision]:
+) -> list[PointDecision]:
     """Decide on rows at points without a stage.
 
     Parameters
@@ -53,7 +53,7 @@ def rows_that_hold(
 
     Returns
     -------
-    list of Decision
+    list of PointDecision
         For each pending row.
     """
     own = [[id(variable) for variable in variables] for _, variables in pending]
@@ -64,9 +64,9 @@ def rows_that_hold(
     with_known_states = _matched(unknown)
     short = set(with_known_states.underdetermined[0])
     short -= _connected(unknown, short, along_space, needed)
-    decisions = [Decision.SURPLUS] * len(own)
+    decisions = [PointDecision.SURPLUS] * len(own)
     for position, i in enumerate(possible):
-        decisions[i] = Decision.UNDECIDED if position in short else Decision.HOLDS
+        decisions[i] = PointDecision.UNDECIDED if position in short else PointDecision.HOLDS
     return decisions
 
 
@@ -81,9 +81,7 @@ def columns_that_rows_give(rows: Sequence[Sequence[int]], order: Iterable[int]) 
     return {key for key, row in zip(rows_with, matching.column_of, strict=True) if row >= 0}
 
 
-def undecided_parts(
-    rows: Sequence[tuple[Any, list[Any]]], absent: Collection[int]
-) -> list[tuple[list[Any], set[int]]]:
+def undecided_parts(rows: Sequence[tuple[Any, list[Any]]], absent: Collection[int]) -> list[tuple[list[Any], set[int]]]:
     """The parts of rows that leave variables to choose, each with the ids of its variables.
 
     Parameters

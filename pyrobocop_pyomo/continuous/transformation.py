@@ -50,15 +50,15 @@ class Collocation(Transformation):
     rows and ``m.dx`` becomes an expression; keep the variable to give it bounds afterwards).
 
     Equations hold at the collocation points and at the first point. At other points states have a value, and what
-    equations determine from them. A control at a point without a stage has the value of the nearest collocation point in
-    its element, where that restricts nothing else; fixing it, or what follows from it, takes that back. Pairs and
-    inequalities that would restrict it there are deactivated, and named in the log. It does not matter whether variables
-    and derivatives are fixed before or after. Applied to a set that it has discretised before, the transformation does
-    so afresh, and interpolates the present values. A refusal leaves the model as it was.
+    equations determine from them. A control at a point without a stage has the value of the nearest collocation point
+    in its element, where that restricts nothing else; fixing it, or what follows from it, takes that back. Pairs and
+    inequalities that would restrict it there are deactivated, and named in the log. It does not matter whether
+    variables and derivatives are fixed before or after. Applied to a set that it has discretised before, the
+    transformation does so afresh, and interpolates the present values. A refusal leaves the model as it was.
 
-    The transformation cannot be reversed with ``TransformationFactory.reverse``, as ``dae.collocation`` cannot: rows and
-    values of points that would go away may be in use by then. ``create_using`` leaves the model alone and returns a
-    discretised copy.
+    It cannot be reversed with ``TransformationFactory.reverse``, as ``dae.collocation`` cannot: rows and values of
+    points that would go away may be in use by then. ``create_using`` leaves the model alone and returns a discretised
+    copy.
     """
 
     CONFIG = ConfigDict("pyrobocop.collocation")
@@ -108,7 +108,8 @@ class Collocation(Transformation):
                 finalise(discretisation)
         for domain in domains:
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
-            lost = dict.fromkeys(row.parent_component().name for row in discretisation_of(domain).deactivated)
+            done = discretisation_of(domain)
+            lost = dict.fromkeys(row.parent_component().name for row in done.deactivated) if done else {}
             if lost:
                 logger.info(
                     "'%s': %s has no collocation point at the start or at element ends; these do not hold there: %s",

@@ -21,9 +21,11 @@ def cart_pole() -> Any:
     m.turning = pyo.Constraint(m.t, rule=lambda m, t: m.dangle[t] == m.w[t])
     m.cart = pyo.Constraint(
         m.t,
-        rule=lambda m, t: (CART + POLE) * m.dv[t]
-        + POLE * LENGTH * (m.dw[t] * pyo.cos(m.angle[t]) - m.w[t] ** 2 * pyo.sin(m.angle[t]))
-        == m.force[t],
+        rule=lambda m, t: (
+            (CART + POLE) * m.dv[t]
+            + POLE * LENGTH * (m.dw[t] * pyo.cos(m.angle[t]) - m.w[t] ** 2 * pyo.sin(m.angle[t]))
+            == m.force[t]
+        ),
     )
     m.pole = pyo.Constraint(
         m.t, rule=lambda m, t: m.dv[t] * pyo.cos(m.angle[t]) + LENGTH * m.dw[t] == -GRAVITY * pyo.sin(m.angle[t])

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import pyomo.environ as pyo
-from idaes.core import FlowsheetBlock, MaterialBalanceType, MomentumBalanceType
+from idaes.core import FlowsheetBlock
 from idaes.models.control.controller import ControllerType, PIDController
 from idaes.models.properties.examples.saponification_reactions import SaponificationReactionParameterBlock
 from idaes.models.properties.examples.saponification_thermo import SaponificationParameterBlock
@@ -156,7 +156,9 @@ def fix_pipe_reactor(m: Any, changes: bool = True) -> None:
 FLOWSHEETS = {
     "reactor": Flowsheet(reactor, fix_reactor, lambda m, t: m.fs.r.outlet.conc_mol_comp[t, "NaOH"]),
     "tanks in series": Flowsheet(tanks_in_series, fix_tanks, lambda m, t: m.fs.second.outlet.conc_mol_comp[t, "NaOH"]),
-    "controlled tank": Flowsheet(partial(controlled_tank, False), fix_controlled_tank, lambda m, t: m.fs.temperature[t]),
+    "controlled tank": Flowsheet(
+        partial(controlled_tank, False), fix_controlled_tank, lambda m, t: m.fs.temperature[t]
+    ),
     "tank with a controller that starts": Flowsheet(
         partial(controlled_tank, True), fix_controlled_tank, lambda m, t: m.fs.temperature[t]
     ),
