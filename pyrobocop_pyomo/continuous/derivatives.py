@@ -21,11 +21,10 @@ from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression, ExpressionData
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.initializer import Initializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value as numeric_value
 from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
@@ -38,45 +37,9 @@ from .expansion import set_initial_value
 from .line_ends import closing_rows, rows_from_left
 from .mixed_derivatives import remove_mixed_steps
 from .record import Discretisation, LineEnds, Substitution, open_sets
+from .right_hand_side import RightHandSide
 from .row_variables import RowVariables, row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
-
-
-class RightHandSide(ExpressionData):
-    """The right-hand side that replaces a derivative; it has a value, and can be fixed, as a variable can.
-
-    Fixing activates the equation ``dx[t] == f``, with the derivative in it as a fixed variable: a condition, such as a
-    steady start. So it does not matter whether a derivative is fixed before or after the transformation.
-    """
-
-    __slots__ = ("_derivative", "_row")
-
-    def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
-        super().__init__(side, component)
-        self._derivative = derivative
-        self._row = row
-
-    @property
-    def value(self) -> float | None:
-        """The value of the derivative; None where something in it has none."""
-        return self._derivative.value if self.fixed else numeric_value(self, exception=False)
-
-    @property
-    def fixed(self) -> bool:
-        """Whether the derivative is fixed here."""
-        return bool(self._row.active)
-
-    def fix(self, *value: Any, skip_validation: bool = False) -> None:
-        """Fix the derivative, at a number or at its value."""
-        self._derivative.fix(*(value or (self.value,)), skip_validation=skip_validation)
-        self._row.activate()
-
-    def unfix(self) -> None:
-        """Take back `fix`."""
-        self._row.deactivate()
-        self._derivative.fix(None, skip_validation=True)
-
-    free = unfix
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from pyomo.core.base.expression import Expression
@@ -157,10 +156,14 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     definitions = find_definitions([row for row, _ in rows.undetermined], absent, sources)
     hold = {id(row): row for row in definitions.values()}
     parts = undecided_parts(rows.undetermined, absent.keys())
-    for part, free in _parts_that_hold(rows, parts, hold):
-        hold.update((id(row), row) for row in part)
-        for key in free:
-            del absent[key]
+    for part, ids in parts:
+        if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
+            continue  # with the values that controls show
+        if all(map(rows.values.is_like_the_first, ids)):
+            # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
+            hold.update((id(row), row) for row in part)
+            for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:
+                del absent[key]
     for key in rows.asked_for & absent.keys() - sources.keys() - definitions.keys():
         del absent[key]
     for row in hold.values():
@@ -176,17 +179,6 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
         data.unfix()
     clear({key: place for key, place in absent.items() if key not in definitions and key not in sources})
     add_shown_values(discretisation)
-
-
-def _parts_that_hold(
-    rows: HoldingRows, parts: list[tuple[list[Any], set[int]]], definitions: dict[int, Any]
-) -> Iterator[tuple[list[Any], set[int]]]:
-    """Rows at the first point that hold, though they leave variables to choose: the model may fix these later."""
-    for part, free in parts:
-        if definitions.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(free):
-            continue  # with the values that controls show
-        if all(map(rows.values.is_like_the_first, free)):
-            yield part, free
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:

@@ -338,6 +338,9 @@ class HoldingRows:
         places = (self.values.candidates.get(id(variable)) for variable in variables)
         return all(place is None or self.values.is_first(*place[1:]) for place in places)
 
+    def _is_free_rate(self, data: Any) -> bool:
+        return self._is_rate(data) and not data.fixed and data.lower is None and data.upper is None
+
     def _is_rate(self, data: Any) -> bool:
         component = data.parent_component()
         return any(component is rate for one in self._discretisations.values() for _, rate in one.derivatives)
@@ -368,6 +371,24 @@ class HoldingRows:
                 if data.active and data.equality and id(data) not in rows:
                     found.append(list({id(v): v for v in variables_of_row(data) if not v.fixed}.values()))
         return found
+
+    def given_by_shown_values(
+        self, part: list[Any], ids: set[int], sources: Collection[int], definitions: dict[int, Any]
+    ) -> set[int]:
+        """The derivatives that the rows of a part give once controls show their values; none where it is not so.
+
+        An equation of motion with a mass matrix is such a row. Algebraics have to be given explicitly: an implicit
+        equation need not have a solution for the values that are shown.
+        """
+        explicit = {id(row) for row in definitions.values()}
+        rates = {key for key in ids - definitions.keys() if self._is_free_rate(self.values.absent[key][0])}
+        rest = [[id(v) for v in variables_of_row(row) if id(v) in rates] for row in part if id(row) not in explicit]
+        is_square = len(rest) == len(rates) == len(columns_that_rows_give(rest, rates))
+        return (
+            rates
+            if is_square and self.asked_for.isdisjoint(ids) and ids - rates <= sources | definitions.keys()
+            else set()
+        )
 
     def what_follows(self, rows: Iterable[Any], ids: Collection[int]) -> tuple[Any, ...]:
         """The variables of rows that have these ids, or that the user has fixed at their points."""

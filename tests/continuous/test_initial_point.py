@@ -7,6 +7,7 @@ from itertools import product
 
 import pyomo.environ as pyo
 import pytest
+from catalogue.cart_pole import cart_pole
 from harness.dae import driven_tank, solved
 from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
 from pyomo.dae import ContinuousSet, DerivativeVar, Integral
@@ -190,6 +191,22 @@ def test_scaled_copies_know_what_is_fixed():
     assert free_variables(scaled) == 0
     scaling.propagate_solution(solved(scaled), m)
     assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+def test_accelerations_with_a_mass_matrix_follow_from_the_force_that_is_shown(scheme):
+    m = cart_pole()
+    OURS.apply_to(m, nfe=10, scheme=scheme)
+    for state in (m.x, m.angle, m.v, m.w):
+        state[5].unfix()
+    m.angle[5].fix(1)
+    solved(m)
+    assert m.force[0].value == pytest.approx(m.force[m.t.at(2)].value)
+    assert abs(m.force[0].value) > 1e-3
+    assert all(abs(pyo.value(row.body) - pyo.value(row.upper)) < 1e-9 for row in (m.cart[0], m.pole[0]))
+    m.force[0].fix(2)  # nothing else knows of it
+    assert solved(m).dv[0].value == pytest.approx(2.0)
 
 
 def rigid_pendulum(start):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from catalogue.cart_pole import cart_pole
 from pyomo.contrib import mpc
 from pyomo.contrib.doe.examples import reactor_experiment
 from pyomo.contrib.mpc.examples.cstr import model as mpc_cstr
@@ -129,3 +130,16 @@ def test_the_loop_of_contrib_mpc(renamed: Any, monkeypatch: pytest.MonkeyPatch) 
         found.append([simulated.get_data_from_key(m.conc[:, "A"]), simulated.get_data_from_key(m.flow_in[:])])
     for theirs, ours in zip(*found, strict=True):
         assert ours == pytest.approx(theirs, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_a_cart_with_a_pole_stands_up_on_legendre_points() -> None:
+    """The task of ModelingToolkit.jl's issue 5076; the reference has other points and three times the elements."""
+    found = []
+    for options in ({"nfe": 125, "ncp": 2, "scheme": "LAGRANGE-LEGENDRE"}, {"nfe": 400, "ncp": 3}):
+        m = cart_pole()
+        pyo.TransformationFactory(OURS).apply_to(m, wrt=m.t, **options)
+        rcp.solve(m, progress=False).raise_for_status()
+        found.append([pyo.value(m.cost), max(abs(force.value) for force in m.force.values())])
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-4)
+    assert found[0][1] == pytest.approx(found[1][1], rel=2e-2)
