@@ -72,9 +72,9 @@ def seconds(way: str, elements: int, repeats: int) -> float:
 
 def others() -> Iterator[tuple[str, Callable[[], Any], Callable[[Any], None], dict[str, Any]]]:
     """Name, builder, what is fixed after the transformation, and options of it."""
-    mesh: dict[str, Any] = {"nfe": 8, "ncp": 3}
-    for name in ("parameter_estimation", "car", "distillation", "disease", "optimal_control", "path_constraint"):
-        yield name.replace("_", " "), getattr(pyomo_examples, name), lambda m: None, mesh
+    elements = {"parameter_estimation": 8, "car": 8, "distillation": 10, "disease": 8, "path_constraint": 8}
+    for name, count in elements.items():
+        yield name.replace("_", " "), getattr(pyomo_examples, name), lambda m: None, {"nfe": count, "ncp": 3}
     legendre = {"nfe": 125, "ncp": 2, "scheme": "LAGRANGE-LEGENDRE"}
     yield "cart with a pole", cart_pole, lambda m: None, legendre
     try:

@@ -7,6 +7,7 @@ there hold:
   boundaries, where there would be more of them than unknowns; conditions that are stated there only stay;
 * equations that determine an algebraic or a derivative from the states (`point_values`), and inequalities of those;
   with several sets at their first points only;
+* at the first point other equations as well (`shown_values`), since initial conditions may be stated for any variable;
 * no pairs.
 
 The others are deactivated. With several sets there is more to say: an equation may be missing at the ends of space
