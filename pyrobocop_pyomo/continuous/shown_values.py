@@ -2,9 +2,9 @@
 
 Such a variable equals the one at the nearest collocation point of the element that ends there, or of the first element:
 the value that a control has on its way to that point. One more row says so, which restricts nothing else. Equations
-that then give a variable without bounds explicitly, ``y[t] == x[t] + u[t]``, hold as well. At the first point, where the
-model may fix what it likes afterwards, other equations hold too: with the values that are shown where these are
-equations of derivatives only, else with the variables that they leave to choose.
+that then give a variable without bounds explicitly, ``y[t] == x[t] + u[t]``, hold as well. At the first point, where
+the model may fix what it likes afterwards, other equations hold too: with the values that are shown where they give
+derivatives, else with variables that they leave to choose.
 
 What is left is fixed to None, so that whoever uses it learns about it: variables whose bounds do not allow for that,
 and derivatives without an equation of their own.
