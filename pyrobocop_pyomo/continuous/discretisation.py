@@ -189,8 +189,9 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     for data in discretisation.deactivated:
         data.activate()
     for data, number in discretisation.cleared:
-        data.unfix()
-        data.set_value(number, skip_validation=True)
+        if not data.fixed or data.value is None:  # otherwise the user has fixed it since
+            data.unfix()
+            data.set_value(number, skip_validation=True)
     for data in discretisation.initialised:
         data.set_value(None, skip_validation=True)
     for data, formula in discretisation.formulas:

@@ -168,6 +168,15 @@ def test_a_profile_that_jumps_after_the_start_may_be_fixed_afterwards(scheme):
     assert m.dx[0].value == pytest.approx(4)
 
 
+def test_what_is_fixed_afterwards_stays_fixed_on_another_mesh():
+    m = driven_tank(initialize=0)
+    OURS.apply_to(m, nfe=4)
+    m.u.fix(0.5)
+    OURS.apply_to(m, nfe=8)
+    assert all(u.fixed and u.value == 0.5 for u in m.u.values())
+    assert free_variables(m) == 0
+
+
 @pytest.mark.parametrize("scheme", ["radau", "lobatto"])
 def test_what_does_not_hold_at_the_start_is_named(scheme, caplog):
     m = driven_tank(initialize=0)
