@@ -75,6 +75,7 @@ def free_variables(m):
     return len(graph.variables) - len(graph.constraints)
 
 
+@pytest.mark.heavy
 @pytest.mark.casadi
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
 @pytest.mark.parametrize(("derivatives", "explicit"), list(product(["substitute", "keep"], [False, True])))
