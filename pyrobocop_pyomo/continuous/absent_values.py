@@ -172,6 +172,17 @@ class AbsentValues:
             return False
         return id(root[index]) in self._states[id(domain)]
 
+    def is_like_the_first(self, key: int) -> bool:
+        """Whether an absent variable stands at the first point of a set and is no derivative along another grid.
+
+        The rows of such a derivative have gaps at corners; those that pyomo.dae has written for its sets have none.
+        """
+        data, domain, time = self.absent[key]
+        _, along = self._roots.get(id(data.parent_component()), (None, ()))
+        return self.is_first(domain, time) and all(
+            other is domain or id(other) not in self._discretisations for other in along
+        )
+
     def _find_last(self, component: Any, axes: tuple[Axis, ...]) -> None:
         """Derivatives whose equation holds at the first point of a set have no value at the last."""
         for axis in axes:

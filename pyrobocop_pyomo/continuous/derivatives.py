@@ -8,7 +8,7 @@ the scheme's solution of ``x' = v, v' = a``, where ``v`` is continuous; with the
 An equation is explicit when a row says ``dx[t] == f``, not just within a disjunct, and the derivative is found nowhere
 else, at each collocation point. The row is then deactivated, ``f`` goes into the collocation rows, which saves half of
 the variables, and under the name of the derivative there is an expression, ``f`` itself: it can be read after a solve,
-by whatever solver, and used in further rows.
+by whatever solver, used in further rows, and fixed.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.expression import Expression, ExpressionData
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.initializer import Initializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value as numeric_value
 from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
@@ -38,19 +37,9 @@ from .expansion import set_initial_value
 from .line_ends import closing_rows, rows_from_left
 from .mixed_derivatives import remove_mixed_steps
 from .record import Discretisation, LineEnds, Substitution, open_sets
+from .right_hand_side import RightHandSide
 from .row_variables import RowVariables, row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, variables_of_row
-
-
-class RightHandSide(ExpressionData):
-    """The right-hand side that replaces a derivative; it has a value, as a variable has."""
-
-    __slots__ = ()
-
-    @property
-    def value(self) -> float | None:
-        """The value of the derivative; None where something in it has none."""
-        return numeric_value(self, exception=False)
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -294,7 +283,7 @@ def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> d
         # On a set that is still to be discretised there will be more of them.
         if not any(id(axis.domain) in open_ids for axis in axes_of(derivative))
         for data in derivative.values()
-        if not data.fixed and data.lower is None and data.upper is None
+        if data.lower is None and data.upper is None and not (data.fixed and data.value is None)
     }
     for key in discretisation.state_ids():
         candidates.pop(key, None)
@@ -319,11 +308,11 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
 def restore_derivatives(discretisation: Discretisation) -> None:
     """Put the derivatives and their equations back where they were declared."""
     for substitution in discretisation.substitutions:
-        for row in substitution.rows:
+        for row, (data, value) in zip(substitution.rows, substitution.values, strict=True):
+            if not row.active:
+                data.unfix()
+                data.set_value(value, skip_validation=True)
             row.activate()
-        for data, value in substitution.values:
-            data.unfix()
-            data.set_value(value, skip_validation=True)
         substitution.parent.del_component(substitution.expression)
         substitution.derivative.parent_block().del_component(substitution.derivative)
         substitution.parent.add_component(substitution.name, substitution.derivative)
@@ -378,11 +367,11 @@ def _substitute(
     sides = {data.index(): explicit[id(data)][1] for data in needed}
     home = rewrite_rows(discretisation, state, derivative, sides)
     rows, values = [explicit[id(data)][0] for data in needed], [(data, data.value) for data in needed]
-    for row in rows:
-        row.deactivate()
-    for data in needed:
-        data.fix(None, skip_validation=True)
-        data.stale = True
+    for data, row in zip(needed, rows, strict=True):
+        if not data.fixed:  # otherwise the row is a condition, as after `RightHandSide.fix`
+            row.deactivate()
+            data.fix(None, skip_validation=True)
+            data.stale = True
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
     aside = home.component("replaced")
@@ -394,6 +383,7 @@ def _substitute(
     aside.add_component(name if aside.component(name) is None else unique_component_name(aside, name), derivative)
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
-    for index, side in sides.items():
-        put_part(expression, index, RightHandSide(side, expression))  # the indices are those of the derivative
+    for data, row in zip(needed, rows, strict=True):
+        index = data.index()  # the indices are those of the derivative
+        put_part(expression, index, RightHandSide(sides[index], expression, data, row))
     discretisation.substitutions.append(Substitution(parent, name, derivative, expression, rows, values))

@@ -25,6 +25,7 @@ from .derivatives import (
 from .expansion import Family, declaration_of, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows
 from .mixed_derivatives import add_mixed_steps, mixed_derivatives
+from .point_values import undecided_parts
 from .record import Discretisation, DiscretisationRecord, discretisation_record_of, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots
@@ -120,11 +121,7 @@ def _discretise(
             _write_rows(everything, found, discretisation, previous)
             rows = HoldingRows(list(spots(root)), everything)
             rows.deactivate_rows(discretisation.deactivated)
-        added = {id(block) for one in everything for block in one.generated}
-        discretisation.cleared = [
-            (data, data.value) for data, _, _ in rows.values.absent.values() if id(data.parent_block()) not in added
-        ]
-        _show_values(root, rows, discretisation)
+        _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
         if len(everything) == 1:
             discretisation.in_rows = rows.in_rows
         _mark_pairs(found, discretisation)
@@ -152,16 +149,32 @@ def _write_rows(
         previous.give_to(list(spots(discretisation.domain.model())), discretisation)
 
 
-def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -> None:
+def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, added: set[int]) -> None:
     """Give values to variables without one, as far as that restricts nothing else; fix the others to None."""
     absent = rows.values.absent
     sources = find_shown_values(list(spots(root)), absent, rows.used)
-    definitions = find_definitions(rows.undetermined, absent, sources)
-    hold = {id(row) for row in definitions.values()}
-    for row in definitions.values():
+    definitions = find_definitions([row for row, _ in rows.undetermined], absent, sources)
+    hold = {id(row): row for row in definitions.values()}
+    parts = undecided_parts(rows.undetermined, absent.keys())
+    for part, ids in parts:
+        if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
+            continue  # with the values that controls show
+        if all(map(rows.values.is_like_the_first, ids)):
+            # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
+            hold.update((id(row), row) for row in part)
+            for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:
+                del absent[key]
+    for key in rows.asked_for & absent.keys() - sources.keys() - definitions.keys():
+        del absent[key]
+    for row in hold.values():
         row.activate()
     discretisation.deactivated = [row for row in discretisation.deactivated if id(row) not in hold]
-    discretisation.shown = [pair for key, pair in sources.items() if key not in definitions]
+    shown = {key: pair for key, pair in sources.items() if key in absent and key not in definitions}
+    following = {key: rows.what_follows(part, ids - shown.keys()) for part, ids in parts for key in ids & shown.keys()}
+    discretisation.shown = [(*pair, following.get(key, ())) for key, pair in shown.items()]
+    discretisation.cleared = [
+        (data, data.value) for data, _, _ in absent.values() if id(data.parent_block()) not in added
+    ]
     for data, _, _ in absent.values():
         data.unfix()
     clear({key: place for key, place in absent.items() if key not in definitions and key not in sources})
@@ -176,8 +189,9 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     for data in discretisation.deactivated:
         data.activate()
     for data, number in discretisation.cleared:
-        data.unfix()
-        data.set_value(number, skip_validation=True)
+        if not data.fixed or data.value is None:  # otherwise the user has fixed it since
+            data.unfix()
+            data.set_value(number, skip_validation=True)
     for data in discretisation.initialised:
         data.set_value(None, skip_validation=True)
     for data, formula in discretisation.formulas:

@@ -7,6 +7,7 @@ there hold:
   boundaries, where there would be more of them than unknowns; conditions that are stated there only stay;
 * equations that determine an algebraic or a derivative from the states (`point_values`), and inequalities of those;
   with several sets at their first points only;
+* at the first point other equations as well (`shown_values`), since initial conditions may be stated for any variable;
 * no pairs.
 
 The others are deactivated. With several sets there is more to say: an equation may be missing at the ends of space
@@ -15,7 +16,7 @@ The others are deactivated. With several sets there is more to say: an equation 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -26,7 +27,7 @@ from pyrobocop_pyomo.errors import TranscriptionError
 from .absent_values import AbsentValues
 from .derivatives import explicit_candidates
 from .line_ends import find_line_ends
-from .point_values import rows_that_hold
+from .point_values import PointDecision, columns_that_rows_give, rows_that_hold
 from .record import Discretisation
 from .row_variables import RowVariables, has_a_value, row_variables
 from .structure import PAIRS, Axis, Spot, axes_of, variables_of_row
@@ -50,8 +51,10 @@ class HoldingRows:
         What the constraints hold whose rows were all looked at; see `deactivate_rows`.
     used : set of int
         Ids of the variables in rows that hold.
-    undetermined : list of ConstraintData
+    undetermined : list of (ConstraintData, variables)
         Equations of the user's that were deactivated because they leave variables undetermined.
+    asked_for : set of int
+        Ids of variables at first points that other rows hold, such as ``dx[0] == 0``.
     """
 
     def __init__(self, spots: list[Spot], discretisations: Iterable[Discretisation]) -> None:
@@ -78,7 +81,8 @@ class HoldingRows:
         }
         self.in_rows: dict[int, RowVariables] = {}
         self.used: set[int] = set()
-        self.undetermined: list[Any] = []
+        self.undetermined: list[tuple[Any, list[Any]]] = []
+        self.asked_for: set[int] = set()
         self._refused: TranscriptionError | None = None
 
     def deactivate_rows(self, deactivated: list[Any]) -> bool:
@@ -291,14 +295,17 @@ class HoldingRows:
                 self.values.along_space,
                 self._needed(own),
             )
-            for (data, variables), holds in zip(own, answers, strict=True):
-                if holds:
+            for (data, variables), decision in zip(own, answers, strict=True):
+                if decision is PointDecision.HOLDS:
                     determined.update(map(id, variables))
+                    if self._is_initial(variables):
+                        self.used.update(map(id, variables_of_row(data)))
                 elif id(data.parent_component()) in self._generated:
                     del data.parent_component()[data.index()]
                 else:
                     self._deactivate(data, deactivated)
-                    self.undetermined.append(data)
+                    if decision is PointDecision.UNDECIDED:
+                        self.undetermined.append((data, variables))
         for data, ids in inequalities:
             if candidates.keys() & ids <= determined:
                 determined |= ids
@@ -306,9 +313,38 @@ class HoldingRows:
                 self._deactivate(data, deactivated)
         for key in candidates.keys() - determined - (self.used & self.values.along_space):
             self.values.absent[key] = candidates[key]
-            if key in self._users and self._refused is None:
-                self._refused = self.values.refusal(self._users[key], candidates[key][0])
+            if key in self._users and not self._is_initial_condition(key):
+                self._refused = self._refused or self.values.refusal(self._users[key], candidates[key][0])
         self.used |= determined
+
+    def _is_initial_condition(self, key: int) -> bool:
+        """True, and noted, for a variable in an equation of its own at the first point, which others there can meet.
+
+        An equation of controls alone is none: nothing else would know of it.
+        """
+        row, (_, domain, time) = self._users[key], self.values.candidates[key]
+        if row.ctype is not Constraint or not row.equality or not self.values.is_first(domain, time):
+            return False
+        rows = [[id(variable) for variable in variables] for _, variables in self.undetermined]
+        derivatives = [k for k, (data, _, _) in self.values.candidates.items() if self._is_rate(data)]
+        known = columns_that_rows_give(rows, [*derivatives, *self.values.candidates])
+        known |= self._discretisations[id(domain)].state_ids()
+        if key in self.values.along_space or known.isdisjoint(map(id, variables_of_row(row))):
+            return False
+        self.asked_for.add(key)
+        return True
+
+    def _is_initial(self, variables: list[Any]) -> bool:
+        """Whether the candidates among variables stand at the first point of a set."""
+        places = (self.values.candidates.get(id(variable)) for variable in variables)
+        return all(place is None or self.values.is_first(*place[1:]) for place in places)
+
+    def _is_free_rate(self, data: Any) -> bool:
+        return self._is_rate(data) and not data.fixed and data.lower is None and data.upper is None
+
+    def _is_rate(self, data: Any) -> bool:
+        component = data.parent_component()
+        return any(component is rate for one in self._discretisations.values() for _, rate in one.derivatives)
 
     def _needed(self, pending: list[tuple[Any, list[Any]]]) -> set[int]:
         """Ids of the derivatives along space that conditions hold."""
@@ -337,11 +373,41 @@ class HoldingRows:
                     found.append(list({id(v): v for v in variables_of_row(data) if not v.fixed}.values()))
         return found
 
+    def given_by_shown_values(
+        self, part: list[Any], ids: set[int], sources: Collection[int], definitions: dict[int, Any]
+    ) -> set[int]:
+        """The derivatives that the rows of a part give once controls show their values; none where it is not so.
+
+        An equation of motion with a mass matrix is such a row. Algebraics have to be given explicitly: an implicit
+        equation need not have a solution for the values that are shown.
+        """
+        explicit = {id(row) for row in definitions.values()}
+        rates = {key for key in ids - definitions.keys() if self._is_free_rate(self.values.absent[key][0])}
+        rest = [[id(v) for v in variables_of_row(row) if id(v) in rates] for row in part if id(row) not in explicit]
+        is_square = len(rest) == len(rates) == len(columns_that_rows_give(rest, rates))
+        return (
+            rates
+            if is_square and self.asked_for.isdisjoint(ids) and ids - rates <= sources | definitions.keys()
+            else set()
+        )
+
+    def what_follows(self, rows: Iterable[Any], ids: Collection[int]) -> tuple[Any, ...]:
+        """The variables of rows that have these ids, or that the user has fixed at their points."""
+        ids = {*ids, *self.values.fixed_rates, *self.values.conditions}
+        return tuple({id(v): v for row in rows for v in variables_of_row(row) if id(v) in ids}.values())
+
     def _check_fixed(self) -> None:
+        used = set(self.used)
+        for row, variables in self.undetermined:
+            if self._is_initial(variables):
+                used |= {id(variable) for variable in variables_of_row(row)}
         for key, data in self.values.fixed_rates.items():
             component = data.parent_component()
-            if key not in self.used and not all(point.fixed for point in component.values()):
+            axes = tuple(axis for axis in axes_of(component) if id(axis.domain) in self._discretisations)
+            line = [component[axis.join(axis.others(data.index()), t)] for axis in axes for t in axis.domain]
+            # Where nothing else along the set holds the derivative either, the number is not part of any statement.
+            if key not in used and any(id(point) in used and not point.fixed for point in line):
                 raise TranscriptionError(
-                    f"'{data.name}': is fixed, but every row that holds it holds an algebraic or control as well, "
-                    "which has no value at that point. State the condition in states alone, or choose lobatto."
+                    f"'{data.name}': is fixed, but no equation that holds at that point has it. State the condition in "
+                    "states alone, index the equation by the whole set, or choose lobatto."
                 )

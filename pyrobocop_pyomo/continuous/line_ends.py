@@ -123,8 +123,8 @@ def find_line_ends(discretisation: Discretisation, has_equation: Callable[[Any],
         found: dict[Any, LineEnds] = {}
         for others, equations in lines.items():
             line = _Line(derivative, axis, others, equations, orders[id(derivative)])
-            if not equations and sets:
-                continue
+            if sets and equations <= {grid.times[0]}:
+                continue  # what is fixed at the start alone is no equation
             if line.can_be_closed(grid):
                 found[others] = line.ends(grid)
             elif not any(id(domain) in open_ids for domain in sets):

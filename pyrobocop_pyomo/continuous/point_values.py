@@ -6,17 +6,27 @@ read from two maximum matchings of rows and unknowns at that point.
 
 1. With the states at a first point among the unknowns, conditions on the initial state first: a row that would be one
    too many does not hold, such as a boundary condition at a corner where the initial state is given.
-2. With the states known: a row holds when it belongs to a part with as many rows as unknowns. A row that a control
-   leaves undetermined does not hold, nor do rows that leave derivatives along space undetermined, unless something else
-   in the model holds these.
+2. With the states known: a row holds when it belongs to a part with as many rows as unknowns. Rows that leave
+   derivatives along space undetermined do not hold, unless something else in the model holds these. Of the others
+   `shown_values` decides: they hold with the values that controls show, or at the first point as in the user's model,
+   which may fix there what it likes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from enum import Enum
 from typing import Any
 
 from pyrobocop_pyomo.numerics.matching import Matching, maximum_matching
+
+
+class PointDecision(Enum):
+    """What becomes of a row at a point without a stage."""
+
+    HOLDS = "holds"
+    UNDECIDED = "leaves a variable to choose"
+    SURPLUS = "is one too many"
 
 
 def rows_that_hold(
@@ -25,7 +35,7 @@ def rows_that_hold(
     candidates: Collection[int],
     along_space: set[int],
     needed: set[int],
-) -> list[bool]:
+) -> list[PointDecision]:
     """Decide on rows at points without a stage.
 
     Parameters
@@ -43,8 +53,8 @@ def rows_that_hold(
 
     Returns
     -------
-    list of bool
-        For each pending row, whether it holds.
+    list of PointDecision
+        For each pending row.
     """
     own = [[id(variable) for variable in variables] for _, variables in pending]
     first = [[id(variable) for variable in variables] for variables in conditions]
@@ -54,8 +64,39 @@ def rows_that_hold(
     with_known_states = _matched(unknown)
     short = set(with_known_states.underdetermined[0])
     short -= _connected(unknown, short, along_space, needed)
-    holding = {i for position, i in enumerate(possible) if position not in short}
-    return [i in holding for i in range(len(own))]
+    decisions = [PointDecision.SURPLUS] * len(own)
+    for position, i in enumerate(possible):
+        decisions[i] = PointDecision.UNDECIDED if position in short else PointDecision.HOLDS
+    return decisions
+
+
+def columns_that_rows_give(rows: Sequence[Sequence[int]], order: Iterable[int]) -> set[int]:
+    """As many unknowns as the rows can give, those that come first in an order before others."""
+    rows_with: dict[int, list[int]] = {key: [] for key in order}
+    for i, row in enumerate(rows):
+        for key in row:
+            if key in rows_with:
+                rows_with[key].append(i)
+    matching = maximum_matching(list(rows_with.values()), len(rows), first_come=True)
+    return {key for key, row in zip(rows_with, matching.column_of, strict=True) if row >= 0}
+
+
+def undecided_parts(rows: Sequence[tuple[Any, list[Any]]], absent: Collection[int]) -> list[tuple[list[Any], set[int]]]:
+    """The parts of rows that leave variables to choose, each with the ids of its variables.
+
+    Parameters
+    ----------
+    rows : sequence of (row, variables)
+    absent : collection of int
+        Ids of the variables without a value of their own.
+    """
+    unknown = [[id(variable) for variable in variables if id(variable) in absent] for _, variables in rows]
+    waiting, parts = {i for i, ids in enumerate(unknown) if ids}, []
+    while waiting:
+        part = _connected(unknown, waiting, set(absent), set(unknown[min(waiting)]))
+        waiting -= part
+        parts.append(([rows[i][0] for i in sorted(part)], {key for i in part for key in unknown[i]}))
+    return parts
 
 
 def _matched(rows: Sequence[Sequence[int]]) -> Matching:

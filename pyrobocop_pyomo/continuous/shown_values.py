@@ -2,7 +2,9 @@
 
 Such a variable equals the one at the nearest collocation point of the element that ends there, or of the first element:
 the value that a control has on its way to that point. One more row says so, which restricts nothing else. Equations
-that then give a variable without bounds explicitly, ``y[t] == x[t] + u[t]``, hold as well.
+that then give a variable without bounds explicitly, ``y[t] == x[t] + u[t]``, hold as well. At the first point, where
+the model may fix what it likes afterwards, other equations hold too: with the values that are shown where they give
+derivatives, else with variables that they leave to choose.
 
 What is left is fixed to None, so that whoever uses it learns about it: variables whose bounds do not allow for that,
 and derivatives without an equation of their own.
@@ -15,12 +17,13 @@ from typing import Any
 
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
-from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import value
 from pyomo.dae import DerivativeVar
 
+from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
 from .record import Discretisation, discretisation_of
@@ -28,6 +31,34 @@ from .row_variables import has_a_value, row_variables
 from .structure import Spot, axes_of
 
 Absent = dict[int, tuple[Any, Any, float]]
+
+
+class ShownValue(ConstraintData):
+    """The row of a shown value; not active while the variable is fixed, or one that follows from it.
+
+    So what is fixed after the transformation restricts nothing else, as if it had been fixed before.
+
+    Parameters
+    ----------
+    data, source : Var
+    following : tuple of Var
+        What equations at this point make of the value.
+    component : Constraint
+    """
+
+    __slots__ = ("_following", "_shown")
+
+    def __init__(self, data: Any, source: Any, following: tuple[Any, ...], component: Any) -> None:
+        self._shown, self._following = data, following
+        super().__init__((LinearExpression(linear_vars=[data, source], linear_coefs=[1.0, -1.0]), 0), component)
+
+    @property
+    def active(self) -> bool:
+        """Whether the row holds."""
+        if not self._active or self._shown.fixed:
+            return False
+        # Derivatives that an expression replaces are fixed to None.
+        return not any(variable.fixed and variable.value is not None for variable in self._following)
 
 
 def find_shown_values(spots: list[Spot], absent: Absent, used: set[int]) -> dict[int, tuple[Any, Any]]:
@@ -129,10 +160,10 @@ def add_shown_values(discretisation: Discretisation) -> None:
     parent.add_component(unique_component_name(parent, f"{discretisation.domain.local_name}_shown_values"), home)
     discretisation.generated.append(home)
     home.equals = Constraint(range(len(discretisation.shown)))
-    for i, (data, source) in enumerate(discretisation.shown):
+    for i, (data, source, following) in enumerate(discretisation.shown):
         data.unfix()
         data.set_value(source.value, skip_validation=True)
-        home.equals.add(i, (LinearExpression(linear_vars=[data, source], linear_coefs=[1.0, -1.0]), 0))
+        put_part(home.equals, i, ShownValue(data, source, following, home.equals))
 
 
 def _nearest(domain: Any, time: float) -> float:

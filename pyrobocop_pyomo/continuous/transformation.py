@@ -26,7 +26,7 @@ from .values import PreviousValues, refuse_later_components
 logger = logging.getLogger(__name__)
 
 # As users of pyomo.dae write them.
-DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss"}
+DAE_SCHEMES = {"LAGRANGE-RADAU": "radau", "LAGRANGE-LEGENDRE": "gauss", "BACKWARD": "implicit_euler"}
 # Relative width below which two boundaries count as one number with rounding.
 LEAST_WIDTH = 1e-9
 
@@ -49,10 +49,16 @@ class Collocation(Transformation):
     ``derivatives`` ("substitute", or "keep": where an equation says ``dx[t] == f``, ``f`` goes into the collocation
     rows and ``m.dx`` becomes an expression; keep the variable to give it bounds afterwards).
 
-    Equations hold at the collocation points. At other points states have a value, and what equations determine from
-    them; a control has that of the nearest collocation point in its element. Pairs, and rows that would restrict it
-    there, are deactivated. Applied to a set that it has discretised before, the transformation does so afresh, and
-    interpolates the present values. A refusal leaves the model as it was.
+    Equations hold at the collocation points and at the first point. At other points states have a value, and what
+    equations determine from them. A control at a point without a stage has the value of the nearest collocation point
+    in its element, where that restricts nothing else; fixing it, or what follows from it, takes that back. Pairs and
+    inequalities that would restrict it there are deactivated, and named in the log. It does not matter whether
+    variables and derivatives are fixed before or after. Applied to a set that it has discretised before, the
+    transformation does so afresh, and interpolates the present values. A refusal leaves the model as it was.
+
+    It cannot be reversed with ``TransformationFactory.reverse``, as ``dae.collocation`` cannot: rows and values of
+    points that would go away may be in use by then. ``create_using`` leaves the model alone and returns a discretised
+    copy.
     """
 
     CONFIG = ConfigDict("pyrobocop.collocation")
@@ -102,6 +108,15 @@ class Collocation(Transformation):
                 finalise(discretisation)
         for domain in domains:
             logger.debug("'%s': discretised by %s", domain.name, scheme.name)
+            done = discretisation_of(domain)
+            lost = dict.fromkeys(row.parent_component().name for row in done.deactivated) if done else {}
+            if lost:
+                logger.info(
+                    "'%s': %s has no collocation point at the start or at element ends; these do not hold there: %s",
+                    domain.name,
+                    scheme.name,
+                    ", ".join(map(repr, lost)),
+                )
 
     def reduce_collocation_points(self, instance: Any, var: Any = None, ncp: int = 1, contset: Any = None) -> Any:
         """Give a control fewer free values per element than the states have, as in ``dae.collocation``.

@@ -8,7 +8,7 @@ from typing import Any
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.phases import phases_of
 
-from .determinacy import freedom_findings
+from .determinacy import excess_findings, freedom_findings
 from .findings import Finding, Severity, Subject
 from .joining import joining_findings
 from .statements import foreign_findings, scaled_pair_findings
@@ -41,6 +41,7 @@ def findings_before_solve(model: Any) -> Iterator[Finding]:
         yield from boundary_findings(phase, [])
     yield from joining_findings(model)
     yield from freedom_findings(model)
+    yield from excess_findings(model)
 
 
 def doubts_before_solve(model: Any) -> tuple[Finding, ...]:

@@ -102,41 +102,83 @@ def freedom_findings(block: Any) -> Iterator[Finding]:
     What a phase declares to be chosen is not counted: controls, parameters and its horizon; nor the planes that keep
     shapes apart.
     """
-    objectives = list(block.component_data_objects(Objective, active=True, descend_into=Block))
-    if any(next(variables_in(each.expr, include_fixed=False), None) is not None for each in objectives):
-        return
-    left = _undetermined(block)
+    without = _without_objective(block)
+    left = _undetermined(block) if without else []
     if left:
-        without = f"the objective '{objectives[0].name}' is constant" if objectives else "there is no objective"
-        names = [data.name for data in left[:SHOWN]]
-        more = f" and {len(left) - SHOWN} more" if len(left) > SHOWN else ""
         yield Finding(
             Severity.WARNING,
             Subject.UNDETERMINED,
             f"{without}, and {len(left)} variable{'s are' if len(left) > 1 else ' is'} left that no equation "
-            f"determines, for example {', '.join(map(repr, names))}{more}: the point is one of many that meet "
-            "all constraints.",
+            f"determines, for example {_some(left)}: the point is one of many that meet all constraints.",
             tuple(dict.fromkeys(data.parent_component().name for data in left)),
             "Give them values, such as initial conditions, add the equations that are missing, or state an objective.",
         )
 
 
+def excess_findings(block: Any) -> Iterator[Finding]:
+    """More equations than variables in a part of a model without an objective, which is meant to be square."""
+    without = _without_objective(block)
+    if not without or _is_determined_by_counts(block):
+        return
+    rows = [row for row in block.component_data_objects(Constraint, active=True) if row.equality]
+    column: dict[int, int] = {}
+    held = []
+    for row in rows:
+        ids = {id(variable): None for variable in variables_in(row.body, include_fixed=False)}
+        if ids:  # a row without free variables is judged by its values
+            held.append((row, [column.setdefault(key, len(column)) for key in ids]))
+    over, columns = maximum_matching([own for _, own in held], len(column)).overdetermined
+    if over:
+        yield Finding(
+            Severity.WARNING,
+            Subject.CONTRADICTION,
+            f"{without}, and {len(over)} equations hold only {len(columns)} variables that may move: "
+            f"{_some([held[i][0] for i in over])}. A point that meets them all is chance.",
+            tuple(dict.fromkeys(held[i][0].parent_component().name for i in over)),
+            "Free a variable that is fixed, such as an initial condition, or remove an equation.",
+        )
+
+
+def _without_objective(block: Any) -> str:
+    """Words that say so; empty where an objective has something to choose."""
+    objectives = list(block.component_data_objects(Objective, active=True, descend_into=Block))
+    if any(next(variables_in(each.expr, include_fixed=False), None) is not None for each in objectives):
+        return ""
+    return f"the objective '{objectives[0].name}' is constant" if objectives else "there is no objective"
+
+
+def _some(data: list[Any]) -> str:
+    more = f" and {len(data) - SHOWN} more" if len(data) > SHOWN else ""
+    return f"{', '.join(repr(one.name) for one in data[:SHOWN])}{more}"
+
+
 SHOWN = 4
+
+
+def _is_determined_by_counts(block: Any) -> bool:
+    """True, without a walk over expressions, where all phases determine themselves and nothing outside is free."""
+    phases = {id(phase): phase for phase in phases_of(block)}
+    outside = (
+        component
+        for component in block.component_objects(Var, active=True, descend_into=Block)
+        if id(component.parent_block()) not in phases
+    )
+    chosen = {id(component) for component in _chosen(block)}
+    return all(map(_is_determined, phases.values())) and all(
+        data.fixed for each in outside if id(each) not in chosen for data in each.values()
+    )
 
 
 def _undetermined(block: Any) -> list[Any]:
     """Variables that a maximum matching with equations and pairs leaves over."""
+    if _is_determined_by_counts(block):
+        return []
     chosen = {id(component) for component in _chosen(block)}
     components = block.component_objects(Var, active=True, descend_into=Block)
-    components = [component for component in components if id(component) not in chosen]
-    phases = {id(phase): phase for phase in phases_of(block)}
-    outside = [component for component in components if id(component.parent_block()) not in phases]
-    if all(map(_is_determined, phases.values())) and all(data.fixed for each in outside for data in each.values()):
-        return []  # without a walk over all expressions
     # In the order of declaration. Rows take the last first, so that of a chain in time the start is left.
     column: dict[int, int] = {}
     variables: list[Any] = []
-    for data in (data for component in components for data in component.values()):
+    for data in (data for component in components if id(component) not in chosen for data in component.values()):
         if not data.fixed and id(data) not in column:
             column[id(data)] = len(variables)
             variables.append(data)

@@ -87,7 +87,13 @@ def test_refined_meshes_take_less_than_half_of_the_elements() -> None:
 def test_models_of_pyomo_dae_are_more_accurate_and_leave_nothing_free() -> None:
     table = run_quick("dae_models")
     assert table.count("cannot be discretised") == 2
-    assert table.count("optimal") == 22
+    errors, _, others = table.partition("variables  iterations")
+    assert errors.count("optimal") == 22
+    rows = [line[34:].split() for line in others.splitlines() if "collocation" in line]
+    assert {row[-1] for row in rows} == {"optimal"}
+    for theirs, ours in zip(rows[::2], rows[1::2], strict=True):
+        assert (theirs[0], ours[0]) == ("dae.collocation", "pyrobocop.collocation")
+        assert int(ours[1]) <= int(theirs[1])
 
 
 def test_what_a_phase_costs_stands_beside_pyomo_dae() -> None:

@@ -310,6 +310,20 @@ def test_nothing_is_left_where_all_is_given_or_an_objective_chooses(objective: A
     assert doubts_before_solve(m) == ()
 
 
+@pytest.mark.ipopt
+def test_without_an_objective_too_many_equations_are_counted_and_named() -> None:
+    m = tanks(3, 3)
+    assert doubts_before_solve(m) == ()
+    m.more = pyo.Constraint(expr=m.level[0, 1] == pyo.exp(-1))
+    m.none = pyo.Constraint(expr=m.level[0, 0] == 1)  # all of it is fixed: judged by its values
+    result = rcp.solve(m, progress=False)
+    (doubt,) = result.doubts
+    assert str(result).splitlines()[1].startswith("there is no objective, and 13 equations hold only 12 variables")
+    assert set(doubt.components) == {"more", "flow", "rate_disc_eq"}  # nothing of the other two tanks
+    m.more.deactivate()
+    assert doubts_before_solve(m) == ()
+
+
 def test_a_complementarity_problem_is_square() -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(range(3), initialize=1, bounds=(0, None))

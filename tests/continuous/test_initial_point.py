@@ -1,0 +1,253 @@
+"""Other people's models at the initial point: what is fixed there, before or after, is a condition of the model."""
+
+from __future__ import annotations
+
+import logging
+from itertools import product
+
+import pyomo.environ as pyo
+import pytest
+from catalogue.cart_pole import cart_pole
+from harness.dae import driven_tank, solved
+from pyomo.contrib.incidence_analysis import IncidenceGraphInterface
+from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.errors import ContradictionError
+
+OURS = pyo.TransformationFactory("pyrobocop.collocation")
+FEED, FLOW, VOLUME, RATE, HORIZON = 20.0, 1.0, 1.5, 0.4, 4.0
+
+
+def reactor(explicit=False):
+    """A stirred tank as flowsheet programs write it: holdup, accumulation, and algebraics with bounds."""
+    m = pyo.ConcreteModel(name="reactor")
+    m.t = ContinuousSet(bounds=(0, HORIZON))
+    m.holdup = pyo.Var(m.t, initialize=10.0)
+    m.accumulation = DerivativeVar(m.holdup, wrt=m.t, initialize=0.0)
+    m.feed = pyo.Var(m.t, initialize=1.0, bounds=(0, None))
+    m.volume = pyo.Var(m.t, initialize=1.0, bounds=(0, None))
+    m.flow = pyo.Var(m.t, initialize=1.0, bounds=(0, None))
+    m.content = pyo.Var(m.t, initialize=5.0, bounds=(0, None))
+    m.made = pyo.Var(m.t, initialize=-1.0)
+    right = lambda m, t: FLOW * m.feed[t] - m.flow[t] * m.content[t] + m.made[t]  # noqa: E731
+    if explicit:
+        m.balance = pyo.Constraint(m.t, rule=lambda m, t: m.accumulation[t] == right(m, t))
+    else:
+        m.balance = pyo.Constraint(m.t, rule=lambda m, t: 2 * m.accumulation[t] == 2 * right(m, t))
+    m.definition = pyo.Constraint(m.t, rule=lambda m, t: m.volume[t] * m.content[t] == m.holdup[t])
+    m.reaction = pyo.Constraint(m.t, rule=lambda m, t: m.made[t] == -RATE * m.volume[t] * m.content[t] ** 2)
+    m.hydraulics = pyo.Constraint(m.t, rule=lambda m, t: m.flow[t] == FLOW * (m.volume[t] / VOLUME) ** 0.5)
+    return m
+
+
+def feed_at(t):
+    return FEED if t == 0 else FEED / 2
+
+
+def steady_content():
+    return brentq(lambda c: FLOW * FEED - FLOW * c - RATE * VOLUME * c**2, 0, FEED)
+
+
+def content_at_the_end():
+    """By an integrator that knows nothing of collocation."""
+
+    def rate(t, n):
+        c = n / VOLUME
+        return FLOW * FEED / 2 - FLOW * c - RATE * VOLUME * c**2
+
+    answer = solve_ivp(rate, (0, HORIZON), [VOLUME * steady_content()], rtol=1e-11, atol=1e-11)
+    return answer.y[0, -1] / VOLUME
+
+
+def fix_inputs(m):
+    for t in m.t:
+        m.feed[t].fix(feed_at(t))
+    m.volume.fix(VOLUME)
+
+
+def free_variables(m):
+    """How many more variables than equations, counted by Pyomo."""
+    graph = IncidenceGraphInterface(m, include_inequality=False)
+    assert len(graph.maximum_matching()) == len(graph.constraints)
+    return len(graph.variables) - len(graph.constraints)
+
+
+@pytest.mark.heavy
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
+@pytest.mark.parametrize(("derivatives", "explicit"), list(product(["substitute", "keep"], [False, True])))
+@pytest.mark.parametrize("fixed_before", list(product([False, True], repeat=2)))
+def test_a_steady_start_is_a_condition_whenever_it_is_stated(scheme, derivatives, explicit, fixed_before):
+    m = reactor(explicit)
+    if fixed_before[0]:
+        m.volume.fix(VOLUME)
+    if fixed_before[1]:
+        m.accumulation[0].fix(0)
+    OURS.apply_to(m, wrt=m.t, nfe=16, ncp=3, scheme=scheme, derivatives=derivatives)
+    fix_inputs(m)
+    m.accumulation[0].fix(0)
+    assert free_variables(m) == 0
+    solved(m)
+    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+    assert m.accumulation[0].value == 0
+    if scheme != "lobatto":  # the feed jumps at a stage of it
+        assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-6)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("explicit", [False, True])
+def test_a_steady_start_as_a_row(explicit):
+    m = reactor(explicit)
+    m.steady = pyo.Constraint(expr=m.accumulation[0] == 0)
+    OURS.apply_to(m, wrt=m.t, nfe=16)
+    fix_inputs(m)
+    assert free_variables(m) == 0
+    assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+@pytest.mark.casadi
+def test_a_derivative_that_is_freed_again():
+    m = reactor(explicit=True)
+    OURS.apply_to(m, wrt=m.t, nfe=8)
+    fix_inputs(m)
+    m.accumulation[0].fix(0)
+    assert m.accumulation[0].fixed
+    m.accumulation[0].unfix()
+    assert not m.accumulation[0].fixed
+    m.holdup[0].fix(3.0)
+    assert free_variables(m) == 0
+    solved(m)
+    assert m.content[0].value == pytest.approx(2.0)
+    assert m.accumulation[0].value == pytest.approx(FLOW * FEED - FLOW * 2 - RATE * VOLUME * 4)
+
+
+@pytest.mark.casadi
+def test_a_steady_start_survives_another_mesh_and_a_copy():
+    m = reactor(explicit=True)
+    OURS.apply_to(m, wrt=m.t, nfe=4)
+    m.accumulation[0].fix(0)
+    OURS.apply_to(m, wrt=m.t, nfe=16)
+    m = m.clone()
+    fix_inputs(m)
+    assert m.accumulation[0].fixed
+    assert free_variables(m) == 0
+    assert solved(m).content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("before", [True, False])
+def test_a_rate_beside_a_state_decides_on_the_control_at_the_start_alone(before):
+    found = []
+    for fixes in (False, True):
+        m = driven_tank(initialize=0)
+        m.effort = Integral(m.t, rule=lambda m, t: (m.x[t] - 2) ** 2 + m.u[t] ** 2)
+        m.cost = pyo.Objective(expr=m.effort)
+        if fixes and before:
+            m.dx[0].fix(0.25)
+        OURS.apply_to(m, nfe=4)
+        if fixes and not before:
+            m.dx[0].fix(0.25)
+        found.append(pyo.value(solved(m).cost))
+    assert m.u[0].value == pytest.approx(1.25)
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+def test_a_profile_that_jumps_after_the_start_may_be_fixed_afterwards(scheme):
+    """No row ties the value at the start to the next one when both are given."""
+    m = driven_tank(initialize=0)
+    OURS.apply_to(m, nfe=4, scheme=scheme)
+    for t in m.t:
+        m.u[t].fix(5 if t == 0 else 1)
+    assert free_variables(m) == 0
+    solved(m)
+    assert all(x.value == pytest.approx(1) for x in m.x.values())
+    assert m.dx[0].value == pytest.approx(4)
+
+
+def test_what_is_fixed_afterwards_stays_fixed_on_another_mesh():
+    m = driven_tank(initialize=0)
+    OURS.apply_to(m, nfe=4)
+    m.u.fix(0.5)
+    OURS.apply_to(m, nfe=8)
+    assert all(u.fixed and u.value == 0.5 for u in m.u.values())
+    assert free_variables(m) == 0
+
+
+@pytest.mark.parametrize("scheme", ["radau", "lobatto"])
+def test_what_does_not_hold_at_the_start_is_named(scheme, caplog):
+    m = driven_tank(initialize=0)
+    m.limit = pyo.Constraint(m.t, rule=lambda m, t: m.u[t] <= 3)
+    with caplog.at_level(logging.INFO, logger="pyrobocop_pyomo"):
+        OURS.apply_to(m, nfe=4, scheme=scheme)
+    assert ("these do not hold there: 'limit'" in caplog.text) == (scheme == "radau")
+
+
+@pytest.mark.casadi
+def test_scaled_copies_know_what_is_fixed():
+    m = reactor(explicit=True)
+    OURS.apply_to(m, nfe=8)
+    fix_inputs(m)
+    m.accumulation[0].fix(0)
+    m.scaling_factor = pyo.Suffix(direction=pyo.Suffix.EXPORT)
+    for variable in (m.holdup, m.content):
+        m.scaling_factor[variable] = 0.1
+    scaling = pyo.TransformationFactory("core.scale_model")
+    scaled = scaling.create_using(m, rename=False)
+    assert free_variables(scaled) == 0
+    scaling.propagate_solution(solved(scaled), m)
+    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-8)
+
+
+@pytest.mark.casadi
+@pytest.mark.parametrize("scheme", ["radau", "gauss"])
+def test_accelerations_with_a_mass_matrix_follow_from_the_force_that_is_shown(scheme):
+    m = cart_pole()
+    OURS.apply_to(m, nfe=10, scheme=scheme)
+    for state in (m.x, m.angle, m.v, m.w):
+        state[5].unfix()
+    m.angle[5].fix(1)
+    solved(m)
+    assert m.force[0].value == pytest.approx(m.force[m.t.at(2)].value)
+    assert abs(m.force[0].value) > 1e-3
+    assert all(abs(pyo.value(row.body) - pyo.value(row.upper)) < 1e-9 for row in (m.cart[0], m.pole[0]))
+    m.force[0].fix(2)  # nothing else knows of it
+    assert solved(m).dv[0].value == pytest.approx(2.0)
+
+
+def rigid_pendulum(start):
+    """Of index three: the rod's force is in no equation that the states leave open."""
+    m = pyo.ConcreteModel("rigid pendulum")
+    m.t = ContinuousSet(bounds=(0, 1))
+    m.x, m.y, m.v, m.w = (pyo.Var(m.t, initialize=start) for start in (1.0, 0.1, 0.0, 0.0))
+    m.force = pyo.Var(m.t, initialize=1.0)
+    m.dx, m.dy, m.dv, m.dw = (DerivativeVar(state) for state in (m.x, m.y, m.v, m.w))
+    m.right = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.v[t])
+    m.up = pyo.Constraint(m.t, rule=lambda m, t: m.dy[t] == m.w[t])
+    m.push = pyo.Constraint(m.t, rule=lambda m, t: m.dv[t] == -m.force[t] * m.x[t])
+    m.pull = pyo.Constraint(m.t, rule=lambda m, t: m.dw[t] == -m.force[t] * m.y[t] - 9.81)
+    m.rod = pyo.Constraint(m.t, rule=lambda m, t: m.x[t] ** 2 + m.y[t] ** 2 == 1)
+    m.x[0].fix(start), m.y[0].fix(0), m.v[0].fix(0), m.w[0].fix(0)
+    return m
+
+
+@pytest.mark.casadi
+def test_a_model_of_index_three_has_the_answer_of_dae_collocation():
+    found = []
+    for way in ("dae.collocation", "pyrobocop.collocation"):
+        m = rigid_pendulum(1.0)
+        pyo.TransformationFactory(way).apply_to(m, nfe=8, ncp=3)
+        found.append([m.x[1].value, m.y[1].value, m.force[1].value] if solved(m) else None)
+    assert found[0] == pytest.approx(found[1], rel=1e-8)
+
+
+@pytest.mark.casadi
+def test_an_inconsistent_start_of_higher_index_is_said_by_name():
+    m = rigid_pendulum(0.9)
+    OURS.apply_to(m, nfe=8, ncp=3)
+    with pytest.raises(ContradictionError, match=r"rod\[0"):
+        rcp.solve(m, progress=False)
