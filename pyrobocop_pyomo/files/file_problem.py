@@ -57,7 +57,7 @@ class FilePoint(NamedTuple):
     objective : float
         NaN where it does not exist.
     violation : float
-        Largest violation of a row or a bound; infinite where a number does not exist.
+        Largest violation of a row or a bound; infinite where a number does not exist, as that of the objective.
     natural : float
         Largest distance ``|F - mid(l, F - H, u)|`` over the pairs ``l <= F <= u ⟂ H``; of ``0 <= a ⟂ b >= 0`` it is
         ``|min(a, b)|``.
@@ -111,8 +111,9 @@ class FileProblem:
             name: tuple(bound if math.isfinite(bound) else None for bound in ends)
             for name, *ends in zip(self.variables, self.lower, self.upper, strict=True)
         }
-        start = dict(zip(self.variables, self.start, strict=True))
-        model.x = Var(self.variables, bounds=bounds, initialize={k: v for k, v in start.items() if v is not None})
+        model.x = Var(self.variables, bounds=bounds)
+        for variable, start in zip(model.x.values(), self.start, strict=True):
+            variable.set_value(start, skip_validation=True)  # files may start outside of bounds
         model.shared = Expression(AnySet)
         stated = self.evaluate(
             [model.x[name] for name in self.variables],
@@ -145,8 +146,9 @@ class FileProblem:
         ends = zip(self.lower, values, self.upper, strict=True)
         violations = [_outside(lower, float(x), upper) for lower, x, upper in ends if x is not None]
         violations += [_outside(row.lower, row.body, row.upper) for row in stated.rows]
+        violations.append(math.inf if math.isnan(stated.objective) else 0.0)
         return FilePoint(
-            float(stated.objective), max(violations, default=0.0), max(map(_natural, stated.pairs), default=0.0)
+            float(stated.objective), max(violations), max(map(_natural, stated.pairs), default=0.0)
         )
 
 

@@ -145,7 +145,8 @@ class _Reader:
         read()
 
     def _segment_C(self) -> None:
-        self._content.rows[self._tokens.integer()].tokens = self._expression()
+        row = self._content.rows[self._tokens.integer()]
+        row.tokens = self._expression()
 
     def _segment_O(self) -> None:
         index, sense = self._tokens.integer(), self._tokens.integer()
