@@ -29,8 +29,7 @@ _OPERATORS: dict[int, tuple[str, int | None]] = {
     22: ("<", 2), 23: ("<=", 2), 24: ("==", 2), 28: (">=", 2), 29: (">", 2), 34: ("not", 1), 35: ("choose", 3),
     37: ("tanh", 1), 38: ("tan", 1), 39: ("sqrt", 1), 40: ("sinh", 1), 41: ("sin", 1), 42: ("log10", 1),
     43: ("log", 1), 44: ("exp", 1), 45: ("cosh", 1), 46: ("cos", 1), 47: ("atanh", 1), 49: ("atan", 1),
-    50: ("asinh", 1), 51: ("asin", 1), 52: ("acosh", 1), 53: ("acos", 1), 54: ("sum", None), 76: ("**", 2),
-    77: ("square", 1), 78: ("**", 2),
+    50: ("asinh", 1), 51: ("asin", 1), 52: ("acosh", 1), 53: ("acos", 1), 54: ("sum", None),
 }  # fmt: skip
 _INFINITE = 1e300  # AMPL's infinity is the largest double
 

@@ -67,12 +67,13 @@ class _TextTokens:
             tokens = line.split("#", 1)[0].split()
             self._tokens += tokens
             self._lines += [number] * len(tokens)
-        self._next = 0
+        self._next = self._read = 0
 
     def letter(self) -> str:
         if self._next == len(self._tokens):
             return ""
         token = self._tokens[self._next]
+        self._read = self._next
         if len(token) > 1:
             self._tokens[self._next] = token[1:]  # the first argument stands behind it without a space
         else:
@@ -81,6 +82,7 @@ class _TextTokens:
 
     def word(self) -> str:
         token = self._tokens[self._next]
+        self._read = self._next
         self._next += 1
         return token
 
@@ -93,7 +95,7 @@ class _TextTokens:
         return float(self.word())
 
     def place(self) -> str:
-        return f"line {self._lines[min(self._next, len(self._lines)) - 1]}" if self._lines else "the end"
+        return f"line {self._lines[self._read]}" if self._lines else "the end"
 
 
 class _BinaryTokens:
