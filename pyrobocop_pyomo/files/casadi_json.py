@@ -132,6 +132,8 @@ def _problem(
     functions: Sequence[str],
 ) -> FileProblem:  # fmt: skip
     low, high, initial = _vector(lower, -math.inf), _vector(upper, math.inf), _vector(start, 0.0)
+    if not len(low) == len(high) == len(initial):
+        raise ValueError(f"{len(low)} lower bounds, {len(high)} upper bounds, {len(initial)} start values")
     w, p = casadi.SX.sym("w", len(low)), casadi.DM(_vector(parameters, 0.0))
     parts = []
     for serialised in functions:
@@ -140,10 +142,9 @@ def _problem(
     together = casadi.Function("problem", [w], [casadi.vertcat(*parts)])
     rows, pairs, others = parts[1].numel(), parts[2].numel(), parts[3].numel()
     ends = _vector(row_lower, -math.inf), _vector(row_upper, math.inf)
-    if not (len(low) == len(high) == len(initial) and rows == len(ends[0]) == len(ends[1]) and pairs == others):
+    if not (rows == len(ends[0]) == len(ends[1]) and pairs == others):
         raise ValueError(
-            f"{len(low)}, {len(high)} and {len(initial)} bounds and starts of variables; {rows} rows with "
-            f"{len(ends[0])} and {len(ends[1])} bounds; {pairs} and {others} sides of pairs"
+            f"{rows} rows with {len(ends[0])} lower and {len(ends[1])} upper bounds; {pairs} and {others} sides of pairs"
         )
     program = _Program(together)
 

@@ -18,6 +18,7 @@ from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
+from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 
 from .arithmetic import EXPRESSIONS, NUMBERS, Arithmetic
 
@@ -119,8 +120,11 @@ class FileProblem:
             [model.x[name] for name in self.variables],
             Arithmetic(EXPRESSIONS.functions, lambda value: _named(model.shared, value)),
         )
-        rows = {row.name: _relation(row, self.name) for row in stated.rows}
-        pairs = {pair.name: _complements(pair) for pair in stated.pairs}
+        decided = {pair.name: _decided(pair) for pair in stated.pairs}
+        rows = {
+            row.name: _relation(row, self.name) for row in (*stated.rows, *decided.values()) if row is not None
+        }
+        pairs = {pair.name: _complements(pair) for pair in stated.pairs if decided[pair.name] is None}
         model.rows = Constraint(AnySet, rule={name: row for name, row in rows.items() if row is not None})
         model.pairs = Complementarity(list(pairs), rule=pairs)
         model.objective = Objective(expr=stated.objective, sense=maximize if self.maximise else minimize)
@@ -153,8 +157,8 @@ class FileProblem:
 
 
 def _named(shared: Any, value: Any) -> Any:
-    if value.__class__ in native_numeric_types or not value.is_expression_type():
-        return value
+    if value.__class__ in native_numeric_types or not (value.is_expression_type() and value.is_numeric_type()):
+        return value  # a number, a variable, a comparison
     index = len(shared)
     shared[index] = value
     return shared[index]
@@ -162,12 +166,14 @@ def _named(shared: Any, value: Any) -> Any:
 
 def _relation(row: Row, problem: str) -> Any:
     """The row as a constraint takes it; None where it says nothing."""
-    if row.body.__class__ in native_numeric_types:
-        if _outside(row.lower, row.body, row.upper) > 0:
-            raise ContradictionError(
-                f"'{problem}': row '{row.name}' holds no variable, and {row.body:g} is not between {row.lower:g} and "
-                f"{row.upper:g}. Nothing can satisfy it; correct the file."
-            )
+    is_number = row.body.__class__ in native_numeric_types
+    if (row.lower == row.upper and math.isinf(row.lower)) or (is_number and _outside(row.lower, row.body, row.upper) > 0):
+        what = f"{row.body:g}, which holds no variable," if is_number else "what it bounds"
+        raise ContradictionError(
+            f"'{problem}': in '{row.name}' {what} is not between {row.lower:g} and {row.upper:g}. Nothing can satisfy "
+            "it; correct the file."
+        )
+    if is_number:
         return None
     if row.lower == row.upper:
         return row.body == row.lower
@@ -175,12 +181,25 @@ def _relation(row: Row, problem: str) -> Any:
     return None if lower is upper is None else (lower, row.body, upper)
 
 
+def _decided(pair: Pair) -> Row | None:
+    """What is left of a pair of which one side is a number; None where none is."""
+    name, lower, first, upper, second = pair
+    if second.__class__ in native_numeric_types:
+        return Row(name, upper if second < 0 else lower, first, lower if second > 0 else upper)
+    if first.__class__ not in native_numeric_types:
+        return None
+    if not lower <= first <= upper:
+        return Row(name, lower, first, upper)
+    return Row(name, -math.inf if first == upper else 0.0, second, math.inf if first == lower else 0.0)
+
+
 def _complements(pair: Pair) -> Any:
     if math.isinf(pair.upper):
         return complements(pair.first >= pair.lower, pair.second >= 0)
     if math.isinf(pair.lower):
         return complements(pair.first <= pair.upper, pair.second <= 0)
-    return complements(inequality(pair.lower, pair.first, pair.upper), pair.second)
+    free = "free" if is_plain_variable(pair.second) else None  # bounds of its own are no part of the pair
+    return complements(inequality(pair.lower, pair.first, pair.upper), pair.second, second_bound=free)
 
 
 def _outside(lower: float, number: float, upper: float) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from mpcc_catalogue.point_check import check_point
 from pyomo.contrib.pynumero.interfaces.ampl_nlp import AmplNLP
 
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
@@ -164,6 +165,24 @@ def test_a_row_of_type_5_holds_where_its_definition_says(
     assert len(model.rows) == 0
 
 
+@pytest.mark.parametrize("which", [1, 2, 3])
+@pytest.mark.parametrize("body", [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize("x", [0.0, 0.5, 1.0])
+def test_of_a_pair_with_a_number_the_other_side_stays(which: int, body: float, x: float, tmp_path: Path) -> None:
+    text = nl_text([f"n{body}"], f"5 {which} 2", pairs=1).replace("0 -1 1", "0 0 1")
+    problem = read(text.replace("1 0.5", "1 0"), tmp_path)
+    holds = problem.judge([0.0, x]).natural == 0.0
+    if (which, body) in ((1, -1.0), (2, 1.0)):
+        assert not holds
+        with pytest.raises(ContradictionError, match="Nothing can satisfy it"):
+            problem.model()
+        return
+    model = problem.model()
+    assert len(model.pairs) == 0
+    model.x["1"].set_value(x)
+    assert (check_point(model).violation == 0.0) == holds
+
+
 def test_a_row_that_is_complementary_to_a_free_variable_is_an_equation(tmp_path: Path) -> None:
     problem = read(nl_text(["o1 v0 n2"], "5 0 1", pairs=1), tmp_path)
     model = problem.model()
@@ -204,7 +223,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 def test_a_row_without_variables_holds_or_is_refused(tmp_path: Path) -> None:
     text = nl_text(["n8"]).replace("1 0.5", "1 0")
     assert len(read(text, tmp_path).model().rows) == 0
-    with pytest.raises(ContradictionError, match="10 is not between -inf and 9"):
+    with pytest.raises(ContradictionError, match="10, which holds no variable, is not between -inf and 9"):
         read(text.replace("n8", "n10"), tmp_path).model()
 
 

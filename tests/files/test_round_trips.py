@@ -29,6 +29,7 @@ SIDES = {
     "with constants": lambda x, y: complements(2 * x + 3 >= 0, y - 1 >= 0),
     "nonlinear": lambda x, y: complements(x**2 - y + 2 >= 0, pyo.exp(x) - 1 >= 0),
     "range": lambda x, y: complements(pyo.inequality(-1, x, 1), y - 2),
+    "range against a variable": lambda x, y: complements(pyo.inequality(-1, x, 1), y, second_bound="free"),
     "range of an expression": lambda x, y: complements(pyo.inequality(-1, x + y, 1), x * y),
     "equation": lambda x, y: complements(x + y == 1, x * y),
     "any sign": lambda x, y: either_zero(x >= 0, y - x),
@@ -38,7 +39,6 @@ values = st.integers(-6, 6).map(lambda number: number / 2)
 bounds = st.sampled_from([(None, None), (0, None), (1, None), (None, 1), (-1, 1)])
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("problem", SMALL, ids=lambda problem: problem.name)
 def test_problems_of_the_catalogue_come_back(problem: MpccProblem, writer: str, tmp_path: Path) -> None:
