@@ -1,6 +1,6 @@
-"""Problems with complementarity in files that other programs read and write: ``.nl``, and JSON with functions of CasADi."""
+"""Problems with complementarity in files of other programs: ``.nl``, and JSON with functions of CasADi."""
 
+from .file_formats import read_file, write_file
 from .file_problem import FilePoint, FileProblem
-from .problem_files import read_problem, write_model
 
-__all__ = ["FilePoint", "FileProblem", "read_problem", "write_model"]
+__all__ = ["FilePoint", "FileProblem", "read_file", "write_file"]

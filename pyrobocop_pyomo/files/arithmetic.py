@@ -57,17 +57,12 @@ def _functions(
 
     return {
         **{name: named(name) for name in NUMPY_NAMES},
-        **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "**": operator.pow},
-        **{"<": operator.lt, "<=": operator.le, "==": operator.eq, ">=": operator.ge, ">": operator.gt},
-        "neg": operator.neg,
-        "square": lambda value: value**2,
-        "sum": lambda *terms: sum(terms),
-        "choose": choose,
-        "not": negate,
-        "min": smaller,
-        "max": larger,
+        "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "**": operator.pow,
+        "<": operator.lt, "<=": operator.le, "==": operator.eq, ">=": operator.ge, ">": operator.gt,
+        "neg": operator.neg, "square": lambda value: value**2, "sum": lambda *terms: sum(terms),
+        "choose": choose, "not": negate, "min": smaller, "max": larger,
         "positive part of difference": lambda a, b: larger(a - b, 0.0),
-    }
+    }  # fmt: skip
 
 
 def _or_nan(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -92,8 +87,8 @@ def _choose_expression(condition: Any, a: Any, b: Any) -> Any:
 def _not(condition: Any) -> Any:
     if condition.__class__ is bool:
         return not condition
-    smaller, larger = condition.args  # an equality has no opposite that Pyomo could hold, and is not met in files
-    return larger <= smaller
+    smaller, larger = condition.args
+    return larger <= smaller if condition.strict else larger < smaller
 
 
 def _function_of_casadi(name: str) -> Callable[..., Any]:
@@ -103,9 +98,9 @@ def _function_of_casadi(name: str) -> Callable[..., Any]:
 
 _FLOATS = _functions(lambda name: getattr(math, name, abs), lambda c, a, b: a if c else b, operator.not_)
 NUMBERS = Arithmetic({name: _or_nan(function) for name, function in _FLOATS.items()})
-EXPRESSIONS = Arithmetic(_functions(lambda name: abs if name == "abs" else getattr(expr, name), _choose_expression, _not))
+EXPRESSIONS = Arithmetic(
+    _functions(lambda name: abs if name == "abs" else getattr(expr, name), _choose_expression, _not)
+)
 SYMBOLS = Arithmetic(
-    _functions(
-        _function_of_casadi, lambda *arguments: casadi.if_else(*arguments), lambda c: casadi.logic_not(c)
-    )
+    _functions(_function_of_casadi, lambda *arguments: casadi.if_else(*arguments), lambda c: casadi.logic_not(c))
 )

@@ -3,10 +3,11 @@
 A problem is ``min f(w, p)`` where ``lbw <= w <= ubw``, ``lbg <= g(w, p) <= ubg`` and ``0 <= G(w, p) ⟂ H(w, p) >= 0``.
 Two layouts are read:
 
-* as the collection describes itself: ``w``, ``p`` (serialised symbols), ``lbw``, ``ubw``, ``w0``, ``p0``, ``lbg``,
-  ``ubg``, and the serialised functions ``g_fun``, ``G_fun``, ``H_fun``, ``augmented_objective_fun``; this one is written;
-* as its newer files are: ``w``, ``g``, ``p``, ``G``, ``H`` are objects with ``sym`` (symbols, or a serialised function of w
-  and p) and ``numerical_vectors`` with ``lb``, ``ub``, ``init``, ``val``; ``f`` is a serialised function.
+* as the collection describes itself, which is also how it is written: ``w``, ``p`` (serialised symbols), ``lbw``,
+  ``ubw``, ``w0``, ``p0``, ``lbg``, ``ubg``, and serialised functions ``g_fun``, ``G_fun``, ``H_fun``,
+  ``augmented_objective_fun``;
+* as its newer files are: ``w``, ``g``, ``p``, ``G``, ``H`` are objects with ``sym`` (symbols, or a serialised function
+  of w and p) and ``numerical_vectors`` with ``lb``, ``ub``, ``init``, ``val``. ``f`` is a serialised function.
 
 References
 ----------
@@ -29,7 +30,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.optional_imports import casadi
 
 from .arithmetic import NUMBERS, SYMBOLS, Arithmetic
-from .file_problem import FileProblem, Pair, Row, Statement
+from .file_problem import FilePair, FileProblem, FileRow, FileStatement
 
 # CasADi's operators by their names there, with ours.
 _OPERATORS = {
@@ -54,7 +55,7 @@ _DERIVED: dict[str, Callable[..., Any]] = {
 
 
 def read_json(path: Path) -> FileProblem:
-    """Read a file; the parameters and errors are those of `read_problem`."""
+    """Read a file; the parameters and errors are those of `read_file`."""
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         stated = _newer(facts) if isinstance(facts["w"], dict) else _described(facts)
@@ -84,7 +85,7 @@ def write_json(problem: FileProblem, path: Path) -> None:
             symbols += parts
             lower, upper = [*lower, 0.0, 0.0], [*upper, math.inf, math.inf]
             start += [max(started.second, 0.0), max(-started.second, 0.0)]
-            rows.append(Row(pair.name, 0.0, pair.second - parts[0] + parts[1], 0.0))
+            rows.append(FileRow(pair.name, 0.0, pair.second - parts[0] + parts[1], 0.0))
             pairs += [(pair.first - pair.lower, parts[0]), (pair.upper - pair.first, parts[1])]
     w, p = casadi.vertcat(*symbols), casadi.SX.sym("p", 0)
 
@@ -144,20 +145,20 @@ def _problem(
     ends = _vector(row_lower, -math.inf), _vector(row_upper, math.inf)
     if not (rows == len(ends[0]) == len(ends[1]) and pairs == others):
         raise ValueError(
-            f"{rows} rows with {len(ends[0])} lower and {len(ends[1])} upper bounds; {pairs} and {others} sides of pairs"
+            f"{rows} rows with {len(ends[0])} lower and {len(ends[1])} upper bounds; {pairs} and {others} sides"
         )
-    program = _Program(together)
+    program = _Instructions(together)
 
-    def evaluate(variables: Sequence[Any], arithmetic: Arithmetic) -> Statement:
+    def evaluate(variables: Sequence[Any], arithmetic: Arithmetic) -> FileStatement:
         if arithmetic is NUMBERS:
             values = np.array(together(casadi.DM(list(variables)))).ravel().tolist()
         else:
             values = program.evaluate(variables, arithmetic)
         bodies, firsts, seconds = values[1 : 1 + rows], values[1 + rows : 1 + rows + pairs], values[1 + rows + pairs :]
-        return Statement(
+        return FileStatement(
             values[0],
-            [Row(str(i), *each) for i, each in enumerate(zip(ends[0], bodies, ends[1], strict=True))],
-            [Pair(str(i), 0.0, a, math.inf, b) for i, (a, b) in enumerate(zip(firsts, seconds, strict=True))],
+            [FileRow(f"g[{i}]", *each) for i, each in enumerate(zip(ends[0], bodies, ends[1], strict=True))],
+            [FilePair(f"pair[{i}]", 0.0, a, math.inf, b) for i, (a, b) in enumerate(zip(firsts, seconds, strict=True))],
         )
 
     return FileProblem(name, _names(symbols, len(low)), low, high, list(initial), False, evaluate)
@@ -172,7 +173,7 @@ def _names(symbols: str, count: int) -> tuple[str, ...]:
     return tuple(names) if len(set(names)) == count else tuple(map(str, range(count)))
 
 
-class _Program:
+class _Instructions:
     """The instructions of a function of CasADi, each value once.
 
     Parameters

@@ -23,7 +23,7 @@ from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from .arithmetic import EXPRESSIONS, NUMBERS, Arithmetic
 
 
-class Row(NamedTuple):
+class FileRow(NamedTuple):
     """``lower <= body <= upper``."""
 
     name: str
@@ -32,7 +32,7 @@ class Row(NamedTuple):
     upper: float
 
 
-class Pair(NamedTuple):
+class FilePair(NamedTuple):
     """``lower <= first <= upper ⟂ second``: nonnegative at the lower bound, nonpositive at the upper, zero between."""
 
     name: str
@@ -42,12 +42,12 @@ class Pair(NamedTuple):
     second: Any
 
 
-class Statement(NamedTuple):
+class FileStatement(NamedTuple):
     """What a file states, over one kind of number."""
 
     objective: Any
-    rows: list[Row]
-    pairs: list[Pair]
+    rows: list[FileRow]
+    pairs: list[FilePair]
 
 
 class FilePoint(NamedTuple):
@@ -91,7 +91,7 @@ class FileProblem:
     upper: list[float]
     start: list[float | None]
     maximise: bool
-    evaluate: Callable[[Sequence[Any], Arithmetic], Statement] = field(repr=False)
+    evaluate: Callable[[Sequence[Any], Arithmetic], FileStatement] = field(repr=False)
 
     def model(self) -> ConcreteModel:
         """A new model of the problem.
@@ -121,16 +121,14 @@ class FileProblem:
             Arithmetic(EXPRESSIONS.functions, lambda value: _named(model.shared, value)),
         )
         decided = {pair.name: _decided(pair) for pair in stated.pairs}
-        rows = {
-            row.name: _relation(row, self.name) for row in (*stated.rows, *decided.values()) if row is not None
-        }
+        rows = {row.name: _relation(row, self.name) for row in (*stated.rows, *decided.values()) if row is not None}
         pairs = {pair.name: _complements(pair) for pair in stated.pairs if decided[pair.name] is None}
         model.rows = Constraint(AnySet, rule={name: row for name, row in rows.items() if row is not None})
         model.pairs = Complementarity(list(pairs), rule=pairs)
         model.objective = Objective(expr=stated.objective, sense=maximize if self.maximise else minimize)
         return model
 
-    def judge(self, values: Sequence[float | None]) -> FilePoint:
+    def check(self, values: Sequence[float | None]) -> FilePoint:
         """What a point is worth: from the statement of the file, by nothing that solves or transforms it.
 
         Parameters
@@ -151,9 +149,7 @@ class FileProblem:
         violations = [_outside(lower, float(x), upper) for lower, x, upper in ends if x is not None]
         violations += [_outside(row.lower, row.body, row.upper) for row in stated.rows]
         violations.append(math.inf if math.isnan(stated.objective) else 0.0)
-        return FilePoint(
-            float(stated.objective), max(violations), max(map(_natural, stated.pairs), default=0.0)
-        )
+        return FilePoint(float(stated.objective), max(violations), max(map(_natural, stated.pairs), default=0.0))
 
 
 def _named(shared: Any, value: Any) -> Any:
@@ -164,10 +160,12 @@ def _named(shared: Any, value: Any) -> Any:
     return shared[index]
 
 
-def _relation(row: Row, problem: str) -> Any:
+def _relation(row: FileRow, problem: str) -> Any:
     """The row as a constraint takes it; None where it says nothing."""
     is_number = row.body.__class__ in native_numeric_types
-    if (row.lower == row.upper and math.isinf(row.lower)) or (is_number and _outside(row.lower, row.body, row.upper) > 0):
+    if (row.lower == row.upper and math.isinf(row.lower)) or (
+        is_number and _outside(row.lower, row.body, row.upper) > 0
+    ):
         what = f"{row.body:g}, which holds no variable," if is_number else "what it bounds"
         raise ContradictionError(
             f"'{problem}': in '{row.name}' {what} is not between {row.lower:g} and {row.upper:g}. Nothing can satisfy "
@@ -181,19 +179,19 @@ def _relation(row: Row, problem: str) -> Any:
     return None if lower is upper is None else (lower, row.body, upper)
 
 
-def _decided(pair: Pair) -> Row | None:
+def _decided(pair: FilePair) -> FileRow | None:
     """What is left of a pair of which one side is a number; None where none is."""
     name, lower, first, upper, second = pair
     if second.__class__ in native_numeric_types:
-        return Row(name, upper if second < 0 else lower, first, lower if second > 0 else upper)
+        return FileRow(name, upper if second < 0 else lower, first, lower if second > 0 else upper)
     if first.__class__ not in native_numeric_types:
         return None
     if not lower <= first <= upper:
-        return Row(name, lower, first, upper)
-    return Row(name, -math.inf if first == upper else 0.0, second, math.inf if first == lower else 0.0)
+        return FileRow(name, lower, first, upper)
+    return FileRow(name, -math.inf if first == upper else 0.0, second, math.inf if first == lower else 0.0)
 
 
-def _complements(pair: Pair) -> Any:
+def _complements(pair: FilePair) -> Any:
     if math.isinf(pair.upper):
         return complements(pair.first >= pair.lower, pair.second >= 0)
     if math.isinf(pair.lower):
@@ -206,6 +204,6 @@ def _outside(lower: float, number: float, upper: float) -> float:
     return math.inf if math.isnan(number) else max(lower - number, number - upper, 0.0)
 
 
-def _natural(pair: Pair) -> float:
+def _natural(pair: FilePair) -> float:
     moved = pair.first - pair.second
     return math.inf if math.isnan(moved) else abs(pair.first - min(max(moved, pair.lower), pair.upper))

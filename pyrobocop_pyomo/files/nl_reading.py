@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 from pyrobocop_pyomo.errors import ModelError
 
 from .arithmetic import Arithmetic
-from .file_problem import FileProblem, Pair, Row, Statement
+from .file_problem import FilePair, FileProblem, FileRow, FileStatement
 from .nl_tokens import NlTokens, open_nl
 
 # Codes of operators, with the name of each and the count of its arguments; None where the file says how many.
@@ -63,28 +63,28 @@ class _NlContent:
     start: dict[int, float] = field(default_factory=dict)
     defined: dict[int, _Function] = field(default_factory=dict)  # in the order of the file: each before its use
 
-    def evaluate(self, variables: Sequence[Any], arithmetic: Arithmetic) -> Statement:
+    def evaluate(self, variables: Sequence[Any], arithmetic: Arithmetic) -> FileStatement:
         known = [*variables, *([None] * (max(self.defined, default=-1) + 1 - len(variables)))]
         for index, function in self.defined.items():
             known[index] = arithmetic.share(function.value(known, arithmetic))
-        rows: list[Row] = []
-        pairs: list[Pair] = []
+        rows: list[FileRow] = []
+        pairs: list[FilePair] = []
         for index, function in enumerate(self.rows):
             name, body = self.row_names[index], function.value(known, arithmetic)
             which, variable = self.complementary.get(index, (0, 0))
             if not which:
                 lower, upper = self.row_bounds[index]
-                rows.append(Row(name, lower, body, upper))
+                rows.append(FileRow(name, lower, body, upper))
                 continue
             lower, upper = self.bounds[variable]
             lower, upper = lower if which & 1 else -math.inf, upper if which & 2 else math.inf
-            pairs.append(Pair(name, lower, variables[variable], upper, body))
+            pairs.append(FilePair(name, lower, variables[variable], upper, body))
         objective = self.objectives[0].value(known, arithmetic) if self.objectives else 0.0
-        return Statement(objective, rows, pairs)
+        return FileStatement(objective, rows, pairs)
 
 
 def read_nl(path: Path) -> FileProblem:
-    """Read a ``.nl`` file; the parameters and errors are those of `read_problem`."""
+    """Read a ``.nl`` file; the parameters and errors are those of `read_file`."""
     header, tokens = open_nl(path.read_bytes(), path)
     (n, m, objectives), discrete = header[0][:3], header[5]
     if sum(discrete):
@@ -97,7 +97,7 @@ def read_nl(path: Path) -> FileProblem:
         row_names=_names(path.with_suffix(".row"), m),
         bounds=[(-math.inf, math.inf)] * n,
     )
-    reader = _Reader(path, tokens, content)
+    reader = _SegmentReader(path, tokens, content)
     try:
         while letter := tokens.letter():
             reader.segment(letter)
@@ -123,7 +123,7 @@ def read_nl(path: Path) -> FileProblem:
     )
 
 
-class _Reader:
+class _SegmentReader:
     """Reads segments into the content of a file."""
 
     def __init__(self, path: Path, tokens: NlTokens, content: _NlContent) -> None:

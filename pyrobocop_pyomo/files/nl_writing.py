@@ -47,7 +47,7 @@ class _PairRow(NamedTuple):
 
 
 def write_nl(model: BlockData, path: Path, writer: str) -> None:
-    """Write a ``.nl`` file, and its names; the parameters and errors are those of `write_model`."""
+    """Write a ``.nl`` file, and its names; the parameters and errors are those of `write_file`."""
     copy = model.clone()
     pairs = _PairRows(copy).written
     with tempfile.TemporaryDirectory(prefix="pyrobocop_") as folder:
@@ -191,5 +191,7 @@ def _may_have(variable: Any, lower: float | None, upper: float | None) -> bool:
     """Whether these can be the bounds of a variable: it has the same, or none where it gets one."""
     if variable.fixed or not variable.is_continuous():
         return False
-    return all(own == wanted or (own is None and wanted is not None)
-               for own, wanted in zip(variable.bounds, (lower, upper), strict=True))
+    return all(
+        own == wanted or (own is None and wanted is not None)
+        for own, wanted in zip(variable.bounds, (lower, upper), strict=True)
+    )

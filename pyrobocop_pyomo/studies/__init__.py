@@ -1,7 +1,7 @@
 """Studies around a solve: many starts or data, paths of data, sensitivity, refinement, sequences, receding horizons.
 
-`multistart`, `homotopy`, `sweep`, `solve_files`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence of outcomes
-that prints as a table. Its members mean the same in all of them:
+`multistart`, `homotopy`, `sweep`, `solve_files`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence
+of outcomes that prints as a table. Its members mean the same in all of them:
 
 * ``best``: the outcome that answers the study; its point is the one on the model;
 * ``result``: the `SolveResult` of that outcome;

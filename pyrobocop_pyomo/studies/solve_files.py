@@ -10,7 +10,7 @@ from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.files.problem_files import SUFFIXES, read_problem
+from pyrobocop_pyomo.files.file_formats import SUFFIXES, read_file
 from pyrobocop_pyomo.solving import SolveResult
 
 from .outcome_file import discard_outcomes
@@ -36,7 +36,7 @@ def solve_files(
     Parameters
     ----------
     paths : str, Path or iterable
-        Files that `rcp.files.read_problem` reads, and folders, in which such files are looked for.
+        Files that `rcp.files.read_file` reads, and folders, in which such files are looked for.
     workers, engine, time_limit, progress
         As of `sweep`.
     file : str or Path, optional
@@ -53,7 +53,7 @@ def solve_files(
     -------
     SweepResult
         With an outcome per file: what `solve` says, and as its ``numbers`` what the statement of the file says of the
-        point (``judged`` for its objective, ``violation``, ``natural``, see `FilePoint`) and the seconds of processors
+        point (``checked`` for its objective, ``violation``, ``natural``, see `FilePoint`) and the seconds of processors
         (``cpu``), reading included.
 
     Raises
@@ -73,7 +73,7 @@ def solve_files(
         discard_outcomes(file)
     cases = {name: (str(path.resolve()), zlib.crc32(path.read_bytes())) for name, path in found.items()}
     return sweep(
-        _OpenedFile, cases, read=_judged, start_from=None, workers=workers, engine=engine, file=file,
+        _OpenedFile, cases, read=_checked, start_from=None, workers=workers, engine=engine, file=file,
         time_limit=time_limit, time_limit_per_case=time_limit_per_file, progress=progress, **options,
     )  # fmt: skip
 
@@ -91,14 +91,14 @@ class _OpenedFile:
 
     def __init__(self, case: tuple[str, int]) -> None:
         self.before = _processor_seconds()
-        self.problem = read_problem(case[0])
+        self.problem = read_file(case[0])
         self.model = self.problem.model()
 
 
-def _judged(opened: _OpenedFile, result: SolveResult) -> dict[str, float]:
-    point = opened.problem.judge([variable.value for variable in opened.model.x.values()])
+def _checked(opened: _OpenedFile, result: SolveResult) -> dict[str, float]:
+    point = opened.problem.check([variable.value for variable in opened.model.x.values()])
     return {
-        "judged": point.objective, "violation": point.violation, "natural": point.natural,
+        "checked": point.objective, "violation": point.violation, "natural": point.natural,
         "cpu": _processor_seconds() - opened.before,
     }  # fmt: skip
 

@@ -50,7 +50,7 @@ PUBLIC = {
         SimulatedNetwork Sova TargetedPenalties TeamHorizon TeamResult TeamState find_engine fingerprint merge_agents
     """,
     "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
-    "files": "FilePoint FileProblem read_problem write_model",
+    "files": "FilePoint FileProblem read_file write_file",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable linear_solver_options",
     "mechanics": """
         AbsoluteValue CoulombFriction CoulombSlip DeadZone HardWall LimitSurface Maximum Minimum PhysicalScore

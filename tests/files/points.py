@@ -10,7 +10,7 @@ from typing import Any
 import pyomo.environ as pyo
 from mpcc_catalogue.point_check import Point, check_point
 
-from pyrobocop_pyomo.files import FileProblem, read_problem, write_model
+from pyrobocop_pyomo.files import FileProblem, read_file, write_file
 
 COLLECTION = Path(__file__).parent / "collection"
 # Best objective of each file, and where it is from.
@@ -34,7 +34,7 @@ def scatter(model: Any, seed: int) -> None:
 
 def written_and_read(model: Any, path: Path, **options: Any) -> FileProblem:
     """The same problem after it was in a file. New variables start at what their rows say."""
-    return read_problem(write_model(model, path, **options))
+    return read_file(write_file(model, path, **options))
 
 
 def is_as_bad(one: float, other: float) -> bool:
@@ -43,7 +43,7 @@ def is_as_bad(one: float, other: float) -> bool:
 
 def check_same(model: Any, problem: FileProblem, sign: float = 1.0) -> None:
     """The file says of the model's point what the model says, and so does the model that is made of the file."""
-    stated, judged, again = check_point(model), problem.judge(problem.start), check_point(problem.model())
+    stated, judged, again = check_point(model), problem.check(problem.start), check_point(problem.model())
     if math.isinf(badness(stated)):  # a number does not exist
         assert math.isinf(max(judged.violation, judged.natural))
         return

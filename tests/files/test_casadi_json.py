@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mpcc_catalogue.point_check import check_point
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.files import FileProblem, read_problem
+from pyrobocop_pyomo.files import FileProblem, read_file
 from pyrobocop_pyomo.optional_imports import casadi
 
 pytestmark = pytest.mark.casadi
@@ -32,7 +32,8 @@ def described(objective: Any, rows: list[Any], firsts: list[Any], seconds: list[
 
     return {
         "w": w.serialize(), "lbw": [None, 0, -1], "ubw": [None, None, 1], "w0": [0.5, 1, 2], "p": p.serialize(),
-        "p0": 3, "g_fun": function(*rows), "lbg": None, "ubg": 1, "G_fun": function(*firsts), "H_fun": function(*seconds),
+        "p0": 3, "g_fun": function(*rows), "lbg": None, "ubg": 1, "G_fun": function(*firsts),
+        "H_fun": function(*seconds),
         "augmented_objective_fun": function(objective),
     }  # fmt: skip
 
@@ -50,7 +51,7 @@ def newer(facts: dict[str, Any]) -> dict[str, Any]:
 
 def read(facts: dict[str, Any], folder: Path) -> FileProblem:
     (folder / "problem.json").write_text(json.dumps(facts))
-    return read_problem(folder / "problem.json")
+    return read_file(folder / "problem.json")
 
 
 @pytest.mark.parametrize("layout", [dict, newer])
@@ -61,7 +62,7 @@ def test_both_layouts_are_read(layout: Any, tmp_path: Path) -> None:
     assert problem.variables == ("u", "v", "s")
     assert (problem.lower, problem.upper) == ([-math.inf, 0, -1], [math.inf, math.inf, 1])
     assert problem.start == [0.5, 1, 2]
-    point = problem.judge([0.5, 1.0, 2.0])
+    point = problem.check([0.5, 1.0, 2.0])
     assert point == (3 * 0.25 + 1, 1.5, 1.0)  # u + s is 2.5 and not 1, s is 2 and not 1; min(v, s + 1) is 1
     model = problem.model()
     assert len(model.pairs) == 2
@@ -70,11 +71,13 @@ def test_both_layouts_are_read(layout: Any, tmp_path: Path) -> None:
 
 
 OPERATORS = {
-    "sq": lambda c, a, b: a**2, "power": lambda c, a, b: (1 + a * a) ** b, "constant power": lambda c, a, b: (2 + a) ** 1.5,
+    "sq": lambda c, a, b: a**2, "power": lambda c, a, b: (1 + a * a) ** b,
+    "constant power": lambda c, a, b: (2 + a) ** 1.5,
     "fmin": lambda c, a, b: c.fmin(a, b), "fmax": lambda c, a, b: c.fmax(a, b), "twice": lambda c, a, b: 2 * a,
     "inverse": lambda c, a, b: 1 / (3 + a), "choice": lambda c, a, b: c.if_else(a < b, a, 2 * b),
     "choice of an equal": lambda c, a, b: c.if_else(a <= b, a, b - 1), "sign": lambda c, a, b: c.sign(a) * b,
-    "log1p": lambda c, a, b: c.log1p(a * a), "expm1": lambda c, a, b: c.expm1(b), "hypot": lambda c, a, b: c.hypot(a, b),
+    "log1p": lambda c, a, b: c.log1p(a * a), "expm1": lambda c, a, b: c.expm1(b),
+    "hypot": lambda c, a, b: c.hypot(a, b),
     "fabs": lambda c, a, b: c.fabs(a - b), "negative": lambda c, a, b: -a, "quotient": lambda c, a, b: a / (b * b + 1),
     **{name: (lambda c, a, b, name=name: getattr(c, name)(a / 4 + 0.1)) for name in (
         "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "atanh", "exp", "floor", "ceil",
@@ -94,7 +97,7 @@ def test_operators_mean_the_same_in_the_model(name: str, a: int, b: int, tmp_pat
     model = problem.model()
     for variable, number in zip(model.x.values(), (a, b, 0.5), strict=True):
         variable.set_value(number, skip_validation=True)
-    assert pyo.value(model.objective) == pytest.approx(problem.judge([a, b, 0.5]).objective, rel=1e-12, abs=1e-12)
+    assert pyo.value(model.objective) == pytest.approx(problem.check([a, b, 0.5]).objective, rel=1e-12, abs=1e-12)
     assert len(model.shared) >= 1
 
 
@@ -122,4 +125,4 @@ def test_what_does_not_fit_is_refused(change: dict[str, Any], message: str, tmp_
         read({name: value for name, value in facts.items() if name != "ubg"}, tmp_path)
     (tmp_path / "other.json").write_text("[1, 2")
     with pytest.raises(ModelError, match="no problem with functions of CasADi"):
-        read_problem(tmp_path / "other.json")
+        read_file(tmp_path / "other.json")

@@ -1,4 +1,4 @@
-"""A model, its file, and the model made of the file say the same of a point: by both of Pyomo's writers, and in JSON."""
+"""A model, its file, and the model made of the file say the same of a point: by either writer, and in JSON."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mpcc_catalogue.point_check import read_pairs
 from pyomo import mpec
 
 from pyrobocop_pyomo.complementarity import Complementarity, complements, either_zero
-from pyrobocop_pyomo.files import read_problem, write_model
+from pyrobocop_pyomo.files import read_file, write_file
 
 from .points import COLLECTION, OPTIMA, check_same, scatter, written_and_read
 
@@ -92,7 +92,7 @@ def test_writing_changes_nothing_in_the_model(writer: str, tmp_path: Path) -> No
     m.other = mpec.Complementarity(expr=mpec.complements(m.y >= 0, m.x + 1 >= 0))
     m.cost = pyo.Objective(expr=m.x)
     before = [*map(id, m.component_objects()), m.x.bounds, m.y.bounds, m.x.value]
-    write_model(m, tmp_path / "m.nl", writer=writer)
+    write_file(m, tmp_path / "m.nl", writer=writer)
     assert [*map(id, m.component_objects()), m.x.bounds, m.y.bounds, m.x.value] == before
     assert m.pair.active
     assert m.other.active
@@ -119,7 +119,7 @@ def test_a_variable_with_its_bound_needs_no_other_and_names_stay(writer: str, tm
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("name", OPTIMA)
 def test_what_was_read_is_written_the_same_way(name: str, writer: str, tmp_path: Path) -> None:
-    problem = read_problem(COLLECTION / f"{name}.nl")
+    problem = read_file(COLLECTION / f"{name}.nl")
     model = problem.model()
     scatter(model, 1)
     again = written_and_read(model, tmp_path / "again.nl", writer=writer)
@@ -137,6 +137,6 @@ def test_the_header_counts_the_pairs(writer: str, tmp_path: Path) -> None:
     m.between = Complementarity(expr=complements(pyo.inequality(-1, m.c, 1), m.a - m.b))
     m.row = pyo.Constraint(expr=m.a + m.b == 3)
     m.cost = pyo.Objective(expr=m.a)
-    lines = write_model(m, tmp_path / "m.nl", writer=writer).read_text().split("\n")
+    lines = write_file(m, tmp_path / "m.nl", writer=writer).read_text().split("\n")
     assert lines[1].split("#")[0].split() == ["3", "4", "1", "0", "1"]
     assert lines[2].split("#")[0].split() == ["1", "0", "2", "1", "1", "1"]

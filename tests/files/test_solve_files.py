@@ -1,4 +1,4 @@
-"""Files of a folder are solved to their known optima, go on where they were stopped, and are judged by their statement."""
+"""Files of a folder are solved to their known optima, kept, and checked by their statement."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ module = importlib.import_module("pyrobocop_pyomo.studies.solve_files")
 
 
 def objectives(result: SweepResult) -> dict[str, float]:
-    return {outcome.name: outcome.numbers["judged"] for outcome in result}
+    return {outcome.name: outcome.numbers["checked"] for outcome in result}
 
 
 def folder_with(names: list[str], folder: Path) -> Path:
@@ -37,7 +37,7 @@ def test_the_command_line_solves_a_folder_to_the_known_optima(
     results = tmp_path / "results.jsonl"
     assert main(["solve", str(COLLECTION), "--results", str(results), "--time-limit", "60"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split()[:5] == ["case", "name", "judged", "violation", "natural"]
+    assert lines[0].split()[:5] == ["case", "name", "checked", "violation", "natural"]
     rows = {words[1].removesuffix(".nl"): words for words in map(str.split, lines[1:])}
     assert rows.keys() == OPTIMA.keys()
     for name, optimum in OPTIMA.items():
@@ -55,13 +55,13 @@ def test_the_command_line_solves_a_folder_to_the_known_optima(
 def test_only_what_is_new_or_has_changed_is_solved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, file = folder_with(["df1", "gauvin"], tmp_path / "some"), tmp_path / "results.jsonl"
     opened: list[str] = []
-    read = module.read_problem
+    read = module.read_file
 
     def noted(path: str) -> Any:
         opened.append(Path(path).stem)
         return read(path)
 
-    monkeypatch.setattr(module, "read_problem", noted)
+    monkeypatch.setattr(module, "read_file", noted)
     first = solve_files(folder, file=file)
     assert opened == ["df1", "gauvin"]
     assert objectives(solve_files(folder, file=file)) == objectives(first)
@@ -101,7 +101,7 @@ def test_a_file_that_cannot_be_read_leaves_the_others_alone(tmp_path: Path, caps
 @pytest.mark.ipopt
 def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, file = folder_with(["df1", "gauvin", "ralph2"], tmp_path / "some"), tmp_path / "results.jsonl"
-    read = module.read_problem
+    read = module.read_file
 
     def interrupted(path: str) -> Any:
         if Path(path).stem == "gauvin":
@@ -109,7 +109,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         return read(path)
 
     with monkeypatch.context() as patch:
-        patch.setattr(module, "read_problem", interrupted)
+        patch.setattr(module, "read_file", interrupted)
         partly = solve_files(folder, file=file)
     assert partly.remaining == ("gauvin.nl", "ralph2.nl")
     assert not partly.reached
@@ -136,7 +136,7 @@ def test_the_numbers_are_those_of_the_file_and_not_of_the_solver(
     (outcome,) = solve_files(folder)
     assert outcome.verdict == "optimal"
     assert outcome.numbers["natural"] == pytest.approx(0.5)
-    assert outcome.numbers["judged"] == pytest.approx(1.0)
+    assert outcome.numbers["checked"] == pytest.approx(1.0)
 
 
 def test_nothing_to_solve_and_files_of_something_else_are_refused(
@@ -154,10 +154,10 @@ def test_nothing_to_solve_and_files_of_something_else_are_refused(
 
 
 def test_the_namespace_reads_and_writes(tmp_path: Path) -> None:
-    model = rcp.files.read_problem(COLLECTION / "gauvin.nl").model()
-    path = rcp.files.write_model(model, tmp_path / "copy.nl")
-    assert rcp.files.read_problem(path).model().name == "copy"
+    model = rcp.files.read_file(COLLECTION / "gauvin.nl").model()
+    path = rcp.files.write_file(model, tmp_path / "copy.nl")
+    assert rcp.files.read_file(path).model().name == "copy"
     with pytest.raises(ModelError, match="writer = 'nl'"):
-        rcp.files.write_model(model, path, writer="nl")
+        rcp.files.write_file(model, path, writer="nl")
     with pytest.raises(ModelError, match=r"neither a \.nl nor"):
-        rcp.files.write_model(model, tmp_path / "copy.lp")
+        rcp.files.write_file(model, tmp_path / "copy.lp")

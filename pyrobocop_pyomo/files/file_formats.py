@@ -1,4 +1,4 @@
-"""`read_problem` and `write_model`: problems with complementarity in files that other programs read and write."""
+"""`read_file` and `write_file`: problems with complementarity in files that other programs read and write."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .nl_writing import WRITERS, write_nl
 SUFFIXES = (".nl", ".json")
 
 
-def read_problem(path: str | Path) -> FileProblem:
+def read_file(path: str | Path) -> FileProblem:
     """Read a problem.
 
     Parameters
@@ -48,7 +48,7 @@ def read_problem(path: str | Path) -> FileProblem:
     return read(path)
 
 
-def write_model(model: BlockData, path: str | Path, *, writer: str = "nl_v2") -> Path:
+def write_file(model: BlockData, path: str | Path, *, writer: str = "nl_v2") -> Path:
     """Write a model with its pairs.
 
     A pair is a row of type 5 in a ``.nl`` file, which is complementary to bounds of a variable. Where neither side of a
