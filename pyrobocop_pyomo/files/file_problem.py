@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from pyomo.core.base.constraint import Constraint
@@ -19,6 +19,7 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.complementarity import Complementarity, complements
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
+from pyrobocop_pyomo.presentation import Presented
 
 from .arithmetic import EXPRESSIONS, NUMBERS, Arithmetic
 
@@ -70,7 +71,7 @@ class FilePoint(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FileProblem:
+class FileProblem(Presented):
     """A problem with complementarity as a file states it.
 
     Attributes
@@ -91,7 +92,10 @@ class FileProblem:
     upper: list[float]
     start: list[float | None]
     maximise: bool
-    evaluate: Callable[[Sequence[Any], Arithmetic], FileStatement] = field(repr=False)
+    evaluate: Callable[[Sequence[Any], Arithmetic], FileStatement]
+
+    def _summary(self) -> str:
+        return f"'{self.name}', {len(self.variables)} variables"
 
     def model(self) -> ConcreteModel:
         """A new model of the problem.

@@ -9,6 +9,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from mpcc_catalogue.point_check import check_point
+from pyomo import mpec
 from pyomo.contrib.pynumero.interfaces.ampl_nlp import AmplNLP
 
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
@@ -256,3 +257,27 @@ def test_a_row_without_variables_holds_or_is_refused(tmp_path: Path) -> None:
 def test_values_have_to_fit() -> None:
     with pytest.raises(ModelError, match="1 values for 2 variables"):
         read_file(COLLECTION / "box.nl").check([1.0])
+
+
+@pytest.mark.parametrize("writer", ["nl_v1", "nl_v2"])
+def test_what_pyomo_writes_of_its_own_pairs_is_read(writer: str, tmp_path: Path) -> None:
+    """Its transformation ``mpec.nl`` gives each pair variables of its own; it knows no ranges."""
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(initialize=0.5), pyo.Var(bounds=(0, None), initialize=2.0)
+    m.pair = mpec.Complementarity(expr=mpec.complements(m.x + m.y - 1 >= 0, m.y >= 0))
+    m.other = mpec.Complementarity(expr=mpec.complements(m.x**2 - 3 <= 0, m.y - m.x <= 4))
+    m.cost = pyo.Objective(expr=m.x**2 + m.y)
+    stated = check_point(m)
+    pyo.TransformationFactory("mpec.nl").apply_to(m)
+    for block in m.component_data_objects(pyo.Block, active=True):
+        for row in block.component_data_objects(pyo.Constraint, descend_into=False):
+            if row.equality and row.body.args[0].is_variable_type():  # a variable that is equal to an expression
+                row.body.args[0].set_value(0.0, skip_validation=True)
+                row.body.args[0].set_value(-pyo.value(row.body) + pyo.value(row.upper), skip_validation=True)
+    m.write(str(tmp_path / "m.nl"), format=writer)
+    problem = read_file(tmp_path / "m.nl")
+    assert len(problem.model().pairs) == 2
+    point = problem.check(problem.start)
+    assert point.objective == pytest.approx(stated.objective)
+    assert point.violation == pytest.approx(0.0, abs=1e-12)
+    assert point.natural == pytest.approx(stated.natural)
