@@ -49,21 +49,26 @@ class _PairRow(NamedTuple):
 def write_nl(model: BlockData, path: Path, writer: str) -> None:
     """Write a ``.nl`` file, and its names; the parameters and errors are those of `write_file`."""
     copy = model.clone()
-    pairs = _PairRows(copy).written
-    with tempfile.TemporaryDirectory(prefix="pyrobocop_") as folder:
-        made = Path(folder) / "model.nl"
-        with checked_writing(copy):
-            WriterFactory(writer)(copy, str(made), lambda _: True, {"symbolic_solver_labels": True})
-        text, rows, columns = (
-            made.with_suffix(end).read_text(encoding="utf-8").split("\n") for end in (".nl", ".row", ".col")
-        )
-    by_name = {pair.row.name: pair for pair in pairs}
+    stated = _PairRows(copy)
+    text, rows, columns = _written(copy, writer)
+    if stated.show_variables(set(columns)):
+        text, rows, columns = _written(copy, writer)
+    by_name = {pair.row.name: pair for pair in stated.written}
     places = {place: by_name[name] for place, name in enumerate(rows) if name in by_name}
     column_of = {name: place for place, name in enumerate(columns)}
     lines = _with_pairs(text, {i: (pair, column_of[pair.variable.name]) for i, pair in places.items()}, model.name)
     rows = [places[place].name if place in places else name for place, name in enumerate(rows)]
     for end, content in ((".nl", lines), (".row", rows), (".col", columns)):
         path.with_suffix(end).write_text("\n".join(content), encoding="utf-8", newline="\n")
+
+
+def _written(model: BlockData, writer: str) -> list[list[str]]:
+    """The lines of a file, the names of its rows and of its variables."""
+    with tempfile.TemporaryDirectory(prefix="pyrobocop_") as folder:
+        made = Path(folder) / "model.nl"
+        with checked_writing(model):
+            WriterFactory(writer)(model, str(made), lambda _: True, {"symbolic_solver_labels": True})
+        return [made.with_suffix(end).read_text(encoding="utf-8").split("\n") for end in (".nl", ".row", ".col")]
 
 
 def _with_pairs(lines: list[str], pairs: dict[int, tuple[_PairRow, int]], model: str) -> list[str]:
@@ -108,6 +113,7 @@ class _PairRows:
 
     def __init__(self, model: Any) -> None:
         self.written: list[_PairRow] = []
+        self._model = model
         self._block = Block(concrete=True)
         self._block.rows, self._block.sides = ConstraintList(), VarList()
         sources = active_sources(model)
@@ -117,6 +123,17 @@ class _PairRows:
                 raise ModelError(f"'{source.name}': lies in a disjunct, and a file has none. Transform these first.")
             self._state(canonical_form(source))
             source.deactivate()
+
+    def show_variables(self, shown: set[str]) -> bool:
+        """Put copies in place of variables that are in no row and not in the objective, which no writer shows."""
+        hidden = [place for place, pair in enumerate(self.written) if pair.variable.name not in shown]
+        for place in hidden:
+            pair = self.written[place]
+            lower, upper = pair.variable.bounds
+            side = self._side(pair.variable, lower=lower)
+            side.setub(upper)
+            self.written[place] = pair._replace(variable=side)
+        return bool(hidden)
 
     def _state(self, form: CanonicalForm) -> None:
         for row in form.rows:
@@ -138,7 +155,7 @@ class _PairRows:
     def _complement(self, name: str, a: Any, b: Any) -> None:
         """``0 <= a ⟂ b >= 0``, by a bound of a variable where one of the sides is one."""
         for side, other in ((a, b), (b, a)):
-            found = _variable_with_bound(side)
+            found = self._variable_with_bound(side)
             if found is not None:
                 which, variable = found
                 self._add(name, which, variable, other if which == LOWER else -other)
@@ -146,7 +163,7 @@ class _PairRows:
         self._add(name, LOWER, self._side(a), b)
 
     def _within(self, lower: float, body: Any, upper: float) -> Any:
-        if getattr(body, "is_variable_type", bool)() and _may_have(body, lower, upper):
+        if getattr(body, "is_variable_type", bool)() and self._may_have(body, lower, upper):
             variable = body
         else:
             variable = self._side(body, lower=None)
@@ -168,30 +185,29 @@ class _PairRows:
             body = self._side(body, lower=None)  # writers may leave out a row without variables
         self.written.append(_PairRow(name, self._block.rows.add(body == 0), which, variable))
 
+    def _variable_with_bound(self, side: Any) -> tuple[int, Any] | None:
+        """The variable whose bound keeps ``side >= 0``, or can be set so that it does, and which bound that is.
 
-def _variable_with_bound(side: Any) -> tuple[int, Any] | None:
-    """The variable whose bound keeps ``side >= 0``, or can be set so that it does, and which bound that is.
-
-    It has no other bound: which one is meant would be read differently by different programs.
-    """
-    terms = generate_standard_repn(side, compute_values=True, quadratic=False)
-    if terms.nonlinear_expr is not None or len(terms.linear_vars) != 1 or abs(terms.linear_coefs[0]) != 1:
+        It has no other bound: which one is meant would be read differently by different programs.
+        """
+        terms = generate_standard_repn(side, compute_values=True, quadratic=False)
+        if terms.nonlinear_expr is not None or len(terms.linear_vars) != 1 or abs(terms.linear_coefs[0]) != 1:
+            return None
+        (variable,) = terms.linear_vars
+        if terms.linear_coefs[0] == 1 and self._may_have(variable, 0.0 - terms.constant, None):
+            variable.setlb(0.0 - terms.constant)
+            return LOWER, variable
+        if terms.linear_coefs[0] == -1 and self._may_have(variable, None, terms.constant):
+            variable.setub(terms.constant)
+            return UPPER, variable
         return None
-    (variable,) = terms.linear_vars
-    if terms.linear_coefs[0] == 1 and _may_have(variable, 0.0 - terms.constant, None):
-        variable.setlb(0.0 - terms.constant)
-        return LOWER, variable
-    if terms.linear_coefs[0] == -1 and _may_have(variable, None, terms.constant):
-        variable.setub(terms.constant)
-        return UPPER, variable
-    return None
 
-
-def _may_have(variable: Any, lower: float | None, upper: float | None) -> bool:
-    """Whether these can be the bounds of a variable: it has the same, or none where it gets one."""
-    if variable.fixed or not variable.is_continuous():
-        return False
-    return all(
-        own == wanted or (own is None and wanted is not None)
-        for own, wanted in zip(variable.bounds, (lower, upper), strict=True)
-    )
+    def _may_have(self, variable: Any, lower: float | None, upper: float | None) -> bool:
+        """Whether these can be the bounds of a variable: it has the same, or none where it gets one."""
+        if variable.fixed or not variable.is_continuous():
+            return False
+        free_to_set = variable.model() is self._model.model()  # a variable of another model is no copy
+        return all(
+            own == wanted or (own is None and wanted is not None and free_to_set)
+            for own, wanted in zip(variable.bounds, (lower, upper), strict=True)
+        )

@@ -140,3 +140,27 @@ def test_the_header_counts_the_pairs(writer: str, tmp_path: Path) -> None:
     lines = write_file(m, tmp_path / "m.nl", writer=writer).read_text().split("\n")
     assert lines[1].split("#")[0].split() == ["3", "4", "1", "0", "1"]
     assert lines[2].split("#")[0].split() == ["1", "0", "2", "1", "1", "1"]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_variable_that_only_its_pair_holds_is_written(writer: str, tmp_path: Path) -> None:
+    """Writers show variables of rows and objectives; the variable of a pair may be in none."""
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(1, None), initialize=1.5), pyo.Var(initialize=0.25)
+    m.z = pyo.Var(bounds=(-1, 1), initialize=0.5)
+    m.pair = Complementarity(expr=complements(m.x >= 1, m.y >= 0))
+    m.range = Complementarity(expr=complements(pyo.inequality(-1, m.z, 1), m.y - 2))
+    problem = written_and_read(m, tmp_path / "m.nl", writer=writer)
+    assert {"x", "y", "z"} <= set(problem.variables)
+    check_same(m, problem)
+
+
+def test_variables_of_another_model_keep_their_bounds(tmp_path: Path) -> None:
+    """Of Pyomo's writers only v2 takes them at all."""
+    other, m = pyo.ConcreteModel(), pyo.ConcreteModel()
+    other.x, m.y = pyo.Var(initialize=1.5), pyo.Var(initialize=0.25)
+    m.pair = Complementarity(expr=complements(other.x >= 1, m.y + other.x >= 0))
+    m.cost = pyo.Objective(expr=other.x + m.y)
+    problem = written_and_read(m, tmp_path / "m.nl")
+    assert other.x.bounds == (None, None)
+    assert problem.check(problem.start).natural == 0.5
