@@ -1,6 +1,6 @@
 """Plan motion through contact and around obstacles, as ordinary Pyomo models.
 
-What nearly every script uses is here. The rest is in namespaces: `errors`, `estimation`, `ipopt`, `mechanics`,
+What nearly every script uses is here. The rest is in namespaces: `errors`, `estimation`, `files`, `ipopt`, `mechanics`,
 `relaxations`, `scenes`, `schemes`, `studies` and `teams`.
 """
 
@@ -32,7 +32,7 @@ from pyrobocop_pyomo.phases import (
 from pyrobocop_pyomo.trajectories import Trajectory, join_trajectories
 
 if TYPE_CHECKING:
-    from pyrobocop_pyomo import estimation, ipopt, mechanics, scenes, studies, teams
+    from pyrobocop_pyomo import estimation, files, ipopt, mechanics, scenes, studies, teams
     from pyrobocop_pyomo.diagnosis import Diagnosis, diagnose
     from pyrobocop_pyomo.distributed.agents import Agent, KeepApart, Shared
     from pyrobocop_pyomo.distributed.team import Team
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 # What states a problem is loaded at once; what reads obstacles, solves, studies or draws, when it is first used: a
 # program that only builds models starts in half the time. The solvers' names are known to Pyomo all the same.
 solvers_on_demand.register()
-_NAMESPACES_ON_DEMAND = {"estimation", "ipopt", "mechanics", "scenes", "studies", "teams"}
+_NAMESPACES_ON_DEMAND = {"estimation", "files", "ipopt", "mechanics", "scenes", "studies", "teams"}
 _HOMES_ON_DEMAND = {
     "ActiveSide": "solving",
     "Agent": "distributed.agents",
@@ -131,6 +131,7 @@ __all__ = [
     "errors",
     "estimate",
     "estimation",
+    "files",
     "from_pyrobocop",
     "ipopt",
     "join_trajectories",

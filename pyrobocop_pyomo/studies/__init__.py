@@ -1,7 +1,7 @@
 """Studies around a solve: many starts or data, paths of data, sensitivity, refinement, sequences, receding horizons.
 
-`multistart`, `homotopy`, `sweep`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence of outcomes
-that prints as a table. Its members mean the same in all of them:
+`multistart`, `homotopy`, `sweep`, `solve_files`, `solve_sequences` and `solve_refined` give a `StudyResult`: a sequence
+of outcomes that prints as a table. Its members mean the same in all of them:
 
 * ``best``: the outcome that answers the study; its point is the one on the model;
 * ``result``: the `SolveResult` of that outcome;
@@ -22,6 +22,7 @@ from .receding_horizon import HorizonStep, RecedingHorizon
 from .refinement import RefinedResult, RefinementEnd, RefinementStep, solve_refined
 from .sensitivity import Sensitivity, sensitivity
 from .sequences import SequenceOutcome, SequenceRanking, mode_sequences, solve_sequences
+from .solve_files import solve_files
 from .sweep import SweepResult
 from .sweep_cases import SweepCase
 
@@ -48,6 +49,7 @@ __all__ = [
     "mode_sequences",
     "multistart",
     "sensitivity",
+    "solve_files",
     "solve_refined",
     "solve_sequences",
 ]

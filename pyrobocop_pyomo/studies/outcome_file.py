@@ -22,6 +22,7 @@ from pyrobocop_pyomo.solving.iterates import Iterate, Standing
 _FORMAT = 1
 _KIND = "outcomes of a sweep"
 _CHECKSUM = "crc32"
+_START = b'{"kind": "outcomes of a sweep"'
 
 
 class OutcomeFile:
@@ -69,7 +70,7 @@ class OutcomeFile:
             records: dict[str, Mapping[str, Any]] = {line["key"]: line for line in lines[1:]}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise CheckpointError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
-        if not lines and not content.startswith(b'{"kind": "outcomes of a sweep"'[: len(content)]):
+        if not lines and not content.startswith(_START[: len(content)]):
             raise CheckpointError(f"{self._path}: is no file of outcomes. Name another file.")
         if lines and found != json.loads(json.dumps(head)):
             different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
@@ -105,6 +106,23 @@ class OutcomeFile:
             raise
         finally:
             os.close(descriptor)
+
+
+def discard_outcomes(path: str | Path) -> None:
+    """Remove a file of outcomes, if there is one.
+
+    Raises
+    ------
+    CheckpointError
+        When the file is something else.
+    """
+    path = Path(path)
+    if path.is_file():
+        with path.open("rb") as file:
+            start = file.read(len(_START))
+        if start != _START:
+            raise CheckpointError(f"{path}: is no file of outcomes, and is not removed. Name another file.")
+        path.unlink()
 
 
 def _facts_of(line: bytes) -> dict[str, Any]:

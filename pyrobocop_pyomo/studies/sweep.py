@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -232,7 +233,11 @@ class _Sweep:
         self._keys: list[str] = []
         self._file: OutcomeFile | None = None
         if file is not None:
-            self._keys = [f"{key_of(case.data)}.{case.number}" for case in cases]
+            seen: Counter[str] = Counter()  # equal cases are told apart; another case before them changes no key
+            for case in cases:
+                key = key_of(case.data)
+                self._keys.append(f"{key}.{seen[key]}")
+                seen[key] += 1
             self._file = OutcomeFile(file, {"options": key_of({**options})}, writes=writes_file)
             for case, key in zip(cases, self._keys, strict=True):
                 if key in self._file.records:

@@ -12,7 +12,7 @@ ORDER = [
     "errors", "optional_imports", "native", "presentation", "modeling", "rules", "numerics", "linear_solver",
     "geometry", "plotting", "complementarity", "trajectories", "transcription", "continuous", "phases",
     "links", "motion", "car_paths", "obstacles", "robots", "mechanics", "problem_classes", "discretisation",
-    "diagnosis", "programs", "ipopt", "mpcc", "solving", "planning", "execution", "studies", "estimation",
+    "diagnosis", "programs", "files", "ipopt", "mpcc", "solving", "planning", "execution", "studies", "estimation",
     "distributed",
 ]  # fmt: skip
 IMPORTS = (ast.Import, ast.ImportFrom)

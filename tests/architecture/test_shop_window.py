@@ -19,7 +19,7 @@ import pyrobocop_pyomo as rcp
 
 ROOT = Path(rcp.__file__).parent
 
-NAMESPACES = "errors estimation ipopt mechanics relaxations scenes schemes studies teams"
+NAMESPACES = "errors estimation files ipopt mechanics relaxations scenes schemes studies teams"
 
 PUBLIC = {
     "": """
@@ -50,6 +50,7 @@ PUBLIC = {
         SimulatedNetwork Sova TargetedPenalties TeamHorizon TeamResult TeamState find_engine fingerprint merge_agents
     """,
     "estimation": "DataSet EstimatedNumber EstimationProblem EstimationResult FitStatistics Profile statistics_of",
+    "files": "FilePoint FileProblem read_file write_file",
     "ipopt": "Backend InProcessIpopt available_backends configure_ipopt_executable linear_solver_options",
     "mechanics": """
         AbsoluteValue CoulombFriction CoulombSlip DeadZone HardWall LimitSurface Maximum Minimum PhysicalScore
@@ -65,7 +66,7 @@ PUBLIC = {
         HomotopyResult HomotopyStep HorizonStep MultistartResult Outcome PersistentNLP RecedingHorizon RefinedResult
         RefinementEnd RefinementStep Sensitivity SequenceOutcome SequenceRanking StartOutcome StudyResult SweepCase
         SweepOutcome SweepResult homotopy
-        mode_sequences multistart sensitivity solve_refined solve_sequences
+        mode_sequences multistart sensitivity solve_files solve_refined solve_sequences
     """,
 }
 
@@ -73,7 +74,8 @@ PUBLIC = {
 ON_DEMAND = """
     networkx scipy.interpolate scipy.linalg scipy.optimize scipy.sparse scipy.spatial scipy.stats
     pyrobocop_pyomo.car_paths pyrobocop_pyomo.catalogue pyrobocop_pyomo.diagnosis pyrobocop_pyomo.discretisation
-    pyrobocop_pyomo.distributed pyrobocop_pyomo.estimation pyrobocop_pyomo.ipopt pyrobocop_pyomo.linear_solver
+    pyrobocop_pyomo.distributed pyrobocop_pyomo.estimation pyrobocop_pyomo.files pyrobocop_pyomo.ipopt
+    pyrobocop_pyomo.linear_solver
     pyrobocop_pyomo.mechanics pyrobocop_pyomo.motion pyrobocop_pyomo.mpcc pyrobocop_pyomo.obstacles
     pyrobocop_pyomo.planning pyrobocop_pyomo.problem_classes pyrobocop_pyomo.programs pyrobocop_pyomo.robots
     pyrobocop_pyomo.solving pyrobocop_pyomo.studies

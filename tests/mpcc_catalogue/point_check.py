@@ -117,7 +117,9 @@ def _side(side: Any, choice: str | None) -> tuple[float, Any, float]:
     if getattr(side, "is_variable_type", bool)():
         low, high = side.lb, side.ub
         body = side
-        if choice is not None:
+        if choice == "free":
+            low = high = None
+        elif choice is not None:
             low, high = (low, None) if choice == "lower" else (None, high)
     elif isinstance(side, RelationalExpression):
         low, body, high = _relation(list(side.args), isinstance(side, EqualityExpression))
