@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ExpressionArrayError, ProblemClassError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, plain_scalar
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, asked_for_all_times
 
 from .explicit_rates import AffineRow, Membership, rates_of, rates_of_matrix, solvable_groups, solve_rows
 from .methods import ARGUMENTS, WITH_PARAMETERS, Methods, finite_or_none
 from .problem_arrays import ArrayToFill, ColumnArray, LazyEntry, RateEntry, Rates, column_array
 from .problem_data import ProblemData, Side
+
+
+# What stands for the time while a rule gives its formulas for all times.
+_ALL_TIMES = (TimeTemplate, Reading)
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,6 @@ class StatedProblem:
         self._scratch.xdot = Var(range(data.sizes.states), initialize=1.0)
         self._explicit: tuple[int, ...] = ()
         self._solvable: tuple[Membership, ...] = ()
-        self._always: tuple[Membership, ...] | None = None
         self._last: _RowsAtPoint | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> StatedProblem:
@@ -100,25 +103,45 @@ class StatedProblem:
             arguments = arguments[:-1]
         return self._methods.call(name, *arguments, shown=shown)
 
+    @staticmethod
+    def _given(time: Any) -> Any:
+        """The time as the class gets it."""
+        return _TimeEntry(time) if isinstance(time, _ALL_TIMES) else time
+
+    @staticmethod
+    def _shown(time: Any) -> str:
+        return "all t" if isinstance(time, _ALL_TIMES) else f"t = {time:g}"
+
     # ---------------------------------------------------------------- equations
 
     def find_explicit_states(self, block: Any) -> tuple[int, ...]:
         """States whose derivative the rows give at every point of the grid; remembered."""
         explicit = set(range(self.data.sizes.states))
         solvable: set[Membership] | None = None
-        forms: set[tuple[Membership, ...]] = set()
-        for t in block.grid.points:
+        points = list(block.grid.points)
+        for t in points[:1] if self._is_alike_at_all_times(block) else points:
             rows = self._rows(block, t)
             groups = solve_rows(rows)
             explicit &= {j for group in groups for j in group.states}
             found = solvable_groups(rows, groups)
             solvable = found if solvable is None else solvable & found
-            forms.add((*((group.states, group.rows) for group in groups), *sorted(found)))
         self._solvable = tuple(sorted(solvable or ()))
         self._explicit = tuple(sorted(explicit.union(*(states for states, _ in self._solvable))))
-        self._always = forms.pop() if len(forms) == 1 else None
         self._last = None
         return self._explicit
+
+    def _is_alike_at_all_times(self, block: Any) -> bool:
+        """Whether the class gives rows for all times at once, and the time is not in front of a derivative."""
+        time = TimeTemplate()
+        try:
+            with asked_for_all_times():
+                rows = self._rows(block, time)
+        except Exception:  # a class that has to know the time may raise anything
+            return False
+        held = [a for row in rows for a in row.coefficients.values() if hasattr(a, "is_expression_type")]
+        return all(row.is_affine for row in rows) and not any(
+            isinstance(leaf, _ALL_TIMES) for a in held for leaf in variables_in(a)
+        )
 
     @property
     def implicit(self) -> list[int]:
@@ -143,9 +166,9 @@ class StatedProblem:
 
     def _filled(self, block: Any, t: Any, time: float, xdot: Any) -> list[Any]:
         """The rows that ``constraint`` makes, as entries."""
-        count, shown = self.data.sizes.rows, f"c, t = {time:g}, ..."
+        count, shown = self.data.sizes.rows, f"c, {self._shown(time)}, ..."
         c = ArrayToFill.zeros((count, 1))
-        returned = self._call("constraint", c, time, *self._arguments(block, t, xdot), shown=shown)
+        returned = self._call("constraint", c, self._given(time), *self._arguments(block, t, xdot), shown=shown)
         given = c if returned is None else np.asarray(returned, dtype=object)
         what = f"{self._methods.class_name}.constraint({shown})"
         if given.size != count:
@@ -165,7 +188,7 @@ class StatedProblem:
         """Rows at a point; those asked last are kept, because several rules need them."""
         time = block.time_at(t)
         last = self._last
-        if last is not None and last.block is block and last.time == (t, time):
+        if last is not None and last.block is block and _same_time(last.time, (t, time)):
             return last
         rows = self._rows(block, t)
         explicit: dict[int, Any] = {}
@@ -182,7 +205,7 @@ class StatedProblem:
         missing = [j for j in self._explicit if j not in explicit]
         if missing:
             raise ProblemClassError(
-                f"{self._methods.class_name}.constraint at t = {time:g}: the rows do not give xdot{missing}, as they "
+                f"{self._methods.class_name}.constraint at {self._shown(time)}: the rows do not give xdot{missing}, as they "
                 "do at all points of the grid. The form of the equations may change with t at element boundaries only."
             )
         self._last = _RowsAtPoint(block, (t, time), rows, explicit, frozenset(used))
@@ -190,38 +213,14 @@ class StatedProblem:
 
     def equations_of_motion(self, block: Any, t: Any) -> dict[Any, Any]:
         """Derivatives that the rows give."""
-        numbers = self._rates_in_numbers(block, t)
-        rates = self._at(block, t).explicit if numbers is None else numbers
+        rates = self._at(block, t).explicit
         return {getattr(block, f"x{j}"): rates[j] for j in self._explicit}
-
-    def _rates_in_numbers(self, block: Any, t: Any) -> dict[int, float] | None:
-        """The same where values are known: the class then computes with numbers, which is far cheaper."""
-        if self._always is None or not getattr(block, "holds_numbers", False):
-            return None
-        kinds = []
-        for kind in "xyup":
-            found = [getattr(block, name) for name in self.names(kind)]
-            values = [value(one if kind == "p" else one[t], exception=False) for one in found]
-            if None in values:
-                return None
-            kinds.append(column_array(values))
-        x, y, u, p = kinds
-        c = ArrayToFill.zeros((self.data.sizes.rows, 1))
-        time = block.time_at(t)
-        xdot = column_array(Rates(list(self._scratch.xdot.values())).entries())
-        returned = self._call("constraint", c, time, x, xdot, y, u, p, shown=f"c, t = {time:g}, ...")
-        rows = np.asarray(c if returned is None else returned, dtype=object).ravel()
-        rates: dict[int, float] = {}
-        for states, members in self._always:
-            right = [
-                -rows[i].constant - sum(a * rates.get(j, 0.0) for j, a in rows[i].coefficients.items()) for i in members
-            ]
-            matrix = [[float(rows[i].coefficients.get(j, 0.0)) for j in states] for i in members]
-            rates |= zip(states, np.linalg.solve(matrix, np.array(right, dtype=float)).tolist(), strict=True)
-        return rates
 
     def equations(self, block: Any, t: Any) -> list[Any]:
         """The other rows."""
+        return self._other_rows(block, t)
+
+    def _other_rows(self, block: Any, t: Any) -> list[Any]:
         at = self._at(block, t)
         derivative = {j: self._rate(block, t, j) for j in range(self.data.sizes.states)}
         exact: list[Any] | None = None
@@ -259,8 +258,8 @@ class StatedProblem:
     def running_cost(self, block: Any, t: Any) -> Any:
         """What ``objective`` returns at a point."""
         time = block.time_at(t)
-        shown = f"t = {time:g}, ..."
-        cost = self._call("objective", time, *self._arguments(block, t, self.rates(block, t)), shown=shown)
+        shown = f"{self._shown(time)}, ..."
+        cost = self._call("objective", self._given(time), *self._arguments(block, t, self.rates(block, t)), shown=shown)
         return self._scalar(cost, f"{self._methods.class_name}.objective({shown})")
 
     def final_cost(self, block: Any) -> Any:
@@ -289,15 +288,13 @@ class StatedProblem:
 
     def pairs(self, block: Any, t: Any) -> list[Any]:
         """The complementarity pairs at a point."""
-        i = self.element_at(block, t)
-        return [
-            complements(self._side(block, t, first, i), self._side(block, t, second, i))
-            for first, second in self.data.pairs
-        ]
+        return [complements(self._side(block, t, first), self._side(block, t, second)) for first, second in self.data.pairs]
 
-    def _side(self, block: Any, t: Any, side: Side, i: int) -> Any:
+    def _side(self, block: Any, t: Any, side: Side) -> Any:
         variable = getattr(block, f"y{side.algebraic}")[t]
-        lower, upper = self.data.bounds["y"][:, i, side.algebraic].tolist()
+        table = self.data.bounds["y"][:, :-1, side.algebraic]
+        i = 0 if (table == table[:, :1]).all() else self.element_at(block, t)
+        lower, upper = table[:, i].tolist()
         return variable >= lower if side.bound == "lower" else variable <= upper
 
     def rate_bounds(self, block: Any, t: Any) -> list[Any]:
@@ -326,6 +323,19 @@ class StatedProblem:
         times = self.data.sizes.times
         side: Any = "right" if self.starts_on_a_stage else "left"
         return int(np.clip(np.searchsorted(times, time, side=side) - 1, 0, self.data.sizes.elements - 1))
+
+
+class _TimeEntry(ArrayEntry):
+    """The template of all times as a class gets it: NumPy's functions can be applied, and it is no key."""
+
+    __slots__ = ()
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _same_time(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
+    if isinstance(first[0], TimeTemplate) or isinstance(second[0], TimeTemplate):
+        return first[0] is second[0]
+    return first == second
 
 
 def _is_zero(coefficient: Any) -> bool:
