@@ -75,6 +75,20 @@ def test_values_come_in_the_shapes_of_the_original():
         solution_arrays(pyo.ConcreteModel(name="other"))
 
 
+def test_arrays_on_another_mesh_say_that_n_has_changed(caplog):
+    m = rcp.from_pyrobocop(problem_styles.Pendulum())
+    solution_arrays(m)
+    assert not caplog.records
+    m.phase.remesh(17)
+    x, xdot, y, u, _ = solution_arrays(m)
+    assert [part.shape for part in (x, xdot, y, u)] == [(18, 2, 2), (17, 2, 1), (17, 0, 1), (17, 1, 1)]
+    assert "N = 17 elements, where get_info says 12" in caplog.text
+    caplog.clear()
+    m.phase.remesh(m.problem.data.sizes.times)
+    assert len(solution_arrays(m).x) == 13
+    assert not caplog.records
+
+
 @pytest.mark.ipopt
 def test_models_survive_copies_and_pickles():
     m = rcp.from_pyrobocop(problem_styles.OneSided(), compl=1, compladapt=1)
