@@ -171,10 +171,7 @@ def _cost(b: Any, stated: StatedProblem) -> Any:
     if all(cost.__class__ in native_numeric_types and cost == 0 for cost in costs):
         return final
 
-    def running(b: Any, t: Any) -> Any:
-        return stated.running_cost(b, t)
-
-    return b.integral(running) + final
+    return b.integral(stated.running_cost) + final
 
 
 def _gauss(b: Any) -> bool:

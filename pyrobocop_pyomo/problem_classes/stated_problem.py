@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
+from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
+from pyomo.core.expr import Expr_if
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ExpressionArrayError, ProblemClassError
@@ -17,6 +19,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, 
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, asked_for_all_times
 
+from .branching_time import Branch, BranchingTime
 from .explicit_rates import AffineRow, Membership, rates_of, rates_of_matrix, solvable_groups, solve_rows
 from .methods import ARGUMENTS, WITH_PARAMETERS, Methods, finite_or_none
 from .problem_arrays import ArrayToFill, ColumnArray, LazyEntry, RateEntry, Rates, column_array
@@ -73,6 +76,7 @@ class StatedProblem:
         self._explicit: tuple[int, ...] = ()
         self._solvable: tuple[Membership, ...] = ()
         self._last: _RowsAtPoint | None = None
+        self._branch = Branch(0.0, 0.0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> StatedProblem:
         return self  # nothing of a model is in it but what was asked last, which is evaluated anew
@@ -103,10 +107,20 @@ class StatedProblem:
             arguments = arguments[:-1]
         return self._methods.call(name, *arguments, shown=shown)
 
-    @staticmethod
-    def _given(time: Any) -> Any:
+    def _given(self, time: Any) -> Any:
         """The time as the class gets it."""
-        return _TimeEntry(time) if isinstance(time, _ALL_TIMES) else time
+        return BranchingTime(time, self._branch) if isinstance(time, _ALL_TIMES) else time
+
+    def _in_all_branches(self, ask: Callable[[], list[Any]], answers: tuple[bool, ...] = ()) -> list[Any]:
+        """What a class gives for all times; where it compares the time, what it gives either way."""
+        times = self.data.sizes.times
+        branch = self._branch = Branch(float(times[0]), float(times[-1]), answers)
+        result = ask()
+        for i in reversed(range(len(answers), len(branch.made))):
+            condition, _ = branch.made[i]
+            otherwise = self._in_all_branches(ask, (*(answer for _, answer in branch.made[:i]), False))
+            result = [_chosen(condition, *pair) for pair in zip(result, otherwise, strict=True)]
+        return result
 
     @staticmethod
     def _shown(time: Any) -> str:
@@ -149,6 +163,11 @@ class StatedProblem:
         return [j for j in range(self.data.sizes.states) if j not in self._explicit]
 
     def _rows(self, block: Any, t: Any) -> list[AffineRow]:
+        if isinstance(t, TimeTemplate):
+            return self._in_all_branches(lambda: self._rows_of_branch(block, t))
+        return self._rows_of_branch(block, t)
+
+    def _rows_of_branch(self, block: Any, t: Any) -> list[AffineRow]:
         time = block.time_at(t)
         rates = Rates(list(self._scratch.xdot.values()))
         filled = self._filled(block, t, time, rates.entries())
@@ -257,6 +276,15 @@ class StatedProblem:
 
     def running_cost(self, block: Any, t: Any) -> Any:
         """What ``objective`` returns at a point."""
+        if self._is_template(t):
+            return self._in_all_branches(lambda: [self._cost_of_branch(block, t)])[0]
+        return self._cost_of_branch(block, t)
+
+    @staticmethod
+    def _is_template(t: Any) -> bool:
+        return isinstance(t, TimeTemplate)
+
+    def _cost_of_branch(self, block: Any, t: Any) -> Any:
         time = block.time_at(t)
         shown = f"{self._shown(time)}, ..."
         cost = self._call("objective", self._given(time), *self._arguments(block, t, self.rates(block, t)), shown=shown)
@@ -325,11 +353,18 @@ class StatedProblem:
         return int(np.clip(np.searchsorted(times, time, side=side) - 1, 0, self.data.sizes.elements - 1))
 
 
-class _TimeEntry(ArrayEntry):
-    """The template of all times as a class gets it: NumPy's functions can be applied, and it is no key."""
-
-    __slots__ = ()
-    __hash__ = None  # type: ignore[assignment]
+def _chosen(condition: Any, then: Any, otherwise: Any) -> Any:
+    """What two ways of a branch make of one row or of one cost."""
+    if isinstance(then, AffineRow):
+        rates = {*then.coefficients, *otherwise.coefficients}
+        both = {j: (then.coefficients.get(j, 0.0), otherwise.coefficients.get(j, 0.0)) for j in rates}
+        return AffineRow(
+            _chosen(condition, then.constant, otherwise.constant),
+            {j: _chosen(condition, *pair) for j, pair in both.items()},
+            then.is_affine and otherwise.is_affine,
+        )
+    alike = all(part.__class__ in native_numeric_types for part in (then, otherwise)) and then == otherwise
+    return then if alike else Expr_if(condition, then, otherwise)
 
 
 def _same_time(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
