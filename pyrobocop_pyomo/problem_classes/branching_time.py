@@ -1,4 +1,4 @@
-"""The time as a problem class gets it where it is asked for all times at once, and the way that its branches go."""
+"""The time as a problem class gets it when its formulas hold for all times, and the way that its branches go."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry
 _MOST_COMPARISONS = 20
 
 
-class Branch:
+class BranchInTime:
     """One way through the comparisons of the time.
 
     Parameters
@@ -60,7 +60,7 @@ class BranchingTime(ArrayEntry):
     __slots__ = ("_branch",)
     __hash__ = None  # type: ignore[assignment]
 
-    def __init__(self, expression: Any, branch: Branch) -> None:
+    def __init__(self, expression: Any, branch: BranchInTime) -> None:
         super().__init__(expression)
         self._branch = branch
 

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, 
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, asked_for_all_times
 
-from .branching_time import Branch, BranchingTime
+from .branching_time import BranchingTime, BranchInTime
 from .explicit_rates import AffineRow, Membership, rates_of, rates_of_matrix, solvable_groups, solve_rows
 from .methods import ARGUMENTS, WITH_PARAMETERS, Methods, finite_or_none
 from .problem_arrays import ArrayToFill, ColumnArray, LazyEntry, RateEntry, Rates, column_array
@@ -76,7 +76,7 @@ class StatedProblem:
         self._explicit: tuple[int, ...] = ()
         self._solvable: tuple[Membership, ...] = ()
         self._last: _RowsAtPoint | None = None
-        self._branch = Branch(0.0, 0.0)
+        self._branch = BranchInTime(0.0, 0.0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> StatedProblem:
         return self  # nothing of a model is in it but what was asked last, which is evaluated anew
@@ -114,7 +114,7 @@ class StatedProblem:
     def _in_all_branches(self, ask: Callable[[], list[Any]], answers: tuple[bool, ...] = ()) -> list[Any]:
         """What a class gives for all times; where it compares the time, what it gives either way."""
         times = self.data.sizes.times
-        branch = self._branch = Branch(float(times[0]), float(times[-1]), answers)
+        branch = self._branch = BranchInTime(float(times[0]), float(times[-1]), answers)
         result = ask()
         for i in reversed(range(len(answers), len(branch.made))):
             condition, _ = branch.made[i]
@@ -316,7 +316,9 @@ class StatedProblem:
 
     def pairs(self, block: Any, t: Any) -> list[Any]:
         """The complementarity pairs at a point."""
-        return [complements(self._side(block, t, first), self._side(block, t, second)) for first, second in self.data.pairs]
+        return [
+            complements(self._side(block, t, first), self._side(block, t, second)) for first, second in self.data.pairs
+        ]
 
     def _side(self, block: Any, t: Any, side: Side) -> Any:
         variable = getattr(block, f"y{side.algebraic}")[t]

@@ -5,6 +5,7 @@ and, for linear complementarity systems, from Vieira, Brogliato & Prieur, Quadra
 complementarity systems (hal-01690400v3). `np.Infinity` and `np.infty` are names that NumPy 2 has removed.
 """
 
+# ruff: noqa: NPY201
 from __future__ import annotations
 
 import numpy as np
@@ -330,9 +331,7 @@ class BeltOverFirstPulley(_Timed):
 
     def objective(self, t, x, xdot, y, u, p):
         usual = np.array([0, 0, (self.goal[2] - self.goal[5] - self.length) * self.k])
-        return (
-            1000 * np.sum((x[0:6] - self.goal) ** 2) + 10 * np.sum(x[6:12] ** 2) + 1e-5 * np.sum((u - usual) ** 2)
-        )
+        return 1000 * np.sum((x[0:6] - self.goal) ** 2) + 10 * np.sum(x[6:12] ** 2) + 1e-5 * np.sum((u - usual) ** 2)
 
     def constraint(self, c, t, x, xdot, y, u, p):
         first, second, v1, v2 = x[0:3], x[3:6], x[6:9], x[9:12]
