@@ -38,8 +38,8 @@ class SolutionArrays(NamedTuple):
 def solution_arrays(model: Any) -> SolutionArrays:
     """The values that stand on a model of `from_pyrobocop`.
 
-    Where the phase has got another mesh since, as by refinement, N is its number of elements, not that of the class; the
-    log says so.
+    Where the phase has got another mesh since, as by refinement, N is its number of elements, not that of the class;
+    the log says so.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def solution_arrays(model: Any) -> SolutionArrays:
     stages, boundaries = trajectory.grid.scheme.stages, np.array(trajectory.grid.mesh.boundaries)
     if len(boundaries) != len(sizes.times) or np.abs(boundaries - sizes.times).max() > 1e-9 * np.ptp(sizes.times):
         logger.warning(
-            "%s: the phase has another mesh than the class: N = %d elements, where get_info says %d. Rows of the arrays "
-            "belong to the times model.phase.grid.mesh.boundaries; model.phase.remesh(%s) is the mesh of the class.",
+            "%s: the phase has another mesh than the class: N = %d elements, where get_info says %d. Rows of the "
+            "arrays belong to the times model.phase.grid.mesh.boundaries; model.phase.remesh(%s) is the mesh of the class.",
             model.name,
             len(boundaries) - 1,
             sizes.elements,

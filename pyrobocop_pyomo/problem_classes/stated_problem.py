@@ -25,7 +25,6 @@ from .methods import ARGUMENTS, WITH_PARAMETERS, Methods, finite_or_none
 from .problem_arrays import ArrayToFill, ColumnArray, LazyEntry, RateEntry, Rates, column_array
 from .problem_data import ProblemData, Side
 
-
 # What stands for the time while a rule gives its formulas for all times.
 _ALL_TIMES = (TimeTemplate, Reading)
 

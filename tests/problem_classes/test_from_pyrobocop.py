@@ -104,8 +104,8 @@ def test_a_class_that_compares_the_time_gives_the_formulas_of_each_side():
     b.p0, b.p1 = 2.0, 3.0
     (stated,) = b.record.statements_of("ode")
     assert stated.is_template(b)
-    speeds = [pyo.value(stated(b, t)[b.x1]) for t in b.points]
-    assert speeds == pytest.approx([2 * (2 - 0.5)] * 5 + [3 * (1 - 1.0)] * 5)
+    speeds = [pyo.value(stated(b, t)[b.x1]) for t in list(b.points)[:-1]]  # at the end the states are given
+    assert speeds == pytest.approx([2 * (2 - 0.5)] * 5 + [3 * (1 - 1.0)] * 4)
     b.remesh(12)
     assert b.record.statements_of("ode")[0].is_template(b)
 
