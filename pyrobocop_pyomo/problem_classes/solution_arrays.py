@@ -58,7 +58,7 @@ def solution_arrays(model: Any) -> SolutionArrays:
     if len(boundaries) != len(sizes.times) or np.abs(boundaries - sizes.times).max() > 1e-9 * np.ptp(sizes.times):
         logger.warning(
             "%s: the phase has another mesh than the class: N = %d elements, where get_info says %d. Rows of the "
-            "arrays belong to the times model.phase.grid.mesh.boundaries; model.phase.remesh(%s) is the mesh of the class.",
+            "arrays belong to the times model.phase.grid.mesh.boundaries; model.phase.remesh(%s) leads back.",
             model.name,
             len(boundaries) - 1,
             sizes.elements,

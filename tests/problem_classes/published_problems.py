@@ -1,4 +1,4 @@
-"""Published problems of manipulation and contact as classes with PyRoboCOP's methods, in the ways that authors write them.
+"""Published problems of manipulation and contact as classes with PyRoboCOP's methods, as authors write them.
 
 Formulations and numbers are from the paper (Raghunathan, Jha & Romeres, ICRA 2022, doi:10.1109/ICRA46639.2022.9812069)
 and, for linear complementarity systems, from Vieira, Brogliato & Prieur, Quadratic optimal control of linear
