@@ -224,7 +224,8 @@ class StatedProblem:
         if missing:
             raise ProblemClassError(
                 f"{self._methods.class_name}.constraint at {self._shown(time)}: the rows do not give xdot{missing}, as "
-                "they do at all points of the grid. The form of the equations may change with t at element boundaries only."
+                "they do at all points of the grid. The form of the equations may change with t at element boundaries "
+                "only."
             )
         self._last = _RowsAtPoint(block, (t, time), rows, explicit, frozenset(used))
         return self._last
