@@ -20,7 +20,7 @@ PACKAGE = {
     "discretisation": 827, "distributed": 2259, "estimation": 1628, "execution": 1161, "geometry": 1568,
     "ipopt": 1787, "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2646,
     "mpcc": 1326, "native": 143, "numerics": 1800, "obstacles": 3735, "phases": 6733, "planning": 1649,
-    "plotting": 866, "presentation": 134, "problem_classes": 1330, "programs": 3806, "robots": 391, "rules": 266,
+    "plotting": 866, "presentation": 134, "problem_classes": 1331, "programs": 3806, "robots": 391, "rules": 266,
     "solving": 4336, "studies": 2395, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
