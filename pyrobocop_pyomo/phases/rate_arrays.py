@@ -6,7 +6,7 @@ The templates of the rules are evaluated with arrays.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,6 +18,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import ExpressionEvaluator
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.modeling.straight_line import StraightLine
 from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -244,6 +245,11 @@ class FormulasWithDelays(RuleFormulas):
         return self._scratch.delayed[component.local_name, delay_as_number(delay, what)]
 
     @property
+    def delayed_variables(self) -> list[Any]:
+        """What stands for values at earlier times."""
+        return list(self._scratch.delayed.values())
+
+    @property
     def delayed_names(self) -> set[str]:
         """What rules have read at earlier times."""
         return {name for name, _ in self._scratch.delayed}
@@ -319,6 +325,21 @@ class RateArrays:
             raise TrajectoryError(
                 f"phase '{block.name}': its equations are no formulas ({type(error).__name__}: {error})."
             ) from error
+        self._compiled = self._compile([*record.declarations])
+
+    def _compile(self, declared: Sequence[str]) -> tuple[StraightLine, list[int]] | None:
+        """The rates as one function of arrays, and whose; None where they read what a walk has to judge."""
+        inputs = [*self._formulas.variables(declared), *self._formulas.delayed_variables]
+        try:
+            line = StraightLine(self._rates, inputs, ARRAY_FUNCTIONS)
+        except ValueError:
+            return None
+        return None if line.others else (line, [id(variable) for variable in inputs])
+
+    def reads_any(self, names: Iterable[str]) -> bool:
+        """Whether a derivative depends on one of these at the same time."""
+        read = variables_in_any(self._rates)
+        return any(id(variable) in read for variable in self._formulas.variables([*names])[:-2])
 
     def __call__(self, fraction: float, states: Array) -> Array:
         """Derivatives at a local fraction, of states of shape ``(n, k, N)``, those of integrals among them."""
@@ -328,8 +349,14 @@ class RateArrays:
         if fraction not in self._delayed:
             numbers = self._formulas.delayed_numbers(self._trajectory, clock, self._widths, fraction)
             self._delayed[fraction] = numbers
-        known = ExpressionEvaluator({**leaves, **self._delayed[fraction]}, ARRAY_FUNCTIONS, self._no_formula)
+        leaves |= self._delayed[fraction]
         rates = np.empty_like(states)
+        if self._compiled is not None:
+            evaluate, inputs = self._compiled
+            for j, rate in enumerate(evaluate(*(leaves.get(key) for key in inputs))):
+                rates[j] = rate * self._widths
+            return rates
+        known = ExpressionEvaluator(leaves, ARRAY_FUNCTIONS, self._no_formula)
         for j, rate in enumerate(self._rates):
             rates[j] = known.of(rate) * self._widths
         return rates

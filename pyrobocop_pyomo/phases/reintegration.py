@@ -7,7 +7,7 @@ integration that knows nothing of the scheme.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
@@ -210,7 +210,7 @@ def _flows(
 ) -> Flows:
     names = record.names_of_states
     unknowns = determined_unknowns(block, record)
-    if unknowns is not None:
+    if unknowns is not None and (unknowns.implicit or _rates_read(unknowns.algebraics, block, record, trajectory)):
         return stepped_flows(block, record, trajectory, unknowns, first)
     if set(record.equation_of) != set(names):
         implicit = sorted(set(names) - set(record.equation_of))
@@ -239,6 +239,15 @@ def _flows(
         point.past = past
         point.leave_nodes()
     return flows
+
+
+def _rates_read(algebraics: Iterable[str], block: Any, record: PhaseRecord, trajectory: Trajectory) -> bool:
+    """Whether the motion depends on algebraics that residual equations determine; so it is where nobody knows."""
+    try:
+        rates = RateArrays(block, record, trajectory, indices_of(record, trajectory.grid))
+    except TrajectoryError:
+        return True
+    return rates.reads_any(algebraics)
 
 
 def _side_by_side(

@@ -167,15 +167,11 @@ def _start(b: Any, data: ProblemData, guess: str) -> None:
 
 def _cost(b: Any, stated: StatedProblem) -> Any:
     final = stated.final_cost(b)
-    points = {t: stated.running_cost(b, t) for t in b.grid.points}
-    if all(cost.__class__ in native_numeric_types and cost == 0 for cost in points.values()):
+    costs = (stated.running_cost(b, t) for t in b.grid.points)
+    if all(cost.__class__ in native_numeric_types and cost == 0 for cost in costs):
         return final
 
-    def running(b: Any, t: Any) -> Any:
-        # The class is evaluated once for each point, and anew when the phase gets another mesh.
-        return points.pop(t) if t in points else stated.running_cost(b, t)
-
-    return b.integral(running) + final
+    return b.integral(stated.running_cost) + final
 
 
 def _gauss(b: Any) -> bool:

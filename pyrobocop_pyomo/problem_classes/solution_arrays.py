@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,8 @@ from pyrobocop_pyomo.errors import ProblemClassError
 from pyrobocop_pyomo.numerics import Array
 
 from .stated_problem import StatedProblem
+
+logger = logging.getLogger(__name__)
 
 
 class SolutionArrays(NamedTuple):
@@ -35,6 +38,9 @@ class SolutionArrays(NamedTuple):
 def solution_arrays(model: Any) -> SolutionArrays:
     """The values that stand on a model of `from_pyrobocop`.
 
+    Where the phase has got another mesh since, as by refinement, N is its number of elements, not that of the class;
+    the log says so.
+
     Parameters
     ----------
     model : ConcreteModel
@@ -48,10 +54,19 @@ def solution_arrays(model: Any) -> SolutionArrays:
     if not isinstance(problem, StatedProblem):
         raise ProblemClassError(f"'{getattr(model, 'name', model)}' was not made by from_pyrobocop.")
     trajectory, sizes = model.phase.trajectory(), problem.data.sizes
-    stages = trajectory.grid.scheme.stages
+    stages, boundaries = trajectory.grid.scheme.stages, np.array(trajectory.grid.mesh.boundaries)
+    if len(boundaries) != len(sizes.times) or np.abs(boundaries - sizes.times).max() > 1e-9 * np.ptp(sizes.times):
+        logger.warning(
+            "%s: the phase has another mesh than the class: N = %d elements, where get_info says %d. Rows of the "
+            "arrays belong to the times model.phase.grid.mesh.boundaries; model.phase.remesh(%s) leads back.",
+            model.name,
+            len(boundaries) - 1,
+            sizes.elements,
+            "model.problem.data.sizes.times",
+        )
 
     def stacked(parts: list[Array], columns: int) -> Array:
-        return np.stack(parts, axis=1) if parts else np.empty((sizes.elements, 0, columns))
+        return np.stack(parts, axis=1) if parts else np.empty((len(boundaries) - 1, 0, columns))
 
     states = stacked([trajectory.element_states(name)[:, : stages + 1] for name in problem.names("x")], stages + 1)
     final = np.array([trajectory.states[name][-1] for name in problem.names("x")])

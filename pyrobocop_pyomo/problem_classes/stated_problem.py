@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
+from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.var import Var
-from pyomo.core.expr.numvalue import value
+from pyomo.core.expr import Expr_if
 
 from pyrobocop_pyomo.complementarity import complements
 from pyrobocop_pyomo.errors import ExpressionArrayError, ProblemClassError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, plain_entry, plain_scalar
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.rules.rule_template import Reading, TimeTemplate, asked_for_all_times
 
+from .branching_time import BranchingTime, BranchInTime
 from .explicit_rates import AffineRow, Membership, rates_of, rates_of_matrix, solvable_groups, solve_rows
 from .methods import ARGUMENTS, WITH_PARAMETERS, Methods, finite_or_none
 from .problem_arrays import ArrayToFill, ColumnArray, LazyEntry, RateEntry, Rates, column_array
 from .problem_data import ProblemData, Side
+
+# What stands for the time while a rule gives its formulas for all times.
+_ALL_TIMES = (TimeTemplate, Reading)
 
 
 @dataclass(frozen=True)
@@ -68,8 +74,8 @@ class StatedProblem:
         self._scratch.xdot = Var(range(data.sizes.states), initialize=1.0)
         self._explicit: tuple[int, ...] = ()
         self._solvable: tuple[Membership, ...] = ()
-        self._always: tuple[Membership, ...] | None = None
         self._last: _RowsAtPoint | None = None
+        self._branch = BranchInTime(0.0, 0.0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> StatedProblem:
         return self  # nothing of a model is in it but what was asked last, which is evaluated anew
@@ -100,25 +106,55 @@ class StatedProblem:
             arguments = arguments[:-1]
         return self._methods.call(name, *arguments, shown=shown)
 
+    def _given(self, time: Any) -> Any:
+        """The time as the class gets it."""
+        return BranchingTime(time, self._branch) if isinstance(time, _ALL_TIMES) else time
+
+    def _in_all_branches(self, ask: Callable[[], list[Any]], answers: tuple[bool, ...] = ()) -> list[Any]:
+        """What a class gives for all times; where it compares the time, what it gives either way."""
+        times = self.data.sizes.times
+        branch = self._branch = BranchInTime(float(times[0]), float(times[-1]), answers)
+        result = ask()
+        for i in reversed(range(len(answers), len(branch.made))):
+            condition, _ = branch.made[i]
+            otherwise = self._in_all_branches(ask, (*(answer for _, answer in branch.made[:i]), False))
+            result = [_chosen(condition, *pair) for pair in zip(result, otherwise, strict=True)]
+        return result
+
+    @staticmethod
+    def _shown(time: Any) -> str:
+        return "all t" if isinstance(time, _ALL_TIMES) else f"t = {time:g}"
+
     # ---------------------------------------------------------------- equations
 
     def find_explicit_states(self, block: Any) -> tuple[int, ...]:
         """States whose derivative the rows give at every point of the grid; remembered."""
         explicit = set(range(self.data.sizes.states))
         solvable: set[Membership] | None = None
-        forms: set[tuple[Membership, ...]] = set()
-        for t in block.grid.points:
+        points = list(block.grid.points)
+        for t in points[:1] if self._is_alike_at_all_times(block) else points:
             rows = self._rows(block, t)
             groups = solve_rows(rows)
             explicit &= {j for group in groups for j in group.states}
             found = solvable_groups(rows, groups)
             solvable = found if solvable is None else solvable & found
-            forms.add((*((group.states, group.rows) for group in groups), *sorted(found)))
         self._solvable = tuple(sorted(solvable or ()))
         self._explicit = tuple(sorted(explicit.union(*(states for states, _ in self._solvable))))
-        self._always = forms.pop() if len(forms) == 1 else None
         self._last = None
         return self._explicit
+
+    def _is_alike_at_all_times(self, block: Any) -> bool:
+        """Whether the class gives rows for all times at once, and the time is not in front of a derivative."""
+        time = TimeTemplate()
+        try:
+            with asked_for_all_times():
+                rows = self._rows(block, time)
+        except Exception:  # a class that has to know the time may raise anything
+            return False
+        held = [a for row in rows for a in row.coefficients.values() if hasattr(a, "is_expression_type")]
+        return all(row.is_affine for row in rows) and not any(
+            isinstance(leaf, _ALL_TIMES) for a in held for leaf in variables_in(a)
+        )
 
     @property
     def implicit(self) -> list[int]:
@@ -126,6 +162,11 @@ class StatedProblem:
         return [j for j in range(self.data.sizes.states) if j not in self._explicit]
 
     def _rows(self, block: Any, t: Any) -> list[AffineRow]:
+        if isinstance(t, TimeTemplate):
+            return self._in_all_branches(lambda: self._rows_of_branch(block, t))
+        return self._rows_of_branch(block, t)
+
+    def _rows_of_branch(self, block: Any, t: Any) -> list[AffineRow]:
         time = block.time_at(t)
         rates = Rates(list(self._scratch.xdot.values()))
         filled = self._filled(block, t, time, rates.entries())
@@ -143,9 +184,9 @@ class StatedProblem:
 
     def _filled(self, block: Any, t: Any, time: float, xdot: Any) -> list[Any]:
         """The rows that ``constraint`` makes, as entries."""
-        count, shown = self.data.sizes.rows, f"c, t = {time:g}, ..."
+        count, shown = self.data.sizes.rows, f"c, {self._shown(time)}, ..."
         c = ArrayToFill.zeros((count, 1))
-        returned = self._call("constraint", c, time, *self._arguments(block, t, xdot), shown=shown)
+        returned = self._call("constraint", c, self._given(time), *self._arguments(block, t, xdot), shown=shown)
         given = c if returned is None else np.asarray(returned, dtype=object)
         what = f"{self._methods.class_name}.constraint({shown})"
         if given.size != count:
@@ -165,7 +206,7 @@ class StatedProblem:
         """Rows at a point; those asked last are kept, because several rules need them."""
         time = block.time_at(t)
         last = self._last
-        if last is not None and last.block is block and last.time == (t, time):
+        if last is not None and last.block is block and _same_time(last.time, (t, time)):
             return last
         rows = self._rows(block, t)
         explicit: dict[int, Any] = {}
@@ -182,46 +223,23 @@ class StatedProblem:
         missing = [j for j in self._explicit if j not in explicit]
         if missing:
             raise ProblemClassError(
-                f"{self._methods.class_name}.constraint at t = {time:g}: the rows do not give xdot{missing}, as they "
-                "do at all points of the grid. The form of the equations may change with t at element boundaries only."
+                f"{self._methods.class_name}.constraint at {self._shown(time)}: the rows do not give xdot{missing}, as "
+                "they do at all points of the grid. The form of the equations may change with t at element boundaries "
+                "only."
             )
         self._last = _RowsAtPoint(block, (t, time), rows, explicit, frozenset(used))
         return self._last
 
     def equations_of_motion(self, block: Any, t: Any) -> dict[Any, Any]:
         """Derivatives that the rows give."""
-        numbers = self._rates_in_numbers(block, t)
-        rates = self._at(block, t).explicit if numbers is None else numbers
+        rates = self._at(block, t).explicit
         return {getattr(block, f"x{j}"): rates[j] for j in self._explicit}
-
-    def _rates_in_numbers(self, block: Any, t: Any) -> dict[int, float] | None:
-        """The same where values are known: the class then computes with numbers, which is far cheaper."""
-        if self._always is None or not getattr(block, "holds_numbers", False):
-            return None
-        kinds = []
-        for kind in "xyup":
-            found = [getattr(block, name) for name in self.names(kind)]
-            values = [value(one if kind == "p" else one[t], exception=False) for one in found]
-            if None in values:
-                return None
-            kinds.append(column_array(values))
-        x, y, u, p = kinds
-        c = ArrayToFill.zeros((self.data.sizes.rows, 1))
-        time = block.time_at(t)
-        xdot = column_array(Rates(list(self._scratch.xdot.values())).entries())
-        returned = self._call("constraint", c, time, x, xdot, y, u, p, shown=f"c, t = {time:g}, ...")
-        rows = np.asarray(c if returned is None else returned, dtype=object).ravel()
-        rates: dict[int, float] = {}
-        for states, members in self._always:
-            right = [
-                -rows[i].constant - sum(a * rates.get(j, 0.0) for j, a in rows[i].coefficients.items()) for i in members
-            ]
-            matrix = [[float(rows[i].coefficients.get(j, 0.0)) for j in states] for i in members]
-            rates |= zip(states, np.linalg.solve(matrix, np.array(right, dtype=float)).tolist(), strict=True)
-        return rates
 
     def equations(self, block: Any, t: Any) -> list[Any]:
         """The other rows."""
+        return self._other_rows(block, t)
+
+    def _other_rows(self, block: Any, t: Any) -> list[Any]:
         at = self._at(block, t)
         derivative = {j: self._rate(block, t, j) for j in range(self.data.sizes.states)}
         exact: list[Any] | None = None
@@ -258,9 +276,18 @@ class StatedProblem:
 
     def running_cost(self, block: Any, t: Any) -> Any:
         """What ``objective`` returns at a point."""
+        if self._is_template(t):
+            return self._in_all_branches(lambda: [self._cost_of_branch(block, t)])[0]
+        return self._cost_of_branch(block, t)
+
+    @staticmethod
+    def _is_template(t: Any) -> bool:
+        return isinstance(t, TimeTemplate)
+
+    def _cost_of_branch(self, block: Any, t: Any) -> Any:
         time = block.time_at(t)
-        shown = f"t = {time:g}, ..."
-        cost = self._call("objective", time, *self._arguments(block, t, self.rates(block, t)), shown=shown)
+        shown = f"{self._shown(time)}, ..."
+        cost = self._call("objective", self._given(time), *self._arguments(block, t, self.rates(block, t)), shown=shown)
         return self._scalar(cost, f"{self._methods.class_name}.objective({shown})")
 
     def final_cost(self, block: Any) -> Any:
@@ -289,15 +316,15 @@ class StatedProblem:
 
     def pairs(self, block: Any, t: Any) -> list[Any]:
         """The complementarity pairs at a point."""
-        i = self.element_at(block, t)
         return [
-            complements(self._side(block, t, first, i), self._side(block, t, second, i))
-            for first, second in self.data.pairs
+            complements(self._side(block, t, first), self._side(block, t, second)) for first, second in self.data.pairs
         ]
 
-    def _side(self, block: Any, t: Any, side: Side, i: int) -> Any:
+    def _side(self, block: Any, t: Any, side: Side) -> Any:
         variable = getattr(block, f"y{side.algebraic}")[t]
-        lower, upper = self.data.bounds["y"][:, i, side.algebraic].tolist()
+        table = self.data.bounds["y"][:, :-1, side.algebraic]
+        i = 0 if (table == table[:, :1]).all() else self.element_at(block, t)
+        lower, upper = table[:, i].tolist()
         return variable >= lower if side.bound == "lower" else variable <= upper
 
     def rate_bounds(self, block: Any, t: Any) -> list[Any]:
@@ -326,6 +353,26 @@ class StatedProblem:
         times = self.data.sizes.times
         side: Any = "right" if self.starts_on_a_stage else "left"
         return int(np.clip(np.searchsorted(times, time, side=side) - 1, 0, self.data.sizes.elements - 1))
+
+
+def _chosen(condition: Any, then: Any, otherwise: Any) -> Any:
+    """What two ways of a branch make of one row or of one cost."""
+    if isinstance(then, AffineRow):
+        rates = {*then.coefficients, *otherwise.coefficients}
+        both = {j: (then.coefficients.get(j, 0.0), otherwise.coefficients.get(j, 0.0)) for j in rates}
+        return AffineRow(
+            _chosen(condition, then.constant, otherwise.constant),
+            {j: _chosen(condition, *pair) for j, pair in both.items()},
+            then.is_affine and otherwise.is_affine,
+        )
+    alike = all(part.__class__ in native_numeric_types for part in (then, otherwise)) and then == otherwise
+    return then if alike else Expr_if(condition, then, otherwise)
+
+
+def _same_time(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
+    if isinstance(first[0], TimeTemplate) or isinstance(second[0], TimeTemplate):
+        return first[0] is second[0]
+    return first == second
 
 
 def _is_zero(coefficient: Any) -> bool:

@@ -10,7 +10,8 @@ called at every point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
 from itertools import chain
@@ -50,7 +51,9 @@ _EXPRESSIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(functions_of_pyomo, name, abs) for name in NUMPY_NAMES},
     **comparisons(lambda first, second: None),
     "<=<=": inequality,
-    "choose": lambda condition, then, otherwise: Expr_if(condition, then, otherwise),
+    "choose": lambda condition, then, otherwise: (
+        (then if condition else otherwise) if isinstance(condition, bool) else Expr_if(condition, then, otherwise)
+    ),
     "call": lambda output, *arguments: (
         output.evaluate(arguments)
         if all(argument.__class__ in numvalue.native_numeric_types for argument in arguments)
@@ -62,6 +65,16 @@ _EXPRESSIONS: dict[str, Callable[..., Any]] = {
 def is_asked_for_all_times() -> bool:
     """Whether a rule is called for its template now."""
     return _IS_ASKING.get()
+
+
+@contextmanager
+def asked_for_all_times() -> Iterator[None]:
+    """Context in which a rule may be called with a `TimeTemplate`."""
+    token = _IS_ASKING.set(True)
+    try:
+        yield
+    finally:
+        _IS_ASKING.reset(token)
 
 
 class _Unknown(ScalarVar):
@@ -236,13 +249,11 @@ def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> 
     if getattr(rule, "needs_the_time", False) or _looks_at_types(rule):
         return None
     time = TimeTemplate()
-    token = _IS_ASKING.set(True)
     try:
-        return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
+        with asked_for_all_times():
+            return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
     except Exception:  # a rule that is no template may raise anything
         return None
-    finally:
-        _IS_ASKING.reset(token)
 
 
 def _looks_at_types(rule: Any) -> bool:

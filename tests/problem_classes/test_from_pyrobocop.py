@@ -13,8 +13,9 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ProblemClassError
 from pyrobocop_pyomo.problem_classes import solution_arrays
+from pyrobocop_pyomo.problem_classes.problem_arrays import column_array
 
-from . import native_models, problem_styles
+from . import native_models, problem_styles, published_problems
 
 EQUAL = {
     "smooth": (problem_styles.Pendulum, {}, native_models.pendulum),
@@ -58,6 +59,57 @@ def test_objects_of_a_class_follow_another_mesh_like_those_of_the_native_model()
     assert rows == native_rows
 
 
+# -------------------------------------------------------------------- once for all times
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("problem", published_problems.PROBLEMS, ids=lambda problem: problem.__name__)
+def test_a_class_gives_its_formulas_once_for_all_times(problem):
+    calls = []
+
+    class Counted(problem):
+        elements, centres = 8, 20
+
+        def constraint(self, c, t, x, xdot, y, u, p):
+            calls.append(t)
+            problem.constraint(self, c, t, x, xdot, y, u, p)
+
+    made = Counted()
+    m = rcp.from_pyrobocop(made, getattr(problem, "points", 1))
+    b, sizes = m.phase, m.problem.data.sizes
+    m.phase.trajectory().verify()
+    assert len(calls) <= 20  # of 8 elements; it was called thousands of times
+    generator = np.random.default_rng(3)
+    for variable in b.component_data_objects(pyo.Var):
+        variable.set_value(generator.uniform(0.1, 0.9), skip_validation=True)
+    (stated,) = b.record.statements_of("ode")
+    (cost,) = b.record.statements_of("integral") or (None,)
+    for t in b.points:
+        x, y, u, p = (
+            column_array([pyo.value(one.expression) for one in m.problem.variables(b, kind, t)]) for kind in "xyup"
+        )
+        rates = column_array([pyo.value(rate) for rate in stated(b, t).values()])
+        c = np.zeros((sizes.rows, 1))
+        problem.constraint(made, c, t, x, rates, y, u, p)
+        # The rows that the derivatives were found from are those that hold with them.
+        assert (np.abs(c) < 1e-9 * (1 + np.abs(c).max())).sum() >= len(rates)
+        if cost is not None:
+            assert pyo.value(cost(b, t)) == pytest.approx(float(made.objective(t, x, rates, y, u, p)), rel=1e-9)
+
+
+def test_a_class_that_compares_the_time_gives_the_formulas_of_each_side():
+    m = rcp.from_pyrobocop(problem_styles.ModeSequence())
+    b = m.phase
+    b.initialize(x0=1.0, x1=1.0, u0=1.0)
+    b.p0, b.p1 = 2.0, 3.0
+    (stated,) = b.record.statements_of("ode")
+    assert stated.is_template(b)
+    speeds = [pyo.value(stated(b, t)[b.x1]) for t in list(b.points)[:-1]]  # at the end the states are given
+    assert speeds == pytest.approx([2 * (2 - 0.5)] * 5 + [3 * (1 - 1.0)] * 4)
+    b.remesh(12)
+    assert b.record.statements_of("ode")[0].is_template(b)
+
+
 # -------------------------------------------------------------------- what comes out
 
 
@@ -73,6 +125,20 @@ def test_values_come_in_the_shapes_of_the_original():
     assert y[:, 1] == pytest.approx(y[:, 0] - 2 * u[:, 0], abs=1e-6)
     with pytest.raises(ProblemClassError, match="was not made by from_pyrobocop"):
         solution_arrays(pyo.ConcreteModel(name="other"))
+
+
+def test_arrays_on_another_mesh_say_that_n_has_changed(caplog):
+    m = rcp.from_pyrobocop(problem_styles.Pendulum())
+    solution_arrays(m)
+    assert not caplog.records
+    m.phase.remesh(17)
+    x, xdot, y, u, _ = solution_arrays(m)
+    assert [part.shape for part in (x, xdot, y, u)] == [(18, 2, 2), (17, 2, 1), (17, 0, 1), (17, 1, 1)]
+    assert "N = 17 elements, where get_info says 12" in caplog.text
+    caplog.clear()
+    m.phase.remesh(m.problem.data.sizes.times)
+    assert len(solution_arrays(m).x) == 13
+    assert not caplog.records
 
 
 @pytest.mark.ipopt
