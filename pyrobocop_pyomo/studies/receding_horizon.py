@@ -25,7 +25,7 @@ from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
-from pyrobocop_pyomo.solving.exact_pairs import ExactPairs, ExactPoint
+from pyrobocop_pyomo.solving.exact_pairs import ExactPairs
 from pyrobocop_pyomo.solving.ipopt_options import ROUGH
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.solving.starts import defined_start
@@ -35,6 +35,9 @@ from .outcomes import seconds_left
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
+
+# Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
+DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class RecedingHorizon:
         `Containment`. The time that it takes counts in ``seconds``.
     exact_pairs : bool
         Whether the relaxed problem is solved roughly, at a barrier parameter that stays, and only shows the way to the
-        plan: the solution of the nearest branch, in which one side of each pair is zero. A delta of 1e-2 keeps the
+        plan: the solution of the nearest branch, in which one side of each pair is zero. A delta of 1e-3 keeps the
         relaxed problem smooth then. Without it, plans are those of the relaxed model.
 
     Raises
@@ -214,24 +217,22 @@ class RecedingHorizon:
             known = self._made is not None and np.array_equal(here, self._made[0])
             return later(self._made[1])[1] if self._made is not None and known else ahead
 
-        def solve() -> IpoptOutcome:
+        def solve(mu: float) -> IpoptOutcome:
             target = None if self._exact is None else mu
             return self._program.solve(mu=mu, mu_target=target, time_limit=seconds_left(deadline), moved=moved)
 
-        outcome = solve()
+        outcome = solve(mu)
         remark = ""
         if outcome.status is IpoptStatus.INVALID_NUMBER and self._program.state is None:
             # Nothing was solved yet: the initial guess is at fault, such as states that are zero without one.
             remark = self._move_to_defined_start()
             if remark:
-                outcome = solve()
+                outcome = solve(mu)
             else:
                 remark = self._undefined()
-        iterations, ipopt_seconds, natural = outcome.iterations, outcome.seconds, None
+        natural, runs = None, [outcome]
         if self._exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
-            exact = self._made_exact(self._exact, outcome, ahead, deadline)
-            outcome, natural = exact.outcome, exact.natural_residual
-            iterations, ipopt_seconds = iterations + exact.iterations, ipopt_seconds + exact.seconds
+            outcome, natural, runs = self._made_exact(self._exact, outcome, ahead, mu, deadline)
         if outcome.status.solved:
             plan = self._plan(self._place_in_program().read(outcome.x))
         else:
@@ -239,21 +240,45 @@ class RecedingHorizon:
             plan = self._plan(self._values.read())
         safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
+        iterations, ipopt_seconds = sum(run.iterations for run in runs), sum(run.seconds for run in runs)
         return HorizonStep(plan, outcome.status, iterations, seconds, ipopt_seconds, safety, remark, natural)
 
     def _made_exact(
-        self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, deadline: Deadline
-    ) -> ExactPoint:
-        """The branch that the relaxed solution leads to, or else the one of the last plan, put on the model."""
-        compiled = self._program.compiled
-        starts = [relaxed.point, replace(relaxed.point, x=ahead)]
-        exact = pairs.solve(compiled, starts if relaxed.status.solved else starts[::-1], deadline)
-        self._made = None
-        if exact.outcome.status.solved:
-            x = exact.outcome.x
-            compiled.load_point(x)
-            self._made = x, relaxed.x if relaxed.status.solved else x
-        return exact
+        self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
+    ) -> tuple[IpoptOutcome, float, list[IpoptOutcome]]:
+        """The branch that the relaxed solution leads to, or else the last plan, or else a smaller delta, on the model.
+
+        A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
+        small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start.
+
+        Returns the outcome of the branch, its natural residual, and all runs of Ipopt.
+        """
+        compiled, delta, runs = self._program.compiled, pairs.delta, [relaxed]
+        usual, self._made, rough = delta.value, None, relaxed
+        starts = [relaxed.point] if relaxed.status.solved else []
+        starts.append(replace(relaxed.point, x=ahead))
+        try:
+            while True:
+                for start in starts:
+                    outcome, natural = pairs.solve(compiled, start, deadline)
+                    runs.append(outcome)
+                    if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
+                        break
+                smaller = delta.value / DELTA_DIVISOR
+                stopped = outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed
+                if outcome.status.solved or stopped or smaller < SMALLEST_DELTA:
+                    break
+                delta.set_value(smaller)
+                target = min(mu, smaller)
+                rough = self._program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
+                runs.append(rough)
+                starts = [rough.point]
+        finally:
+            delta.set_value(usual)
+        if outcome.status.solved:
+            compiled.load_point(outcome.x)
+            self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
+        return outcome, natural, runs
 
     def _move_to_defined_start(self) -> str:
         """As `solve` does it; what was done, or nothing where no such start is found."""
