@@ -25,6 +25,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +133,7 @@ LOOPS = (
     ),
     Loop(
         "cart, soft walls",
-        between_walls,
+        partial(between_walls, strength=10.0),
         {"x": 0.0, "q": 0.0, "v": 0.0, "w": 0.0},
         0.02,
         ("u",),

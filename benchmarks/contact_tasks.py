@@ -272,11 +272,14 @@ def waiter(case: int) -> pyo.ConcreteModel:
 # ------------------------------------------------------------------ walls that give, and a leg that leaves the ground
 
 
-def between_walls(b, start: Mapping[str, float]) -> None:
-    """A pole (angle q from upright, rate w) on a cart (x, v); its tip may touch a soft wall on either side."""
+def between_walls(b, start: Mapping[str, float], strength: float | None = None) -> None:
+    """A pole (angle q from upright, rate w) on a cart (x, v); its tip may touch a soft wall on either side.
+
+    The cart is driven by a force of any size, or of at most `strength`.
+    """
     mass, pole, length, gravity, stiffness = 1.0, 0.1, 0.8, 9.8, 200.0
     states(b, start)
-    b.u = rcp.Control()
+    b.u = rcp.Control(bounds=(None if strength is None else -strength, strength))
     b.right, b.left = rcp.Control(bounds=(0, None)), rcp.Control(bounds=(0, None))
 
     @b.ode

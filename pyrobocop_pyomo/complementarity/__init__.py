@@ -45,7 +45,7 @@ from .relaxing import (
 from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements, either_zero
-from .switched_products import ProductsToComplementarity, ProductToken, pair_of_factors, written, zero_product
+from .switched_products import ProductsToComplementarity, ProductToken
 from .transformation import RelaxComplementarity
 from .units import register_with_pyomo
 
@@ -108,7 +108,6 @@ __all__ = [
     "generating_pairs",
     "has_penalty",
     "lifted_pairs_of",
-    "pair_of_factors",
     "pair_residuals",
     "pairs_of",
     "relax",
@@ -122,6 +121,4 @@ __all__ = [
     "sources_of",
     "update_parameters",
     "without_penalty",
-    "written",
-    "zero_product",
 ]

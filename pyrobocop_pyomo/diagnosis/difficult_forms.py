@@ -12,7 +12,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numeric_expr import AbsExpression
 from pyomo.core.expr.numvalue import native_types
 
-from pyrobocop_pyomo.complementarity import pair_of_factors, written, zero_product
+from pyrobocop_pyomo.complementarity.switched_products import pair_of_factors, written, zero_product
 from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable
 
 from .findings import Finding, Severity, Subject

@@ -245,7 +245,7 @@ class RecedingHorizon:
 
     def _made_exact(
         self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
-    ) -> tuple[IpoptOutcome, float, list[IpoptOutcome]]:
+    ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
         """The branch that the relaxed solution leads to, or else the last plan, or else a smaller delta, on the model.
 
         A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
@@ -260,8 +260,8 @@ class RecedingHorizon:
         try:
             while True:
                 for start in starts:
-                    outcome, natural = pairs.solve(compiled, start, deadline)
-                    runs.append(outcome)
+                    outcome, natural, tried = pairs.solve(compiled, start, deadline)
+                    runs += tried
                     if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
                         break
                 smaller = delta.value / DELTA_DIVISOR
@@ -278,7 +278,7 @@ class RecedingHorizon:
         if outcome.status.solved:
             compiled.load_point(outcome.x)
             self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
-        return outcome, natural, runs
+        return outcome, natural if outcome.status.solved else None, runs
 
     def _move_to_defined_start(self) -> str:
         """As `solve` does it; what was done, or nothing where no such start is found."""
