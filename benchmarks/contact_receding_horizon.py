@@ -133,7 +133,7 @@ LOOPS = (
     ),
     Loop(
         "cart, soft walls",
-        partial(between_walls, strength=10.0),
+        partial(between_walls, strength=20.0),
         {"x": 0.0, "q": 0.0, "v": 0.0, "w": 0.0},
         0.02,
         ("u",),
@@ -143,7 +143,7 @@ LOOPS = (
         {"u": 0.001},
         {"v": 0.02, "w": 0.02},
         lambda random: {"x": 0.0, "q": 0.0},
-        {"v": 6.0, "w": 4.0},
+        {"v": 4.0, "w": 2.0},
     ),
     Loop(
         "gripper",

@@ -89,7 +89,7 @@ def pair_of_factors(first: Any, second: Any) -> Complements | None:
     return None if signed[1] is None else either_zero(signed[1], first)
 
 
-def written(pair: Complements) -> str:
+def as_line(pair: Complements) -> str:
     """The pair as a line of Python."""
     which = "either_zero" if pair.second_bound == ANY_SIGN else "complements"
     return f"rcp.{which}({_shown(pair.first)}, {_shown(pair.second)})"

@@ -12,7 +12,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.expr.numeric_expr import AbsExpression
 from pyomo.core.expr.numvalue import native_types
 
-from pyrobocop_pyomo.complementarity.switched_products import pair_of_factors, written, zero_product
+from pyrobocop_pyomo.complementarity.switched_products import as_line, pair_of_factors, zero_product
 from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable
 
 from .findings import Finding, Severity, Subject
@@ -70,7 +70,7 @@ def _of_product(component: Any, first: Any, second: Any) -> Finding:
         "No bounds say that a factor has a sign. Give one that is never negative bounds=(0, None); then state "
         "rcp.either_zero(first >= 0, second), on a phase under @b.complementarity."
         if pair is None
-        else f"State a pair, on a phase under @b.complementarity: {written(pair)}. Or let "
+        else f"State a pair, on a phase under @b.complementarity: {as_line(pair)}. Or let "
         "pyo.TransformationFactory('pyrobocop.products_to_complementarity').apply_to(model) do so for all such rows.",
     )
 

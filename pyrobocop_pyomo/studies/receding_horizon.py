@@ -37,7 +37,7 @@ from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 logger = logging.getLogger(__name__)
 
 # Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
-DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
+DELTA_DIVISOR, SMALLEST_DELTA, COLD_DELTA = 10.0, 1e-7, 1e3
 
 
 @dataclass(frozen=True)
@@ -264,13 +264,22 @@ class RecedingHorizon:
                     runs += tried
                     if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
                         break
-                smaller = delta.value / DELTA_DIVISOR
                 stopped = outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed
+                # Where even the relaxed problem had no solution, it is made far smoother, and begun anew.
+                cold = rough is relaxed and not relaxed.status.solved
+                smaller = COLD_DELTA * usual if cold else delta.value / DELTA_DIVISOR
                 if outcome.status.solved or stopped or smaller < SMALLEST_DELTA:
                     break
+                if cold:
+                    compiled.load_point(ahead)
                 delta.set_value(smaller)
                 target = min(mu, smaller)
-                rough = self._program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
+                rough = self._program.solve(
+                    warm=not cold,
+                    mu=target,
+                    mu_target=None if cold else target,
+                    time_limit=seconds_left(deadline),
+                )
                 runs.append(rough)
                 starts = [rough.point]
         finally:

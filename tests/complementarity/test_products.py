@@ -13,7 +13,7 @@ from mpcc_catalogue.point_check import check_point, read_pairs
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import ProductsToComplementarity
-from pyrobocop_pyomo.complementarity.switched_products import pair_of_factors, written, zero_product
+from pyrobocop_pyomo.complementarity.switched_products import as_line, pair_of_factors, zero_product
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, state
@@ -44,7 +44,7 @@ def switched() -> pyo.ConcreteModel:
 def test_the_rewritten_line_is_what_a_user_would_write() -> None:
     rows = [zero_product(row) for row in switched().rows.values()]
     pairs = [None if factors is None else pair_of_factors(*factors) for factors in rows]
-    assert [None if pair is None else written(pair) for pair in pairs] == [
+    assert [None if pair is None else as_line(pair) for pair in pairs] == [
         "rcp.either_zero(a >= 0, x - y)",
         "rcp.either_zero(a >= 0, x)",
         "rcp.complements(a >= 0, b <= 0)",
