@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
+from pyrobocop_pyomo.modeling.activity import deactivate
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.active_set import BranchPoint
 from pyrobocop_pyomo.mpcc.branch import Branch, nearest_branch, restricted
@@ -80,6 +82,21 @@ class ExactPairs:
     def delta(self) -> Any:
         """The mutable parameter of the relaxation."""
         return self._relaxed.delta
+
+    @contextlib.contextmanager
+    def stated(self) -> Iterator[None]:
+        """Pairs are active for a moment, as they were stated: a simulation solves them."""
+        sources = list({id(pair.source): pair.source for pair in self._relaxed.pairs}.values())
+        for source in sources:
+            source.activate()
+        try:
+            yield
+        finally:
+            deactivate(sources)
+
+    def start_lifted(self) -> None:
+        """Give generated variables the values of what they stand for."""
+        self._relaxed.start_lifted()
 
     def solve(self, compiled: CompiledModel, start: PrimalDualPoint, deadline: Deadline) -> ExactPoint:
         """Solve the branch nearest to a point, with the numbers that the compiled model has now, and better ones.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -14,7 +15,7 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
-from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError, PyRobocopError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
@@ -24,7 +25,7 @@ from pyrobocop_pyomo.phases import Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.presentation import Presented
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
 from pyrobocop_pyomo.solving.exact_pairs import ExactPairs
 from pyrobocop_pyomo.solving.ipopt_options import ROUGH
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
@@ -37,7 +38,7 @@ from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 logger = logging.getLogger(__name__)
 
 # Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
-DELTA_DIVISOR, SMALLEST_DELTA, COLD_DELTA = 10.0, 1e-7, 1e3
+DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
 
 
 @dataclass(frozen=True)
@@ -246,48 +247,64 @@ class RecedingHorizon:
     def _made_exact(
         self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
     ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
-        """The branch that the relaxed solution leads to, or else the last plan, or else a smaller delta, on the model.
+        """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
+        compiled, usual, runs = self._program.compiled, pairs.delta.value, [relaxed]
+        self._made = None
+        try:
+            for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
+                outcome, natural, tried = pairs.solve(compiled, start, deadline)
+                runs += tried
+                if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
+                    break
+        finally:
+            pairs.delta.set_value(usual)
+        if not outcome.status.solved:
+            return outcome, None, runs
+        compiled.load_point(outcome.x)
+        self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
+        return outcome, natural, runs
+
+    def _starts(
+        self,
+        pairs: ExactPairs,
+        relaxed: IpoptOutcome,
+        ahead: FloatArray,
+        mu: float,
+        runs: list[IpoptOutcome],
+        deadline: Deadline,
+    ) -> Iterator[PrimalDualPoint]:
+        """The relaxed solution, the last plan, a simulation of its controls, relaxed solutions of smaller delta.
 
         A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
-        small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start.
-
-        Returns the outcome of the branch, its natural residual, and all runs of Ipopt.
+        small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start. A
+        simulation meets rows and pairs wherever there is no other limit, so that its branch has a solution.
         """
-        compiled, delta, runs = self._program.compiled, pairs.delta, [relaxed]
-        usual, self._made, rough = delta.value, None, relaxed
-        starts = [relaxed.point] if relaxed.status.solved else []
-        starts.append(replace(relaxed.point, x=ahead))
-        try:
-            while True:
-                for start in starts:
-                    outcome, natural, tried = pairs.solve(compiled, start, deadline)
-                    runs += tried
-                    if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
-                        break
-                stopped = outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed
-                # Where even the relaxed problem had no solution, it is made far smoother, and begun anew.
-                cold = rough is relaxed and not relaxed.status.solved
-                smaller = COLD_DELTA * usual if cold else delta.value / DELTA_DIVISOR
-                if outcome.status.solved or stopped or smaller < SMALLEST_DELTA:
-                    break
-                if cold:
-                    compiled.load_point(ahead)
-                delta.set_value(smaller)
-                target = min(mu, smaller)
-                rough = self._program.solve(
-                    warm=not cold,
-                    mu=target,
-                    mu_target=None if cold else target,
-                    time_limit=seconds_left(deadline),
-                )
-                runs.append(rough)
-                starts = [rough.point]
-        finally:
-            delta.set_value(usual)
-        if outcome.status.solved:
-            compiled.load_point(outcome.x)
-            self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
-        return outcome, natural if outcome.status.solved else None, runs
+        if relaxed.status.solved:
+            yield relaxed.point
+        yield replace(relaxed.point, x=ahead)
+        if not relaxed.status.solved:
+            yield from self._simulated(pairs, ahead)
+        while (smaller := pairs.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
+            pairs.delta.set_value(smaller)
+            target = min(mu, smaller)
+            rough = self._program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
+            runs.append(rough)
+            yield rough.point
+        if relaxed.status.solved:
+            yield from self._simulated(pairs, ahead)
+
+    def _simulated(self, pairs: ExactPairs, ahead: FloatArray) -> Iterator[PrimalDualPoint]:
+        """What the controls of a plan do from the measured state; nothing where that cannot be found."""
+        compiled = self._program.compiled
+        compiled.load_point(ahead)
+        found = None
+        with contextlib.suppress(PyRobocopError), pairs.stated():
+            self.phase.initialize(self.phase.simulate(method="scheme"))
+            pairs.start_lifted()
+            found = compiled.current_point()
+        if found is not None:
+            zeros = np.zeros(compiled.nlp.n)
+            yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _move_to_defined_start(self) -> str:
         """As `solve` does it; what was done, or nothing where no such start is found."""
