@@ -21,7 +21,7 @@ PACKAGE = {
     "ipopt": 1787, "linear_solver": 2026, "links": 456, "mechanics": 2253, "modeling": 2847, "motion": 2646,
     "mpcc": 1326, "native": 143, "numerics": 1800, "obstacles": 3735, "phases": 6706, "planning": 1649,
     "plotting": 866, "presentation": 134, "problem_classes": 1253, "programs": 3806, "robots": 391, "rules": 258,
-    "solving": 4420, "studies": 2462, "trajectories": 508, "transcription": 105,
+    "solving": 4432, "studies": 2476, "trajectories": 508, "transcription": 105,
 }  # fmt: skip
 TESTS = {
     ".": 83, "adversary": 1073, "architecture": 483, "benchmarks": 284, "car_paths": 619, "catalogue": 910,
