@@ -26,7 +26,7 @@ PACKAGE = {
 TESTS = {
     ".": 83, "adversary": 1073, "architecture": 483, "benchmarks": 284, "car_paths": 619, "catalogue": 910,
     "complementarity": 3203, "continuous": 1209, "diagnosis": 427, "discretisation": 436, "distributed": 1554,
-    "docs": 1731, "estimation": 305, "examples": 817, "extension_templates": 181, "geometry": 963, "harness": 841,
+    "docs": 1737, "estimation": 305, "examples": 817, "extension_templates": 181, "geometry": 963, "harness": 841,
     "ipopt": 1134, "linear_solver": 531, "mechanics": 1635, "mistakes": 554, "modeling": 918, "motion": 1652,
     "mpcc": 411, "mpcc_catalogue": 519, "native": 138, "nonsmooth": 186, "notebooks": 46, "numerics": 924,
     "obstacles": 2939, "phases": 5561, "plotting": 522, "presentation": 221, "problem_classes": 711, "programs": 1521,
