@@ -1,10 +1,11 @@
-"""Contact planned from zero: six tasks of the contact-implicit literature, by this package and by other ways.
+"""Contact planned from zero: eight tasks of contact-implicit planning, by this package and by other ways.
 
     python benchmarks/contact_from_nothing.py [--quick] [--tasks WORD ...] [--methods WORD ...] [--cases N]
                                               [--time-limit SECONDS] [--results FILE]
 
-Tasks are those of ``benchmarks/contact_tasks.py``. The point that a method leaves on the model is checked from the
-statement of the model by code that no method shares (``tests/mpcc_catalogue/point_check.py``). Shown are
+Tasks are those of ``benchmarks/contact_tasks.py`` and ``benchmarks/manipulation_tasks.py``. The point that a method
+leaves on the model is checked from the statement of the model by code that no method shares
+(``tests/mpcc_catalogue/point_check.py``). Shown are
 
 strict      cases whose rows hold to 1e-6 and whose pairs to 1e-6, by the smaller side
 certified   cases whose certificate is PROVEN: no branch through the point has a direction of descent
@@ -25,14 +26,18 @@ import json
 import logging
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import casadi
 import pyomo.environ as pyo
 from contact_tasks import TASKS, Task
+from manipulation_tasks import MANIPULATION
 from mpcc_ways import Effort, cold_continuation, ipopt, stock_solver, stock_transformation
+from pyomo.repn.plugins.nl_writer import NLWriter
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
@@ -41,6 +46,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mpcc_catalogue.point_check import check_point
 
 DEFAULT = "rcp.solve"
+ALL_TASKS = (*TASKS, *MANIPULATION)
 
 
 def products(model: Any, backend: str, limit: float) -> Effort:
@@ -49,11 +55,44 @@ def products(model: Any, backend: str, limit: float) -> Effort:
     return ipopt(model, backend, limit)
 
 
+def casadi_sqp(model: Any, backend: str, limit: float) -> Effort:
+    """CasADi's own SQP method with OSQP, on products bounded by 1e-8; it knows no limit of time."""
+    pyo.TransformationFactory("pyrobocop.relax_complementarity").apply_to(model, delta=1e-8, lift=False)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.nl"
+        with path.open("w", encoding="utf-8") as file:
+            written = NLWriter().write(
+                model, file, linear_presolve=False, scale_model=False, export_defined_variables=False
+            )
+        builder = casadi.NlpBuilder()
+        builder.import_nl(str(path), {})
+    functions = casadi.Function("read", [casadi.veccat(*builder.x)], [casadi.MX(builder.f), casadi.veccat(*builder.g)])
+    x = casadi.SX.sym("x", len(builder.x))
+    f, g = functions.expand()(x)
+    quiet = {"print_header": False, "print_iteration": False, "print_time": False, "print_status": False}
+    loose = {"error_on_fail": False, "osqp": {"verbose": False, "eps_abs": 1e-8, "eps_rel": 1e-8, "max_iter": 10_000}}
+    options = {
+        "qpsol": "osqp",
+        "qpsol_options": loose,
+        "max_iter": 100,
+        "convexify_strategy": "regularize",
+        "error_on_fail": False,
+        **quiet,
+    }
+    solver = casadi.nlpsol("sqp", "sqpmethod", {"x": x, "f": f, "g": g}, options)
+    found = solver(x0=builder.x_init, lbx=builder.x_lb, ubx=builder.x_ub, lbg=builder.g_lb, ubg=builder.g_ub)
+    for variable, number in zip(written.variables, found["x"].full().ravel(), strict=True):
+        variable.set_value(float(number), skip_validation=True)
+    said = solver.stats()
+    return Effort(bool(said["success"]), int(said["iter_count"]))
+
+
 METHODS: dict[str, Callable[[Any, str, float], Effort] | None] = {
     DEFAULT: None,
     "Ipopt, products below 1e-8": products,
     "Pyomo mpec.simple_nonlinear": stock_transformation,
     "Pyomo mpec_nlp, 1 to 1e-7": stock_solver,
+    "CasADi sqpmethod with OSQP": casadi_sqp,
     "cold continuation, 1 to 1e-8": cold_continuation,
 }
 
@@ -134,10 +173,10 @@ def main() -> None:
     parser.add_argument("--results", type=Path)
     given = parser.parse_args()
     logging.getLogger("pyomo").setLevel(logging.CRITICAL)  # what a method says about a point is in the table
-    tasks, cases = [task for task in TASKS if any(word in task.name for word in given.tasks)], given.cases
+    tasks, cases = [task for task in ALL_TASKS if any(word in task.name for word in given.tasks)], given.cases
     if given.quick:
         tasks, cases, given.methods = (
-            [task for task in TASKS if task.name in ("push box", "cart-pole")],
+            [task for task in ALL_TASKS if task.name in ("push box", "cart-pole")],
             1,
             [DEFAULT, "below"],
         )

@@ -85,20 +85,19 @@ def quasi_static(b, forces: Sequence[str], fx, fy, drag: float, lever: float) ->
         return [rcp.complements(first >= 0, second >= 0) for first, second in pairs]
 
 
-def push_box(case: int) -> pyo.ConcreteModel:
-    """A box on a table; eighteen goals three metres away are the published ones."""
-    angle = 2 * pi * case / 18 if case < 18 else np.random.default_rng(case).uniform(0, 2 * pi)
+BOX_FORCES = ("up", "right", "down", "left")
+
+
+def box_on_table(b, start: Mapping[str, float]) -> None:
+    """A box (x, y, q) on a table, which one point of contact (cx, cy) pushes at one of its faces."""
     a, b_, friction = 0.5, 0.25, 0.5
-    m = pyo.ConcreteModel(name=f"push box {case}")
-    b = phase_of(m, 100, 0.02)
-    states(b, {"x": 0.0, "y": 0.0, "q": 0.0})
+    states(b, start)
     b.cx, b.cy = rcp.Control(bounds=(-a, a)), rcp.Control(bounds=(-b_, b_))
-    forces = ("up", "right", "down", "left")
-    for name in forces:
+    for name in BOX_FORCES:
         b.declare(name, rcp.Control(bounds=(0, None)))
     quasi_static(
         b,
-        forces,
+        BOX_FORCES,
         lambda b, t: b.right[t] - b.left[t],
         lambda b, t: b.up[t] - b.down[t],
         friction * 9.8,
@@ -110,8 +109,15 @@ def push_box(case: int) -> pyo.ConcreteModel:
         gaps = {"up": b.cy[t] + b_, "right": b.cx[t] + a, "down": b_ - b.cy[t], "left": a - b.cx[t]}
         return {name: rcp.complements(b.component(name)[t] >= 0, gap >= 0) for name, gap in gaps.items()}
 
+
+def push_box(case: int) -> pyo.ConcreteModel:
+    """A box on a table; eighteen goals three metres away are the published ones."""
+    angle = 2 * pi * case / 18 if case < 18 else np.random.default_rng(case).uniform(0, 2 * pi)
+    m = pyo.ConcreteModel(name=f"push box {case}")
+    b = phase_of(m, 100, 0.02)
+    box_on_table(b, {"x": 0.0, "y": 0.0, "q": 0.0})
     m.goal = {"x": 3 * np.cos(angle), "y": 3 * np.sin(angle), "q": angle}
-    effort = sum(b.component(name)[t] ** 2 for name in forces for t in b.points)
+    effort = sum(b.component(name)[t] ** 2 for name in BOX_FORCES for t in b.points)
     m.cost = pyo.Objective(expr=100 * squared_distance(m, m.goal) + 0.001 * effort)
     return m
 
@@ -266,15 +272,14 @@ def waiter(case: int) -> pyo.ConcreteModel:
 # ------------------------------------------------------------------ walls that give, and a leg that leaves the ground
 
 
-def cart_pole(case: int) -> pyo.ConcreteModel:
-    """A pole is righted between two soft walls."""
-    random = np.random.default_rng(4000 + case)
+def between_walls(b, start: Mapping[str, float], strength: float | None = None) -> None:
+    """A pole (angle q from upright, rate w) on a cart (x, v); its tip may touch a soft wall on either side.
+
+    The cart is driven by a force of any size, or of at most `strength`.
+    """
     mass, pole, length, gravity, stiffness = 1.0, 0.1, 0.8, 9.8, 200.0
-    m = pyo.ConcreteModel(name=f"cart-pole {case}")
-    b = phase_of(m, 100, 0.02)
-    first = random.uniform([-0.3, -0.3, -0.5, -0.5], [0.3, 0.3, 0.5, 0.5])
-    states(b, dict(zip(("x", "q", "v", "w"), first.tolist(), strict=True)))
-    b.u = rcp.Control()
+    states(b, start)
+    b.u = rcp.Control(bounds=(None if strength is None else -strength, strength))
     b.right, b.left = rcp.Control(bounds=(0, None)), rcp.Control(bounds=(0, None))
 
     @b.ode
@@ -295,15 +300,24 @@ def cart_pole(case: int) -> pyo.ConcreteModel:
             rcp.complements(b.left[t] >= 0, 1 + tip + b.left[t] / stiffness >= 0),
         ]
 
+
+def cart_pole(case: int) -> pyo.ConcreteModel:
+    """A pole is righted between two soft walls."""
+    random = np.random.default_rng(4000 + case)
+    m = pyo.ConcreteModel(name=f"cart-pole {case}")
+    b = phase_of(m, 100, 0.02)
+    first = random.uniform([-0.3, -0.3, -0.5, -0.5], [0.3, 0.3, 0.5, 0.5])
+    between_walls(b, dict(zip(("x", "q", "v", "w"), first.tolist(), strict=True)))
     m.goal = {"x": 0.0, "q": 0.0, "v": 0.0, "w": 0.0}
     m.cost = pyo.Objective(expr=100 * squared_distance(m, m.goal) + 0.001 * sum(b.u[t] ** 2 for t in b.points))
     return m
 
 
-def hopper(case: int) -> pyo.ConcreteModel:
+def hopper(case: int, *, products: bool = False) -> pyo.ConcreteModel:
     """A body over a leg without mass, whose foot stands still where the leg is compressed.
 
-    That the foot does not rise then is said already: it is on the ground.
+    That the foot does not rise then is said already: it is on the ground. With `products`, what switches is written as
+    rows ``a * b == 0``, as it often is.
     """
     random = np.random.default_rng(5000 + case)
     height, goal = (1.5, 2.0) if case == 0 else (random.uniform(1.3, 1.7), random.uniform(1.5, 2.5))
@@ -340,10 +354,17 @@ def hopper(case: int) -> pyo.ConcreteModel:
         return [
             rcp.complements(b.compressed[t] >= 0, b.qy[t] >= 0),
             rcp.complements(b.push[t] >= 0, b.qy[t] >= 0),
-            rcp.either_zero(b.compressed[t] >= 0, b.wx[t]),
-            rcp.either_zero(b.qy[t] >= 0, b.spin[t] - b.turn[t]),
-            rcp.either_zero(b.compressed[t] >= 0, b.turn[t]),
         ]
+
+    def switched(b, t):
+        return [(b.compressed[t], b.wx[t]), (b.qy[t], b.spin[t] - b.turn[t]), (b.compressed[t], b.turn[t])]
+
+    if products:
+        b.constraint(lambda b, t: [first * second == 0 for first, second in switched(b, t)], name="switches")
+    else:
+        b.complementarity(
+            lambda b, t: [rcp.either_zero(first >= 0, second) for first, second in switched(b, t)], name="switches"
+        )
 
     times = np.array(list(b.time))
     b.initialize({"py": np.maximum(height - 4.905 * times**2, 1.0), "vy": np.where(times < 0.3, -9.81 * times, 0.0)})

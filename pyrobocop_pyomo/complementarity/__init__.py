@@ -45,6 +45,7 @@ from .relaxing import (
 from .residuals import ComponentResidual, PairResidual, component_residuals, pair_residuals, side_values
 from .schedules import BarrierSchedule, Fixed, FollowBarrier, Geometric, Schedule, Superlinear
 from .statement import Complements, complements, either_zero
+from .switched_products import ProductsToComplementarity, ProductToken
 from .transformation import RelaxComplementarity
 from .units import register_with_pyomo
 
@@ -82,6 +83,8 @@ __all__ = [
     "PerElement",
     "PerPair",
     "PerPhase",
+    "ProductToken",
+    "ProductsToComplementarity",
     "RelaxComplementarity",
     "Relaxation",
     "RelaxationToken",

@@ -9,14 +9,17 @@ from typing import Any
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.expr.numeric_expr import AbsExpression, MonomialTermExpression, ProductExpression
-from pyomo.core.expr.numvalue import native_types, value
+from pyomo.core.expr.numeric_expr import AbsExpression
+from pyomo.core.expr.numvalue import native_types
 
+from pyrobocop_pyomo.complementarity.switched_products import as_line, pair_of_factors, zero_product
 from pyrobocop_pyomo.modeling.expressions import holds_variable, is_plain_variable
 
 from .findings import Finding, Severity, Subject
 
-# Rows of one component come from one rule: the first of them is looked at. Of long expressions, so many parts are.
+# Rows of one component come from one rule, which says the same at each time: the first ones are looked at. Of long
+# expressions, so many parts are.
+_ROWS = 8
 _LOOKED_AT = 2000
 
 
@@ -28,13 +31,14 @@ def form_findings(model: Any) -> Iterator[Finding]:
     model : Block
     """
     for component in model.component_objects((Constraint, Objective), active=True, descend_into=Block):
-        for data in islice(component.values(), 1):
-            objective = component.ctype is Objective
-            body = data.expr if objective else data.body
-            if (kink := _absolute_value(body)) is not None:
-                yield _of_absolute_value(component, kink, objective)
-            if not objective and _is_product_at_zero(data):
-                yield _of_product(component)
+        objective = component.ctype is Objective
+        rows = list(islice(component.values(), _ROWS))
+        kinks = (_absolute_value(row.expr if objective else row.body) for row in rows)
+        if (kink := next((kink for kink in kinks if kink is not None), None)) is not None:
+            yield _of_absolute_value(component, kink, objective)
+        products = (None if objective else zero_product(row) for row in rows)
+        if (factors := next((factors for factors in products if factors is not None), None)) is not None:
+            yield _of_product(component, *factors)
 
 
 def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Finding:
@@ -55,15 +59,19 @@ def _of_absolute_value(component: Any, argument: Any, objective: bool) -> Findin
     )
 
 
-def _of_product(component: Any) -> Finding:
+def _of_product(component: Any, first: Any, second: Any) -> Finding:
+    pair = pair_of_factors(first, second)
     return Finding(
         Severity.WARNING,
         Subject.STATEMENT,
         f"constraint '{component.name}' states that a product is zero; its derivatives vanish where both factors do, "
         "and solvers stall there.",
         (component.name,),
-        "Where neither factor may be negative, state a pair: complements(first >= 0, second >= 0), on a phase under "
-        "@b.complementarity. Where only the first has a sign: rcp.either_zero(first >= 0, second).",
+        "No bounds say that a factor has a sign. Give one that is never negative bounds=(0, None); then state "
+        "rcp.either_zero(first >= 0, second), on a phase under @b.complementarity."
+        if pair is None
+        else f"State a pair, on a phase under @b.complementarity: {as_line(pair)}. Or let "
+        "pyo.TransformationFactory('pyrobocop.products_to_complementarity').apply_to(model) do so for all such rows.",
     )
 
 
@@ -86,17 +94,6 @@ def _may_be_zero(argument: Any) -> bool:
         return True
     lower, upper = argument.bounds
     return (lower is None or lower <= 0.0) and (upper is None or upper >= 0.0)
-
-
-def _is_product_at_zero(row: Any) -> bool:
-    """Whether a row says that a product of two variable factors, that are not the same, is zero."""
-    if not row.equality or value(row.upper, exception=False) != 0.0:
-        return False
-    body = row.body
-    if not isinstance(body, ProductExpression) or isinstance(body, MonomialTermExpression):
-        return False
-    first, second = body.args
-    return holds_variable(first) and holds_variable(second) and first is not second
 
 
 def _shortened(expression: Any, most: int = 60) -> str:

@@ -62,6 +62,8 @@ def inexact(delta: float) -> dict[str, Any]:
 # Enough to leave a bound that the branch does not hold any more, little enough to stay near the point. In a degenerate
 # branch multipliers grow without bound, and Ipopt would take its tolerance relative to them: hence s_max.
 POLISH = {**warm_start(1e-6, 1e-8), "s_max": 1e8}
+# Shows the way to a branch only, which is then solved to the full tolerance.
+ROUGH = {"tol": 1e-3}
 # Where the polish fails. Ipopt's tolerance is absolute, and would hide products of this size.
 TIGHTENED = {"tol": 1e-10, "s_max": 1e8, "max_iter": WARM_ITERATIONS}
 # The last point is nearly the next one: start near it, and do not go back to the middle of the bounds.

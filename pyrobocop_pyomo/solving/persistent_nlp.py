@@ -159,6 +159,11 @@ class PersistentNLP:
         return self._nlp
 
     @property
+    def compiled(self) -> CompiledModel:
+        """The model as numbers."""
+        return self._compiled
+
+    @property
     def variables(self) -> list[VarData]:
         """Free variables, in the order of the program."""
         return self._compiled.variables

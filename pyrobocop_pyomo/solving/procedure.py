@@ -290,7 +290,10 @@ class _Procedure:
             said.append(missed)
         if infeasible and (motion := motion_without_choice(self._model)):
             said.append(motion)
-        if best.quality(self._settings.tolerances) is not Quality.OPTIMAL and not best.stop_reason.is_final:
+        optimal = best.quality(self._settings.tolerances) is Quality.OPTIMAL
+        # A run that reached its limit of iterations is a sign of them, even where another one found a solution.
+        stalled = any(step.stop_reason is StopReason.ITERATION_LIMIT for step in self._log.steps)
+        if (stalled or not optimal) and not best.stop_reason.is_final:
             said += [f"{finding.message} {finding.remedy}" for finding in form_findings(self._model)]
         said += [f"{finding.message} {finding.remedy}" for finding in objective_findings(self._model)]
         return said

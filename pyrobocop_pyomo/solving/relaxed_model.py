@@ -62,6 +62,22 @@ class RelaxedModel:
     relaxing_rows: list[Any] = field(default_factory=list)
     decisions: list[Decision] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, model: Any) -> RelaxedModel:
+        """Read a model that is relaxed."""
+        lifted = lifted_pairs_of(model)
+        numbers = {id(pair.pair): number for number, pair in enumerate(lifted)}
+        crossed = crossed_pairs_of(model) if lifted else []
+        return cls(
+            model,
+            delta_of(model).parent_block(),
+            pairs_of(model),
+            lifted,
+            [(numbers[id(first)], numbers[id(second)]) for first, second in crossed],
+            shifted_rows_of(model),
+            relaxation_rows_of(model),
+        )
+
     @property
     def delta(self) -> Any:
         """The mutable parameter, or None."""
@@ -108,7 +124,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
     if active_sources(model):
         token = relax(model, relaxation=relaxation, grouping=grouping, delta=delta, lift=True)
         try:
-            relaxed = _described(model, token.block)
+            relaxed = RelaxedModel.of(model)
             relaxed.decisions = presolve(relaxed.lifted)
             with fixed_at_zero(relaxed.decisions):
                 yield relaxed
@@ -118,26 +134,11 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
         own = delta_of(model)
         before = own.value
         try:
-            yield _described(model, own.parent_block())
+            yield RelaxedModel.of(model)
         finally:
             own.set_value(before)
     else:
         yield RelaxedModel(model)
-
-
-def _described(model: Any, block: Any) -> RelaxedModel:
-    lifted = lifted_pairs_of(model)
-    numbers = {id(pair.pair): number for number, pair in enumerate(lifted)}
-    crossed = crossed_pairs_of(model) if lifted else []
-    return RelaxedModel(
-        model,
-        block,
-        pairs_of(model),
-        lifted,
-        [(numbers[id(first)], numbers[id(second)]) for first, second in crossed],
-        shifted_rows_of(model),
-        relaxation_rows_of(model),
-    )
 
 
 def forget_removed(model: Any) -> None:

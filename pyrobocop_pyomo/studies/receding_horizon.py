@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -14,8 +15,8 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.diagnosis.undefined_rows import named_undefined_rows
-from pyrobocop_pyomo.errors import ComplementarityError, ModelError
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError, PyRobocopError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.numerics import Array
@@ -24,7 +25,9 @@ from pyrobocop_pyomo.phases import Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.planning.safe_planning import avoidance_blocks, containments
 from pyrobocop_pyomo.presentation import Presented
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
+from pyrobocop_pyomo.solving.exact_pairs import ExactPairs
+from pyrobocop_pyomo.solving.ipopt_options import ROUGH
 from pyrobocop_pyomo.solving.persistent_nlp import PersistentNLP
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -33,6 +36,9 @@ from .outcomes import seconds_left
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
+
+# Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
+DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,8 @@ class HorizonStep(Presented):
         where nothing is to be verified.
     remark : str
         What was done about an initial guess that could not be evaluated, or which expression has no value there.
+    natural_residual : float or None
+        Largest of the pairs in the new plan, where they are made exact; None elsewhere.
     """
 
     make_plan: Callable[[], Trajectory] = field(repr=False, compare=False)
@@ -63,6 +71,7 @@ class HorizonStep(Presented):
     ipopt_seconds: float
     safety: SafetyReport | None = None
     remark: str = ""
+    natural_residual: float | None = None
 
     @cached_property
     def plan(self) -> Trajectory:
@@ -102,15 +111,26 @@ class RecedingHorizon:
     verify : bool
         Whether each plan is proven to keep its clearances, where the model has an `ObstacleAvoidanceBlock` or a
         `Containment`. The time that it takes counts in ``seconds``.
+    exact_pairs : bool
+        Whether the relaxed problem is solved roughly, at a barrier parameter that stays, and only shows the way to the
+        plan: the solution of the nearest branch, in which one side of each pair is zero. A delta of 1e-3 keeps the
+        relaxed problem smooth then. Without it, plans are those of the relaxed model.
 
     Raises
     ------
     ModelError, ComplementarityError
-        When the phase is no phase of the model, starts or lasts as the optimiser likes, or has active pairs.
+        When the phase is no phase of the model, starts or lasts as the optimiser likes, or has active pairs; with
+        `exact_pairs`, also when the model is not relaxed by rows with lifted sides.
     """
 
     def __init__(
-        self, model: Any, phase: PhaseBlockData, options: Mapping[str, Any] | None = None, *, verify: bool = True
+        self,
+        model: Any,
+        phase: PhaseBlockData,
+        options: Mapping[str, Any] | None = None,
+        *,
+        verify: bool = True,
+        exact_pairs: bool = False,
     ) -> None:
         if not isinstance(phase, PhaseBlockData) or phase.model() is not model.model():
             raise ModelError(f"'{getattr(phase, 'name', phase)}' is no phase of '{model.name}'.")
@@ -135,7 +155,10 @@ class RecedingHorizon:
         warn_of_clocks_that_start_anew(blocks)
         self._verified = [*blocks, *containments(model)] if verify else []
         self._moved = ShiftedPlan(phase, self._values)
-        self._program = PersistentNLP(model, options)
+        self._exact = ExactPairs(model, options or {}) if exact_pairs else None
+        # Where the relaxed solution only shows the way, digits are wasted on it.
+        self._program = PersistentNLP(model, {**(ROUGH if exact_pairs else {}), **(options or {})})
+        self._made: tuple[FloatArray, FloatArray] | None = None  # the last exact plan, and the relaxed one beside it
         self._place: PlaceInProgram | None = None
 
     def step(
@@ -150,7 +173,8 @@ class RecedingHorizon:
         advance : float
             How long ago the last plan was made, in the time of the phase: its rest is the initial guess.
         mu : float
-            Ipopt's first barrier parameter, from the second step on: smaller is closer to the last plan.
+            Ipopt's first barrier parameter, from the second step on: smaller is closer to the last plan. With
+            `exact_pairs`, that of the relaxed problem, in all steps.
         time_limit : float, optional
             Seconds, for this step. Without a new plan by then, what is left of the plan before is given.
 
@@ -166,33 +190,50 @@ class RecedingHorizon:
         started, deadline = time.perf_counter(), Deadline.after(time_limit)
         self._check(state, advance)
         before: dict[str, Array] = {}
+        ahead = np.empty(0)
         starts = {name: self.phase.component(name)[self.phase.initial_time] for name in state}
         last = {name: variable.value for name, variable in starts.items()}
         for name, number in state.items():
             starts[name].set_value(float(number))
 
+        def later(x: FloatArray) -> tuple[dict[str, Array], FloatArray]:
+            """A plan that stood on the model in the last step, read later."""
+            place = self._place_in_program()
+            values = place.read(x)
+            if not advance:
+                return values, x
+            for name, number in last.items():
+                values[name][0] = number
+            values.update(self._moved.ahead(values, advance))
+            x = x.copy()
+            place.put(values, x)
+            return values, x
+
         def moved(here: FloatArray) -> FloatArray:
             """The last plan, as it was when it was made, later."""
-            place = self._place_in_program()
-            before.update(place.read(here))
-            if not advance:
-                return here
-            for name, number in last.items():
-                before[name][0] = number
-            before.update(self._moved.ahead(before, advance))
-            x = here.copy()
-            place.put(before, x)
-            return x
+            nonlocal ahead
+            values, ahead = later(here)
+            before.update(values)
+            # The relaxed problem goes on from its own last solution, unless the values on the model were changed since.
+            known = self._made is not None and np.array_equal(here, self._made[0])
+            return later(self._made[1])[1] if self._made is not None and known else ahead
 
-        outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline), moved=moved)
+        def solve(mu: float) -> IpoptOutcome:
+            target = None if self._exact is None else mu
+            return self._program.solve(mu=mu, mu_target=target, time_limit=seconds_left(deadline), moved=moved)
+
+        outcome = solve(mu)
         remark = ""
         if outcome.status is IpoptStatus.INVALID_NUMBER and self._program.state is None:
             # Nothing was solved yet: the initial guess is at fault, such as states that are zero without one.
             remark = self._move_to_defined_start()
             if remark:
-                outcome = self._program.solve(mu=mu, time_limit=seconds_left(deadline), moved=moved)
+                outcome = solve(mu)
             else:
                 remark = self._undefined()
+        natural, runs = None, [outcome]
+        if self._exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
+            outcome, natural, runs = self._made_exact(self._exact, outcome, ahead, mu, deadline)
         if outcome.status.solved:
             plan = self._plan(self._place_in_program().read(outcome.x))
         else:
@@ -200,7 +241,70 @@ class RecedingHorizon:
             plan = self._plan(self._values.read())
         safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
-        return HorizonStep(plan, outcome.status, outcome.iterations, seconds, outcome.seconds, safety, remark)
+        iterations, ipopt_seconds = sum(run.iterations for run in runs), sum(run.seconds for run in runs)
+        return HorizonStep(plan, outcome.status, iterations, seconds, ipopt_seconds, safety, remark, natural)
+
+    def _made_exact(
+        self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
+    ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
+        """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
+        compiled, usual, runs = self._program.compiled, pairs.delta.value, [relaxed]
+        self._made = None
+        try:
+            for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
+                outcome, natural, tried = pairs.solve(compiled, start, deadline)
+                runs += tried
+                if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
+                    break
+        finally:
+            pairs.delta.set_value(usual)
+        if not outcome.status.solved:
+            return outcome, None, runs
+        compiled.load_point(outcome.x)
+        self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
+        return outcome, natural, runs
+
+    def _starts(
+        self,
+        pairs: ExactPairs,
+        relaxed: IpoptOutcome,
+        ahead: FloatArray,
+        mu: float,
+        runs: list[IpoptOutcome],
+        deadline: Deadline,
+    ) -> Iterator[PrimalDualPoint]:
+        """The relaxed solution, the last plan, a simulation of its controls, relaxed solutions of smaller delta.
+
+        A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
+        small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start. A
+        simulation meets rows and pairs wherever there is no other limit, so that its branch has a solution.
+        """
+        if relaxed.status.solved:
+            yield relaxed.point
+        yield replace(relaxed.point, x=ahead)
+        if not relaxed.status.solved:
+            yield from self._simulated(pairs, ahead)
+        while (smaller := pairs.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
+            pairs.delta.set_value(smaller)
+            target = min(mu, smaller)
+            rough = self._program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
+            runs.append(rough)
+            yield rough.point
+        if relaxed.status.solved:
+            yield from self._simulated(pairs, ahead)
+
+    def _simulated(self, pairs: ExactPairs, ahead: FloatArray) -> Iterator[PrimalDualPoint]:
+        """What the controls of a plan do from the measured state; nothing where that cannot be found."""
+        compiled = self._program.compiled
+        compiled.load_point(ahead)
+        found = None
+        with contextlib.suppress(PyRobocopError), pairs.stated():
+            self.phase.initialize(self.phase.simulate(method="scheme"))
+            pairs.start_lifted()
+            found = compiled.current_point()
+        if found is not None:
+            zeros = np.zeros(compiled.nlp.n)
+            yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _move_to_defined_start(self) -> str:
         """As `solve` does it; what was done, or nothing where no such start is found."""

@@ -380,3 +380,14 @@ def test_contact_is_planned_from_zero() -> None:
         assert (cases, strict) == ("1", "1")
         if "rcp.solve" in row:
             assert counts == ["1", "1"]  # certified, and claimed
+
+
+@pytest.mark.heavy
+def test_contact_is_planned_again_and_again() -> None:
+    rows = [line[16:].split() for line in run_quick("contact_receding_horizon").splitlines()[2:]]
+    assert [row[:3] for row in rows] == [["10", "10", "0"]] * 3  # steps, strict, lost
+
+
+@pytest.mark.heavy
+def test_pictures_of_contact_are_drawn() -> None:
+    assert "knob: optimal" in run_quick("contact_pictures")

@@ -68,11 +68,15 @@ def test_generated_pages_name_their_command(page: Path) -> None:
 
 
 @pytest.mark.parametrize("image", sorted(path.relative_to(IMAGES) for path in IMAGES.rglob("*.*")), ids=str)
-def test_every_picture_is_made_by_an_example_that_its_pages_name(image: Path) -> None:
+def test_every_picture_is_made_by_a_script_that_its_pages_name(image: Path) -> None:
     showing = [page for page, text in TEXTS.items() if image.as_posix() in IMAGE.findall(text)]
     assert showing, "no page shows it"
     folder = "textbook/" if image.parts[0] == "textbook" else ""
-    makers = [path.stem for path in (ROOT / "examples" / folder).glob("*.py") if image.stem.startswith(path.stem)]
-    assert makers, "no example has its name"
+    examples = [path.stem for path in (ROOT / "examples" / folder).glob("*.py") if image.stem.startswith(path.stem)]
+    benchmarks = [
+        path.name for path in BENCHMARKS.glob("*.py") if f'"{image.name}"' in path.read_text(encoding="utf-8")
+    ]
+    assert examples or benchmarks, "no example has its name, and no benchmark writes it"
+    maker = f"examples/{folder}{max(examples, key=len)}.py" if examples else f"benchmarks/{benchmarks[0]}"
     for page in showing:
-        assert f"examples/{folder}{max(makers, key=len)}.py" in TEXTS[page], page
+        assert maker in TEXTS[page], page
