@@ -25,7 +25,7 @@ PACKAGE = {
 }  # fmt: skip
 TESTS = {
     ".": 83, "adversary": 1073, "architecture": 486, "benchmarks": 289, "car_paths": 619, "catalogue": 1067,
-    "complementarity": 3201, "continuous": 1626, "diagnosis": 439, "discretisation": 436, "distributed": 1554,
+    "complementarity": 3201, "continuous": 1643, "diagnosis": 439, "discretisation": 436, "distributed": 1554,
     "docs": 1735, "estimation": 305, "examples": 817, "extension_templates": 181, "files": 632, "geometry": 963,
     "harness": 841, "ipopt": 1134, "linear_solver": 531, "mechanics": 1635, "mistakes": 554, "modeling": 918,
     "motion": 1652, "mpcc": 411, "mpcc_catalogue": 521, "native": 138, "nonsmooth": 186, "notebooks": 46,
