@@ -54,6 +54,21 @@ def test_a_random_start_finds_the_better_of_two_certified_optima() -> None:
     assert "random start" in str(result.remarks)
 
 
+def test_without_pairs_other_starts_are_on_request() -> None:
+    def wells() -> Any:
+        m = pyo.ConcreteModel()
+        m.x = pyo.Var(bounds=(-2, 2), initialize=1.2)
+        m.cost = pyo.Objective(expr=(m.x**2 - 1) ** 2 + 0.3 * m.x)
+        return m
+
+    near, far = wells(), wells()
+    assert not any("start" in remark for remark in solve(near).remarks)
+    result = solve(far, exploration=float("inf"))
+    assert near.x.value > 0 > far.x.value
+    assert result.solved
+    assert "random start" in str(result.remarks)
+
+
 @pytest.mark.parametrize("family", ["bilevel", "contact", "packing"])
 def test_more_exploration_is_never_worse_and_repeats_itself(family: str) -> None:
     near, far, again = (made(family, 3) for _ in range(3))
