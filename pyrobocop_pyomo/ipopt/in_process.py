@@ -59,8 +59,8 @@ class InProcessIpoptConfig(SolverConfig):
             ConfigValue(
                 default=None,
                 domain=In([None, "asl", "casadi", "vectorised"]),
-                description="Where derivatives come from; by default 'vectorised' where rows repeat each other, as those "
-                "of all models on a mesh do; else ASL where PyNumero's library is found, else CasADi.",
+                description="Where derivatives come from; by default 'vectorised' where rows repeat each other, as on "
+                "every mesh; else ASL where PyNumero's library is found, else CasADi.",
             ),
         )
         self.on_iteration = self.declare(
