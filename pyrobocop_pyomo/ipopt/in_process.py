@@ -20,11 +20,12 @@ from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionE
 from pyomo.core.base.block import BlockData
 from pyomo.core.staleflag import StaleFlagManager
 
-from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.casadi_program import casadi_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.repetition import repeats_nonlinear_terms
 
 from .ipopt_library import find_ipopt_library, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
@@ -58,8 +59,8 @@ class InProcessIpoptConfig(SolverConfig):
             ConfigValue(
                 default=None,
                 domain=In([None, "asl", "casadi", "vectorised"]),
-                description="Where derivatives come from; by default ASL where PyNumero's library is found, else "
-                "CasADi. 'vectorised' is CasADi without a file, quickest where rows repeat each other.",
+                description="Where derivatives come from; by default 'vectorised' where rows repeat each other, as those "
+                "of all models on a mesh do; else ASL where PyNumero's library is found, else CasADi.",
             ),
         )
         self.on_iteration = self.declare(
@@ -130,7 +131,7 @@ class InProcessIpopt(SolverBase):
         StaleFlagManager.mark_all_as_stale()
         try:
             with _timed(timer, "write_and_build"):
-                compiled = CompiledModel(model, config.derivatives)
+                compiled = _compiled(model, config.derivatives)
         except InfeasibleConstraintException as error:
             _report_proven_infeasible(results, model, str(error))
         else:
@@ -142,6 +143,16 @@ class InProcessIpopt(SolverBase):
         results.timing_info.timer = timer
         results.timing_info.wall_time = default_timer() - started
         return results
+
+
+def _compiled(model: BlockData, derivatives: str | None) -> CompiledModel:
+    """The program by what the caller chose; else vectorised where few shapes of terms repeat, as `solve` decides it."""
+    if derivatives is None and casadi_available() and repeats_nonlinear_terms(model):
+        try:
+            return CompiledModel(model, "vectorised")
+        except (ModelError, EvaluationError) as error:
+            logger.info("'%s': not vectorised: %s", model.name, error)
+    return CompiledModel(model, derivatives)
 
 
 @contextlib.contextmanager

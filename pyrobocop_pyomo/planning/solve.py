@@ -139,6 +139,7 @@ def solve(
         ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
         point. By default 1 up to 100 pairs, and at least a second; then less, and 0 from 200 pairs; not more
         iterations than those so far, or 300; and, after a solve of at most 300 iterations, three ways and starts.
+        Without pairs, a number asks for other starts: simulated, on straight lines, and random ones.
     backend : Backend or str, optional
         Which Ipopt: ``"in process"`` (the best derivatives present), ``"asl"``, ``"casadi"``, ``"vectorised"`` or
         ``"executable"``. By default ``"vectorised"`` for models with obstacles and for those whose nonlinear

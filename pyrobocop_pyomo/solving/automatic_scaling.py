@@ -324,7 +324,8 @@ def _entries(
 
 def _group_of_state(rows: Any, variables: ComponentGroups) -> int:
     """The group of the state that collocation rows are about; -1 for other rows."""
-    state = rows.parent_block().component(rows.local_name.removesuffix("_collocation"))
+    block = rows.parent_block()  # none where the rows of a relaxation were taken back meanwhile
+    state = None if block is None else block.component(rows.local_name.removesuffix("_collocation"))
     if state is None or state.ctype is not Var or not rows.local_name.endswith("_collocation"):
         return -1
     groups = variables.groups_of(state)

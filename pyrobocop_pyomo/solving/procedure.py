@@ -31,7 +31,7 @@ from .run_remarks import doubts_on_pairs, doubts_on_point, remarks_on_runs
 from .second_tries import SecondTries, with_pairs, without_pairs
 from .settings import Settings
 from .solve_result import SolveResult
-from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, OTHER_WAYS, SOLVE, TIGHT, Strategy
+from .strategies import DEFAULT_SEQUENCE, OTHER_STARTS, OTHER_STARTS_WITHOUT_PAIRS, OTHER_WAYS, SOLVE, TIGHT, Strategy
 from .strategy_runs import StrategyRuns
 from .violations import (
     GROWING,
@@ -159,11 +159,13 @@ class _Procedure:
         """Beyond a certified point: other ways down, then other starts, as long as there is a budget and it pays."""
         pairs, found, without_gain = self._places.pairs, self._found, 0
         requested, before, ends = self._settings.exploration is not None, found.best, []
-        if not requested and self._iterations() > SHORT_SOLVE:
+        if self._settings.strategies is not None or not (requested or (pairs and self._iterations() <= SHORT_SOLVE)):
             return
-        for strategy in OTHER_WAYS if self._settings.strategies is None and pairs else ():
+        for strategy in OTHER_WAYS if pairs else OTHER_STARTS_WITHOUT_PAIRS if self._settings.second_tries else ():
             best = found.best
-            if best is None or best.certificate is not Certificate.PROVEN or found.are_cut():
+            if best is None or not found.is_certified(best) or found.are_cut():
+                break
+            if pairs and best.certificate is not Certificate.PROVEN:
                 break
             if without_gain == (REQUESTED_PATIENCE if requested else PATIENCE):
                 break
@@ -179,9 +181,10 @@ class _Procedure:
             if not without_gain:
                 self._runs.explore()
         if ends and before is not None and (requested or found.best is not before):
+            relaxed = ", relaxed where they led to nothing better" if pairs else ""
             self._guess.remarks.append(
-                f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}', relaxed "
-                f"where they led to nothing better: {', '.join(ends)}. exploration= asks for more of them."
+                f"Objectives of other ways and starts, beside {before.objective:.6g} of '{before.strategy}'{relaxed}: "
+                f"{', '.join(ends)}. exploration= asks for more of them."
             )
 
     def _iterations(self) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 from pyrobocop_pyomo.complementarity import Fixed, FollowBarrier, Geometric, Schedule
 
-from .ipopt_options import NEARLY_THERE
+from .ipopt_options import NEARLY_THERE, WARM_ITERATIONS
 
 
 class StartingPoint(enum.Enum):
@@ -97,10 +97,17 @@ OTHER_STARTS = (
     replace(ELASTIC, name="straight lines, with pairs", start=StartingPoint.STRAIGHT_LINES),
 )
 
+
 # Beyond a certified point: other ways down from the initial guess and other starts, as long as exploring pays.
-_RANDOM = tuple(
-    replace(BARRIER, name=f"random start {k}", start=StartingPoint.RANDOM, draw=k) for k in range(1, RANDOM_STARTS + 1)
-)
+def _random_starts(strategy: Strategy) -> tuple[Strategy, ...]:
+    """The strategy from each random start."""
+    return tuple(
+        replace(strategy, name=f"random start {k}", start=StartingPoint.RANDOM, draw=k)
+        for k in range(1, RANDOM_STARTS + 1)
+    )
+
+
+_RANDOM = _random_starts(BARRIER)
 _ADAPTIVE = replace(BARRIER, name="adaptive, with pairs", options={"mu_strategy": "adaptive"})
 OTHER_WAYS = (CONTINUATION, *_RANDOM[:3], ELASTIC, _ADAPTIVE, *_RANDOM[3:])
 
@@ -116,6 +123,13 @@ ADAPTIVE = Strategy("adaptive", None, for_pairs=False, options={"mu_strategy": "
 STRAIGHT_LINES = Strategy("straight lines", None, for_pairs=False, start=StartingPoint.STRAIGHT_LINES)
 INSIDE_BOUNDS = Strategy("inside bounds", None, for_pairs=False, start=StartingPoint.INSIDE_BOUNDS)
 SECOND_TRIES = (OWN_UNITS, SIMULATED, ELASTIC_ROWS, COARSE_MESH, ADAPTIVE, STRAIGHT_LINES, INSIDE_BOUNDS)
+
+# Beyond a solution of a model without pairs, where exploring is requested.
+OTHER_STARTS_WITHOUT_PAIRS = (
+    SIMULATED,
+    STRAIGHT_LINES,
+    *_random_starts(replace(SOLVE, options={"max_iter": WARM_ITERATIONS})),
+)
 
 # From beside a point that is stationary and no minimum; it follows by itself, and is none to choose.
 BEYOND_SADDLE = Strategy("beyond a saddle", None, for_pairs=False, options={**NEARLY_THERE, "max_iter": 500})

@@ -251,3 +251,22 @@ def test_an_inconsistent_start_of_higher_index_is_said_by_name():
     OURS.apply_to(m, nfe=8, ncp=3)
     with pytest.raises(ContradictionError, match=r"rod\[0"):
         rcp.solve(m, progress=False)
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [
+        pytest.param("pyrobocop.ipopt", marks=pytest.mark.casadi),
+        pytest.param("ipopt", marks=pytest.mark.executable),
+        pytest.param("ipopt_v2", marks=pytest.mark.executable),
+    ],
+)
+def test_a_condition_at_the_start_holds_through_every_solver_of_pyomo(solver):
+    m = reactor()
+    OURS.apply_to(m, wrt=m.t, nfe=10, ncp=3)
+    for t in m.t:
+        m.feed[t].fix(feed_at(t)), m.volume[t].fix(VOLUME)
+    m.accumulation[0].fix(0)
+    pyo.SolverFactory(solver).solve(m)
+    assert m.content[0].value == pytest.approx(steady_content(), rel=1e-6)
+    assert m.content[HORIZON].value == pytest.approx(content_at_the_end(), rel=1e-6)

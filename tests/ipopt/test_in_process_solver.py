@@ -14,6 +14,7 @@ from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondi
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
 from pyomo.opt import SolverStatus
 
+import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 OPTIMUM = 17.0140172891520542
@@ -195,3 +196,21 @@ def test_tee_reaches_a_notebook(monkeypatch, capfd):
     monkeypatch.undo()
     assert "EXIT: Optimal Solution Found." in stream.text
     assert "EXIT" not in capfd.readouterr().out
+
+
+def test_models_on_a_mesh_are_differentiated_by_shapes_of_terms_as_solve_does_it():
+    def swing():
+        m = pyo.ConcreteModel()
+        m.b = b = rcp.PhaseBlock(duration=1.0, elements=20)
+        b.angle, b.speed = rcp.State(initial=0, final=1), rcp.State(initial=0)
+        b.push = rcp.Control()
+        b.ode(lambda b, t: {b.angle: b.speed[t], b.speed: b.push[t] - pyo.sin(b.angle[t])})
+        m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.push[t] ** 2))
+        return m
+
+    model, same = swing(), swing()
+    result, other = NewSolverFactory("pyrobocop.ipopt").solve(model), rcp.solve(same, progress=False)
+    assert result.extra_info.derivatives == other.derivatives == "CasADi on vectorised expressions"
+    assert result.incumbent_objective == pytest.approx(other.objective, rel=1e-6)
+    small = NewSolverFactory("pyrobocop.ipopt").solve(hock_schittkowski_71()[0])
+    assert small.extra_info.derivatives != result.extra_info.derivatives

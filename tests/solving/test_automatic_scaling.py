@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.scaled_program import ScaledProgram
-from pyrobocop_pyomo.solving.automatic_scaling import automatic_scaling
+from pyrobocop_pyomo.solving.automatic_scaling import automatic_scaling, variable_sizes
 
 SUFFIXES = ("dual", "ipopt_zL_out", "ipopt_zU_out")
 BACKENDS = [
@@ -267,3 +267,15 @@ def test_the_objective_keeps_its_size_beside_the_barrier_on_a_fine_mesh(elements
         return automatic_scaling(CompiledModel(m, "vectorised")).scales.objective
 
     assert size(elements) == pytest.approx(expected * size(100), rel=0.02)
+
+
+@pytest.mark.casadi
+def test_sizes_at_a_point_do_not_need_the_rows_that_were_taken_back_since() -> None:
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, None), initialize=2.0)
+    m.relaxed = pyo.Constraint(expr=3.0 * m.x >= 1.0)
+    m.cost = pyo.Objective(expr=m.x**2)
+    compiled = CompiledModel(m, "casadi")
+    before = variable_sizes(compiled)
+    m.del_component(m.relaxed)
+    assert variable_sizes(compiled) == pytest.approx(before)

@@ -54,6 +54,55 @@ def test_a_random_start_finds_the_better_of_two_certified_optima() -> None:
     assert "random start" in str(result.remarks)
 
 
+def test_without_pairs_other_starts_are_on_request() -> None:
+    def wells() -> Any:
+        m = pyo.ConcreteModel()
+        m.x = pyo.Var(bounds=(-2, 2), initialize=1.2)
+        m.cost = pyo.Objective(expr=(m.x**2 - 1) ** 2 + 0.3 * m.x)
+        return m
+
+    near, far = wells(), wells()
+    assert not any("start" in remark for remark in solve(near).remarks)
+    result = solve(far, exploration=float("inf"))
+    assert near.x.value > 0 > far.x.value
+    assert result.solved
+    assert "random start" in str(result.remarks)
+
+
+def fighter() -> Any:
+    """The F-8 is brought to rest in least time; Kaya & Noakes, J. Optim. Theory Appl. 117 (2003), find 3.7809."""
+    m = pyo.ConcreteModel(name="fighter")
+    m.duration = pyo.Var(bounds=(0.5, 20), initialize=5)
+    m.flight = b = rcp.PhaseBlock(duration=m.duration, elements=60)
+    b.angle = rcp.State(initial=0.4655, final=0)
+    b.pitch, b.rate = rcp.State(initial=0, final=0), rcp.State(initial=0, final=0)
+    b.elevator = rcp.Control(bounds=(-0.05236, 0.05236))
+
+    @b.ode
+    def motion(b: Any, t: Any) -> Any:
+        x, y, z, u = b.angle[t], b.pitch[t], b.rate[t], b.elevator[t]
+        lift = -0.877 * x + z - 0.088 * x * z + 0.47 * x**2 - 0.019 * y**2 - x**2 * z + 3.846 * x**3
+        moment = -4.208 * x - 0.396 * z - 0.47 * x**2 - 3.564 * x**3
+        return {
+            b.angle: lift - 0.215 * u + 0.28 * x**2 * u + 0.47 * x * u**2 + 0.63 * u**3,
+            b.pitch: z,
+            b.rate: moment - 20.967 * u + 6.265 * x**2 * u + 46 * x * u**2 + 61.4 * u**3,
+        }
+
+    m.time = pyo.Objective(expr=m.duration)
+    return m
+
+
+@pytest.mark.heavy
+def test_exploring_finds_the_known_optimum_of_the_fighter_without_pairs() -> None:
+    near, far = fighter(), fighter()
+    assert solve(near).solved
+    result = solve(far, exploration=float("inf"))
+    assert result.solved
+    assert result.objective <= near.duration.value + 1e-6
+    assert result.objective <= 3.7809 * 1.001
+
+
 @pytest.mark.parametrize("family", ["bilevel", "contact", "packing"])
 def test_more_exploration_is_never_worse_and_repeats_itself(family: str) -> None:
     near, far, again = (made(family, 3) for _ in range(3))
